@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from paper_study.checks.evaluation import to_json
-from paper_study.comparisons.catalogue import COMPARISONS
-from paper_study.comparisons.comparison import MINUS
+from paper_study.comparisons.comparison import MINUS, beside
 from paper_study.comparisons.validation import deviations
 from paper_study.experiments import OTHER_RIDES
-from paper_study.figures.catalogue import draw
-from paper_study.sensitivity import PAPER, PLANT, SPREAD
+from paper_study.figures.catalogue import GLOBAL, SECTIONS, draw
+from paper_study.sensitivity import PAPER, PLANT
 from paper_study.study import FIGURES as DRAWN
 from paper_study.study import IDENTIFIED, ComfortRow, Progress, Study
 from paper_study.subject import Subject
@@ -26,90 +25,6 @@ if TYPE_CHECKING:
 PAGE: Final = "index.html"
 CLAIMS: Final = "claims.json"
 TABLE: Final = "comfort.csv"
-
-#: The figures in the paper's order: file, heading, what one sees.
-SECTIONS: Final = (
-    (
-        "figure-05",
-        "Figure 5. Track excitation",
-        "Equation (24) for four amplitudes (a) and three angular frequencies (b). The points are the"
-        " platform of the bench in the plan <code>aw0</code>, as its own transducer reports them at 50"
-        " Hz.",
-    ),
-    (
-        "figure-06",
-        "Figure 6. What the bench measures",
-        "(a, b) First harmonic of the lateral force over that of the displacement at 0.5 Hz, half of"
-        " the pair's, under five preloads around each load case, each on shims of its own. (c) Vertical"
-        " damping c = K″/ω for four pairs of orifice plates; the pressure ratio is the lowest of a"
-        " cycle, and the amplitude (1 to 25 mm) is what changes it. The dashed lines of (c) are equation"
-        " (19), for which the ratio is a free choice.",
-    ),
-    (
-        "figure-07",
-        "Figure 7. Identified effective area and equivalent volume",
-        "The chambers are shut off and the springs sheared step by step, so that the mass of gas in the"
-        " bellows stays: A = F<sub>z</sub>/p, V ∝ T/p. The fit takes both loads, the forces and the"
-        " zeros of the transducers at once. The paper's volume grows. That of a bellows cannot: it would"
-        " push itself off its centre.",
-    ),
-    (
-        "figure-08",
-        "Figure 8. Model against experiment, and what a deviation proves",
-        "(a, b, c) The plant's model with the parameters that were identified from these records, put"
-        " to the pressures and amplitudes that the bench reached. Dotted in (c): the same with the"
-        " orifice alone, as in the paper; it lies below the bench by the few per cent that the rubber"
-        " adds. (d, e, f) At 1.2 Hz and 5 mm three things look alike: the rubber, 5 ms between the"
-        " channels of force and displacement, and a C<sub>d</sub> that is believed 5 % too large. The"
-        " frequency sweep (d) tells the lag, which grows without end, and C<sub>d</sub>, which changes"
-        " its sign; the amplitude sweep (e) tells C<sub>d</sub> again; and in the force from which"
-        " pressure times area is taken off (f) the orifice leaves next to nothing: what stays there is"
-        " rubber if it is flat, and lag if it rises with the frequency. A single frequency proves none"
-        " of them.",
-    ),
-    (
-        "figure-09",
-        "Figure 9. Lateral displacement",
-        "(a) Secant F/y on the way out, bellows shut off, friction and all; dotted what the model has"
-        " without friction. (b) A motion of 1 mm at 2 Hz about each offset, both chambers joined: what"
-        " the secant hides.",
-    ),
-    (
-        "figure-10",
-        "Figure 10. Roll angle",
-        "Both springs stand 20 mm aside and are rolled to both sides, the differential pressure valve"
-        " isolated (filled) and open (hollow). The secant rises for one sign of roll and falls for the"
-        " other. The first harmonic of 5 mm about that place does not rise at all. Below: how far the"
-        " pressures of the two sides part, and where the valve joins them.",
-    ),
-    (
-        "figure-11",
-        "Figure 11. Frequency",
-        "Amplitude 5 mm where piston speed and force allow it; laterally it becomes less beyond 10 Hz,"
-        " and friction makes a spring stiffer at a smaller amplitude. The hollow points at 0.9 mm show"
-        " frequency alone. “Pipe” is the connecting pipe of 1.5 m × 50 mm with a plate of 30 mm. Below"
-        " 0.3 Hz the heat that the gas exchanges with its walls makes c = K″/ω grow without end.",
-    ),
-    (
-        "comfort",
-        "Table. Acceleration of the car body and ride comfort",
-        "Half a car at 100 km/h, with 5 mm of track excitation and gusts from a spectrum: rms of the"
-        " lateral acceleration at the floor, and N = 6 a<sub>YP95</sub> (ENV 12299, W<sub>d</sub>, 5-s"
-        " rms values, 95th percentile of five minutes). Solid: the car of three degrees of freedom on"
-        " the plant's springs, with the anti-roll bar of the benchmark car that its masses and heights come"
-        " from; dotted: the same car without the bar. Dashed: the paper's equation (28).",
-    ),
-)
-
-GLOBAL: Final = (
-    "sensitivity",
-    "Global sensitivity of the geometric parameters",
-    "Sobol indices (<code>scipy.stats.sobol_indices</code>): the share of an output's variance that"
-    " comes from a parameter, alone (first order) or with what it does together with others (total)."
-    f" Each parameter is spread evenly over ± {100 * SPREAD:.0f} % (assumed), AW0, and the load stays: a"
-    " larger effective area is a lower pressure. At the paper's pressure ratio of 0.98 its orifice"
-    " stands at the maximum of its damping and moves nothing.",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +50,7 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     """Draw the figures and write page, claims and table into ``out``; return the page."""
     from bench_records.templates import environment
 
-    names = [name for name, _, _ in (*SECTIONS, GLOBAL)]
+    names = [one.name for one in (*SECTIONS, GLOBAL)]
     futures = {name: executor.submit(draw, name, study, out) for name in names}
     progress(DRAWN, 0, len(futures) + 1)
     drawings = {}
@@ -151,10 +66,10 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     text = pages.get_template("page.html.j2").render(
         study=study,
         sections=[
-            (name, title, caption, COMPARISONS[name](study), drawings[name])
-            for name, title, caption in SECTIONS
+            (one.name, one.title, one.caption, beside(study, one.name), drawings[one.name])
+            for one in SECTIONS
         ],
-        sensitivity=(*GLOBAL, drawings[GLOBAL[0]]),
+        sensitivity=(GLOBAL.name, GLOBAL.title, GLOBAL.caption, drawings[GLOBAL.name]),
         indices=[_index_table(study, layer) for layer in ("paper", "plant")],
         claims=[row for row in rows if row.id.startswith("T")],
         checks=[row for row in rows if row.id.startswith("A")],

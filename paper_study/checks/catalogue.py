@@ -16,7 +16,7 @@ from paper_study.checks import (
     rubber,
     valves,
 )
-from paper_study.checks.check import DECLARED, ClaimCheck
+from paper_study.claims import CLAIMS, ClaimCheck
 
 #: The files whose checks are listed: a new one takes its place here.
 SUBJECTS: Final = (
@@ -39,7 +39,9 @@ def _place(check: ClaimCheck) -> tuple[bool, int, bool]:
 
 
 #: The order of every list of checks.
-CHECKS: Final[tuple[ClaimCheck, ...]] = tuple(sorted(DECLARED, key=_place))
+CHECKS: Final[tuple[ClaimCheck, ...]] = tuple(
+    sorted((check for claim in CLAIMS for check in claim.checks.values()), key=_place)
+)
 
 
 def select(ids: Iterable[str] | None = None) -> list[int]:

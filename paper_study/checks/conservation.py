@@ -9,8 +9,8 @@ from bench_sim.model import spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, impose
 from bench_sim.model.layout import State
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import near
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.subject import BARE, LOADS, Subject, remembered
 
 #: Step in s that leaves little to the trapezoidal rule, which adds up heat and work.

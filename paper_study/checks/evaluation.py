@@ -10,7 +10,7 @@ from typing import Any
 from campaigns.core import carried_out
 from campaigns.workers import cluster
 from paper_study.checks.catalogue import CHECKS, select
-from paper_study.checks.check import ClaimCheck
+from paper_study.claims import ClaimCheck
 from paper_study.subject import Subject
 
 #: Called with the number of entries that are ready and the number that there will be.

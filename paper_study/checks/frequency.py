@@ -7,15 +7,15 @@ import numpy as np
 
 from bench_protocol.units import mm
 from bench_sim.model.experiments import dynamic_stiffness
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed, near, within
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.closed_form import diaphragm_stiffness, gas_stiffness
 from paper_study.experiments import PIPE, closed_form, lateral_stiffness
 from paper_study.subject import BARE, LOADS, Subject
 
 T9: Final = Claim(
     "T9",
-    "K_lat rises with frequency, oscillates at high frequency and settles",
+    "Lateral stiffness rises with frequency, oscillates at high frequency and settles.",
     "the paper, figure 11(a) and (b)",
 )
 

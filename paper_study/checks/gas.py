@@ -7,8 +7,8 @@ from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import dynamic_stiffness, first_harmonic
 from bench_sim.model.layout import Input, Mode, State
 from bench_sim.model.plant import Plant
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import near, within
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.experiments import closed_form
 from paper_study.subject import BARE, LOADS, Subject
 

@@ -5,8 +5,8 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import kN, mm
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import falls, listed, near, rises, within
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
 from paper_study.experiments import lateral_stiffness, paper_amplitude_stiffness, quasi_static_lateral
 from paper_study.subject import LOADS, Subject
@@ -15,7 +15,7 @@ PRELOADS: Final = tuple(P * kN for P in (40.0, 53.5, 80.0, 110.0, 145.0, 160.0))
 AMPLITUDES: Final = tuple(a * mm for a in (1, 5, 20))
 
 
-T1: Final = Claim("T1", "K_lat rises with pressure", "the paper, figure 6(a) and (b)")
+T1: Final = Claim("T1", "Lateral stiffness rises with the pressure.", "the paper, figure 6(a) and (b)")
 
 
 @T1.on("plant", "strictly, six preloads", shares="lateral")
@@ -80,7 +80,9 @@ def _stiffness_slope(K: Any, slope: float, note: str) -> CheckOutcome:
     )
 
 
-T2: Final = Claim("T2", "K_lat falls with the excitation amplitude", "the paper, figure 6(a) and (b)")
+T2: Final = Claim(
+    "T2", "Lateral stiffness falls with the excitation amplitude.", "the paper, figure 6(a) and (b)"
+)
 
 
 @T2.on("plant", "at every step, by > 5 % from 1 to 20 mm", shares="lateral")
@@ -127,7 +129,9 @@ def stiffness_over_amplitude(subject: Subject) -> CheckOutcome:
     return CheckOutcome("; ".join(parts) + " (1 / 5 / 20 mm, 0.2 Hz)", holds, numbers)
 
 
-T3: Final = Claim("T3", "K_lat(AW3) > K_lat(AW0)", "the paper, figure 8(a) and (b)")
+T3: Final = Claim(
+    "T3", "Lateral stiffness is larger under AW3 than under AW0.", "the paper, figure 8(a) and (b)"
+)
 
 
 @T3.on("plant", "by > 5 %", shares="lateral")

@@ -8,7 +8,7 @@ from bench_protocol.units import mm
 from bench_sim.model.experiments import dynamic_stiffness
 from bench_sim.model.plant import Plant
 from bench_sim.model.vehicle import Vehicle
-from paper_study.checks.check import CheckOutcome, Claim
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.subject import LOADS, Subject
 
 

@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.comfort import weighting
 from paper_study.experiments import WIND_SPEEDS, paper_ride, plant_ride, upper_sway
 from paper_study.subject import LOADS, Subject
@@ -13,7 +13,7 @@ from paper_study.subject import LOADS, Subject
 _LIMITS: Final = "a_y and N non-decreasing from 10 to 25 m/s, lower for AW3 at every speed, N < 2"
 T11: Final = Claim(
     "T11",
-    "a_y and comfort index rise with the wind, stay comfortable, are lower for AW3",
+    "Acceleration and comfort index rise with the wind, stay comfortable, and are lower under AW3.",
     "the paper, table of accelerations and comfort indices",
 )
 

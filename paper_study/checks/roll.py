@@ -7,8 +7,8 @@ import numpy as np
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import LATERAL, ROLL, ImposedMotion, impose
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.closed_form import roll_factor
 from paper_study.experiments import rolled
 from paper_study.subject import LOADS, Subject
@@ -17,7 +17,9 @@ _SHARPLY: Final = "≥ 20 % up to 0.05 rad, then changed by < 10 % of it up to 0
 ROLLS: Final = (0.0, 0.05, 0.08)
 
 
-T8: Final = Claim("T8", "K_lat rises sharply with roll, then hardly beyond 0.05 rad", "the paper, figure 10")
+T8: Final = Claim(
+    "T8", "Lateral stiffness rises sharply with roll, and hardly beyond 0.05 rad.", "the paper, figure 10"
+)
 
 
 @T8.on("plant", f"both signs, secant at +20 mm and first harmonic: {_SHARPLY}", shares="roll")

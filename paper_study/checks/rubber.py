@@ -5,7 +5,7 @@ import numpy as np
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
-from paper_study.checks.check import CheckOutcome, Claim
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.experiments import damping
 from paper_study.subject import BARE, LOADS, Subject
 

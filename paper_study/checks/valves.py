@@ -10,8 +10,8 @@ from bench_sim.model.experiments import impose
 from bench_sim.model.iso6358 import ISO_DENSITY
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
-from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import near
+from paper_study.claims import CheckOutcome, Claim
 from paper_study.experiments import STILL
 from paper_study.subject import ISOTHERMAL, LOADS, Subject
 

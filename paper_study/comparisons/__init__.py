@@ -1,1 +1,5 @@
-"""What the bench says to each claim of the paper: measured, beside the closed form, and whether it holds."""
+"""What the bench says to the paper's claims, a file for each figure: each declares itself with its claim."""
+
+from paper_study.comparisons import area, displacement, frequency, pressure, ride, roll, track, validation
+
+__all__ = ["area", "displacement", "frequency", "pressure", "ride", "roll", "track", "validation"]

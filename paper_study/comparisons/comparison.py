@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from paper_study.claims import CLAIMS, Claim
 from paper_study.study import Study
 
 Floats = npt.NDArray[np.float64]
@@ -39,6 +40,25 @@ class ClaimComparison:
         }[self.bench_holds, self.closed_holds]
 
 
+def beside(study: Study, figure: str) -> list[ClaimComparison]:
+    """Return what the bench and the closed forms say to the claims of a figure, in the order of their numbers."""
+    of_it = [claim for claim in CLAIMS if figure in claim.by_figure]
+    return [compared(study, claim, figure) for claim in sorted(of_it, key=lambda one: int(one.id[1:] or 0))]
+
+
+def compared(study: Study, claim: Claim, figure: str) -> ClaimComparison:
+    """Return what the bench and the closed forms say to one claim of a figure."""
+    found = claim.by_figure[figure](study)
+    if found.closed is None:
+        check = entry_of(study, claim.id, "paper")
+        closed, closed_holds = check["measured"], check["holds"]
+    else:
+        closed, closed_holds = found.closed
+    return ClaimComparison(
+        claim.id, claim.text, found.text, closed, found.deviation, found.holds, closed_holds, found.by
+    )
+
+
 def percent(share: float, digits: int = 1) -> str:
     """Write a share as a signed percentage with a proper minus."""
     return f"{100 * share:+.{digits}f} %".replace("-", MINUS)
@@ -47,12 +67,6 @@ def percent(share: float, digits: int = 1) -> str:
 def entry_of(study: Study, id_: str, layer: str) -> dict[str, Any]:
     """Return what the check of a claim found on one layer."""
     return next(one for one in study.entries if (one["id"], one["layer"]) == (id_, layer))
-
-
-def closed_form_of(study: Study, id_: str) -> tuple[str, bool]:
-    """Return what the paper's closed forms give for a claim, in words, and whether they meet it."""
-    found = entry_of(study, id_, "paper")
-    return found["measured"], found["holds"]
 
 
 def largest_deviation(model: Floats, measured: Floats) -> float:

@@ -4,19 +4,17 @@ import numpy as np
 
 from bench_protocol.units import mm
 from paper_study.checks.criteria import listed
-from paper_study.comparisons.comparison import (
-    ClaimComparison,
-    closed_form_of,
-    largest_deviation,
-    percent,
-)
+from paper_study.checks.displacement import T7
+from paper_study.claims import BenchOutcome
+from paper_study.comparisons.comparison import largest_deviation, percent
 from paper_study.laws import closed_secant
 from paper_study.study import Study
 from paper_study.subject import LOADS
 
 
-def displacement(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 9."""
+@T7.on_the_bench("figure-09")
+def displacement(study: Study) -> BenchOutcome:
+    """Secant and small motion by offset."""
     parts, holds = [], True
     off = []
     for load in LOADS:
@@ -28,15 +26,8 @@ def displacement(study: Study) -> list[ClaimComparison]:
         parts.append(f"{load} secant {listed(secant.y / 1e3, '.0f')} kN/m, small motion {softer} at 60 mm")
         holds &= bool(np.all(np.diff(secant.y) < 0.0)) and bool(far < centre)
         off.append(largest_deviation(closed_secant(load, secant.x), secant.y))
-    text, closed_holds = closed_form_of(study, "T7")
-    return [
-        ClaimComparison(
-            "T7",
-            "Lateral stiffness falls with the lateral displacement.",
-            "; ".join(parts) + " (20, 40, 60 mm)",
-            text,
-            f"closed form up to {percent(min(off), 0)}; most of the bench's fall from 20 mm on is friction",
-            holds,
-            closed_holds,
-        )
-    ]
+    return BenchOutcome(
+        "; ".join(parts) + " (20, 40, 60 mm)",
+        holds,
+        f"closed form up to {percent(min(off), 0)}; most of the bench's fall from 20 mm on is friction",
+    )

@@ -2,19 +2,22 @@
 
 import numpy as np
 
+from paper_study.checks.frequency import T9
+from paper_study.checks.orifice import T10
+from paper_study.claims import BenchOutcome
 from paper_study.closed_form import amplitude_damping
-from paper_study.comparisons.comparison import ClaimComparison, closed_form_of, largest_deviation, percent
+from paper_study.comparisons.comparison import largest_deviation, percent
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
 from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
 from paper_study.sweeps.ratio import NATURAL
 
 
-def frequency(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 11."""
-    small, surge, peaks = [], [], []
-    rises = overshoots = one_peak = True
-    off = []
+@T9.on_the_bench("figure-11")
+def stiffness(study: Study) -> BenchOutcome:
+    """Lateral stiffness at a small amplitude, and the vertical one with a pipe, by frequency."""
+    small, surge = [], []
+    rises = overshoots = True
     for load in LOADS:
         plan = f"frequency_sweep_{load.lower()}"
         K = study.bench.points(plan, "Lateral, 0.9 mm: stiffness |K| per spring", f"{load}, orifice")
@@ -26,6 +29,21 @@ def frequency(study: Study) -> list[ClaimComparison]:
         surge.append(
             f"{load} {V.y[low] / 1e3:.0f} kN/m at {V.x[low]:g} Hz, {V.y[high] / 1e3:.0f} kN/m at {V.x[high]:g} Hz"
         )
+    return BenchOutcome(
+        f"lateral, 0.9 mm, 1 to 25 Hz: {', '.join(small)}, no oscillation; vertical, with pipe and 0.5 mm: "
+        + "; ".join(surge),
+        rises and overshoots,
+        "the closed form lets lateral motion press air through the orifice; in the plant it hardly does",
+    )
+
+
+@T10.on_the_bench("figure-11")
+def damping(study: Study) -> BenchOutcome:
+    """Vertical damping by frequency: its maximum, and what is left of it at 10 Hz."""
+    peaks, off = [], []
+    one_peak = True
+    for load in LOADS:
+        plan = f"frequency_sweep_{load.lower()}"
         c = study.bench.points(plan, "Vertical damping c per spring", f"{load}, orifice")
         c = c[c.x >= 0.3]
         top = int(np.argmax(c.y))
@@ -37,27 +55,9 @@ def frequency(study: Study) -> list[ClaimComparison]:
         par = Subject().spring(load)
         law = amplitude_damping(2 * np.pi * c.x, SWEEP_AMPLITUDE, par.orifice_diameter, par.pressure, par)
         off.append(largest_deviation(np.asarray(law)[top : top + 1], c.y[top : top + 1]))
-    nine, nine_holds = closed_form_of(study, "T9")
-    ten, ten_holds = closed_form_of(study, "T10")
-    return [
-        ClaimComparison(
-            "T9",
-            "Lateral stiffness rises with frequency, oscillates at high frequency and settles.",
-            f"lateral, 0.9 mm, 1 to 25 Hz: {', '.join(small)}, no oscillation; vertical, with pipe and 0.5 mm: "
-            + "; ".join(surge),
-            nine,
-            "the closed form lets lateral motion press air through the orifice; in the plant it hardly does",
-            rises and overshoots,
-            nine_holds,
-        ),
-        ClaimComparison(
-            "T10",
-            "Damping is largest at the natural frequency and small at high frequency.",
-            "vertical: " + "; ".join(peaks),
-            ten,
-            f"peak of the closed form {', '.join(percent(one, 0) for one in off)} (AW0, AW3): it has no emergency"
-            " spring in series",
-            one_peak,
-            ten_holds,
-        ),
-    ]
+    return BenchOutcome(
+        "vertical: " + "; ".join(peaks),
+        one_peak,
+        f"peak of the closed form {', '.join(percent(one, 0) for one in off)} (AW0, AW3): it has no emergency"
+        " spring in series",
+    )

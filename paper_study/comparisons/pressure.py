@@ -3,13 +3,12 @@
 import numpy as np
 
 from bench_protocol.units import bar, mm
+from paper_study.bench_results import Points
 from paper_study.checks.criteria import listed
-from paper_study.comparisons.comparison import (
-    ClaimComparison,
-    closed_form_of,
-    largest_deviation,
-    percent,
-)
+from paper_study.checks.lateral import T1, T2, T3
+from paper_study.checks.orifice import T4, T5
+from paper_study.claims import BenchOutcome
+from paper_study.comparisons.comparison import largest_deviation, percent
 from paper_study.laws import closed_stiffness
 from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
@@ -17,62 +16,60 @@ from paper_study.subject import LOADS
 from paper_study.sweeps.pressure import AMPLITUDES
 
 
-def pressure(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 6."""
-    found = []
-    K = {(load, a): study.bench.lateral_stiffness(load, a) for load in LOADS for a in sorted(AMPLITUDES)}
-    five = {load: K[load, 5 * mm] for load in LOADS}
+def _five(study: Study) -> dict[str, Points]:
+    return {load: study.bench.lateral_stiffness(load, 5 * mm) for load in LOADS}
+
+
+@T1.on_the_bench("figure-06")
+def over_pressure(study: Study) -> BenchOutcome:
+    """Lateral stiffness over pressure, at every amplitude."""
+    five = _five(study)
     off = [largest_deviation(closed_stiffness(load, one.x), one.y) for load, one in five.items()]
-    text, holds = closed_form_of(study, "T1")
-    found.append(
-        ClaimComparison(
-            "T1",
-            "Lateral stiffness rises with the pressure.",
-            "; ".join(
-                f"{load}: {one.y[0] / 1e3:.0f} to {one.y[-1] / 1e3:.0f} kN/m from {one.x[0] / bar:.2f} to"
-                f" {one.x[-1] / bar:.2f} bar"
-                for load, one in five.items()
-            )
-            + " (5 mm)",
-            text,
-            f"closed form up to {percent(min(off), 0)}: it has no rubber",
-            all(bool(np.all(np.diff(one.y) > 0.0)) for one in K.values()),
-            holds,
-        )
+    rises = (
+        np.all(np.diff(study.bench.lateral_stiffness(load, a).y) > 0.0) for load in LOADS for a in AMPLITUDES
     )
-    falls = {
-        load: float(np.mean(K[load, max(AMPLITUDES)].y / K[load, min(AMPLITUDES)].y) - 1.0) for load in LOADS
-    }
-    text, holds = closed_form_of(study, "T2")
-    found.append(
-        ClaimComparison(
-            "T2",
-            "Lateral stiffness falls with the excitation amplitude.",
-            "; ".join(f"{load}: {percent(fall)}" for load, fall in falls.items()) + " from 2.5 to 10 mm",
-            text,
-            "friction is what the closed form lacks",
-            all(fall < -0.05 for fall in falls.values()),
-            holds,
+    return BenchOutcome(
+        "; ".join(
+            f"{load}: {one.y[0] / 1e3:.0f} to {one.y[-1] / 1e3:.0f} kN/m from {one.x[0] / bar:.2f} to"
+            f" {one.x[-1] / bar:.2f} bar"
+            for load, one in five.items()
         )
+        + " (5 mm)",
+        all(bool(one) for one in rises),
+        f"closed form up to {percent(min(off), 0)}: it has no rubber",
     )
-    middle = {load: float(one.y[one.y.size // 2]) for load, one in five.items()}
-    text, holds = closed_form_of(study, "T3")
-    found.append(
-        ClaimComparison(
-            "T3",
-            "It is larger under AW3 than under AW0.",
-            f"AW0 {middle['AW0'] / 1e3:.0f} kN/m, AW3 {middle['AW3'] / 1e3:.0f} kN/m:"
-            f" × {middle['AW3'] / middle['AW0']:.2f} (5 mm)",
-            text,
-            "",
-            middle["AW3"] > 1.05 * middle["AW0"],
-            holds,
-        )
-    )
-    return [*found, *_orifices(study)]
 
 
-def _orifices(study: Study) -> list[ClaimComparison]:
+@T2.on_the_bench("figure-06")
+def over_amplitude(study: Study) -> BenchOutcome:
+    """Lateral stiffness at the largest amplitude over that at the smallest."""
+    large, small = (
+        {load: study.bench.lateral_stiffness(load, a) for load in LOADS}
+        for a in (max(AMPLITUDES), min(AMPLITUDES))
+    )
+    change = {load: float(np.mean(large[load].y / small[load].y) - 1.0) for load in LOADS}
+    return BenchOutcome(
+        "; ".join(f"{load}: {percent(one)}" for load, one in change.items()) + " from 2.5 to 10 mm",
+        all(one < -0.05 for one in change.values()),
+        "friction is what the closed form lacks",
+    )
+
+
+@T3.on_the_bench("figure-06")
+def over_load(study: Study) -> BenchOutcome:
+    """Lateral stiffness under both loads, at the middle one of their pressures."""
+    middle = {load: float(one.y[one.y.size // 2]) for load, one in _five(study).items()}
+    return BenchOutcome(
+        f"AW0 {middle['AW0'] / 1e3:.0f} kN/m, AW3 {middle['AW3'] / 1e3:.0f} kN/m:"
+        f" × {middle['AW3'] / middle['AW0']:.2f} (5 mm)",
+        middle["AW3"] > 1.05 * middle["AW0"],
+        "",
+    )
+
+
+@T4.on_the_bench("figure-06")
+def damping_over_ratio(study: Study) -> BenchOutcome:
+    """Vertical damping over the pressure ratio, plate by plate."""
     curves = {
         d: study.bench.points(
             "damping_ratio", "Vertical damping c over pressure ratio, AW0", f"{d / mm:g} mm"
@@ -85,28 +82,22 @@ def _orifices(study: Study) -> list[ClaimComparison]:
         f"{d / mm:g} mm: {curves[d].y.max() / 1e3:.0f} kN·s/m at {best[d]:.3f}" for d in PLATES if inside[d]
     )
     beyond = ", ".join(f"{d / mm:g}" for d in PLATES if not inside[d])
-    text, holds = closed_form_of(study, "T4")
-    first = ClaimComparison(
-        "T4",
-        "Damping first rises and then falls with the pressure ratio.",
+    return BenchOutcome(
         f"vertical: {shown}" + (f"; {beyond} mm still rising at 25 mm of amplitude" if beyond else ""),
-        text,
-        "on the bench the ratio follows from the amplitude, in (19) it is free",
         all(inside[d] for d in PLATES[:2]),
-        holds,
+        "on the bench the ratio follows from the amplitude, in (19) it is free",
     )
+
+
+@T5.on_the_bench("figure-06")
+def damping_over_diameter(study: Study) -> BenchOutcome:
+    """Vertical damping at 5 mm by plate."""
     at = []
     for d in PLATES:
         one = study.bench.points("damping_ratio", "Vertical damping c over amplitude, AW0", f"{d / mm:g} mm")
         at.append(float(np.interp(5 * mm, one.x, one.y)))
-    text, holds = closed_form_of(study, "T5")
-    second = ClaimComparison(
-        "T5",
-        "Damping falls with the orifice diameter.",
+    return BenchOutcome(
         f"vertical, 5 mm: {listed(np.array(at) / 1e3, '.1f')} kN·s/m at {listed(np.array(PLATES) / mm, '.0f')} mm",
-        text,
-        "at amplitudes beyond 10 mm the order of the plates turns round",
         bool(np.all(np.diff(at) < 0.0)),
-        holds,
+        "at amplitudes beyond 10 mm the order of the plates turns round",
     )
-    return [first, second]

@@ -3,13 +3,16 @@
 import numpy as np
 
 from paper_study.bench_results import Points
-from paper_study.comparisons.comparison import MINUS, ClaimComparison, closed_form_of, percent
+from paper_study.checks.roll import T8
+from paper_study.claims import BenchOutcome
+from paper_study.comparisons.comparison import MINUS, percent
 from paper_study.study import Study
 from paper_study.subject import LOADS
 
 
-def roll(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 10."""
+@T8.on_the_bench("figure-10")
+def roll(study: Study) -> BenchOutcome:
+    """Secant and first harmonic of rolled springs, to both sides."""
     parts, any_sign = [], True
     for load in LOADS:
         plan, name = f"roll_angle_{load.lower()}", f"{load}, valve isolated"
@@ -28,15 +31,8 @@ def roll(study: Study) -> list[ClaimComparison]:
             f" {percent(change[-1], 0)} at {MINUS}0.05 rad; first harmonic {percent(harmonic)}"
         )
         any_sign &= change[1] > 0.2 and change[-1] > 0.2 and harmonic > 0.2
-    text, holds = closed_form_of(study, "T8")
-    return [
-        ClaimComparison(
-            "T8",
-            "Lateral stiffness rises sharply with roll, and hardly beyond 0.05 rad.",
-            "; ".join(parts),
-            text,
-            "the bench's coupling is odd in roll, the closed form even: half of the picture is mirrored",
-            any_sign,
-            holds,
-        )
-    ]
+    return BenchOutcome(
+        "; ".join(parts),
+        any_sign,
+        "the bench's coupling is odd in roll, the closed form even: half of the picture is mirrored",
+    )

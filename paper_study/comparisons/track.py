@@ -1,11 +1,13 @@
 """Figure 5: the track's excitation, as the platform of the bench follows it."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm, ms
+from paper_study.claims import BenchOutcome, Claim
 from paper_study.closed_form import unilateral_cosine
-from paper_study.comparisons.comparison import ClaimComparison
 from paper_study.study import Study
 from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
 from paper_study.sweeps.ratio import NATURAL
@@ -13,8 +15,16 @@ from paper_study.sweeps.ratio import NATURAL
 Floats = npt.NDArray[np.float64]
 
 
-def track(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 5."""
+TRACK: Final = Claim(
+    "",
+    "The track lifts the platform by a one-sided cosine, in proportion to its amplitude.",
+    "the paper, figure 5 and equation (24)",
+)
+
+
+@TRACK.on_the_bench("figure-05")
+def track(study: Study) -> BenchOutcome:
+    """How far the platform is from the track, once the lag is taken off."""
     times, platform = study.bench.track
 
     def expected(late: float) -> Floats:
@@ -23,14 +33,9 @@ def track(study: Study) -> list[ClaimComparison]:
     lags = np.arange(0.0, 60.0, 0.5) * ms
     lag = float(min(lags, key=lambda late: float(np.sum((platform - expected(late)) ** 2))))
     off = float(np.sqrt(np.mean((platform - expected(lag)) ** 2)))
-    return [
-        ClaimComparison(
-            "",
-            "The track lifts the platform by a one-sided cosine, in proportion to its amplitude.",
-            f"5 mm at 1.2 Hz: the platform peaks at {platform.max() / mm:.2f} mm and runs {lag / ms:.0f} ms behind",
-            "z = (a/2)(1 − cos ωt) (24); its sine has half of the amplitude",
-            f"{off / mm:.2f} mm rms once the lag is taken off",
-            off < 0.02 * SWEEP_AMPLITUDE,
-            True,
-        )
-    ]
+    return BenchOutcome(
+        f"5 mm at 1.2 Hz: the platform peaks at {platform.max() / mm:.2f} mm and runs {lag / ms:.0f} ms behind",
+        off < 0.02 * SWEEP_AMPLITUDE,
+        f"{off / mm:.2f} mm rms once the lag is taken off",
+        ("z = (a/2)(1 − cos ωt) (24); its sine has half of the amplitude", True),
+    )

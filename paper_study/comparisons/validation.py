@@ -1,13 +1,15 @@
 """Figure 8: how far the models are from the bench's curves, and what the deviation of damping proves."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm
+from paper_study.claims import BenchOutcome, Claim
 from paper_study.closed_form import amplitude_damping
-from paper_study.comparisons.comparison import ClaimComparison, entry_of, largest_deviation, percent
+from paper_study.comparisons.comparison import entry_of, largest_deviation, percent
 from paper_study.laws import closed_stiffness, fitted_lateral_area
 from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
@@ -34,42 +36,53 @@ class Deviation:
     closed: float
 
 
-def validation(study: Study) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of figure 8."""
-    rows = deviations(study)
-    lateral_rows = [row for row in rows if row.panel in "ab"]
-    model = max(row.model for row in lateral_rows)
-    closed = max(row.closed for row in lateral_rows if not np.isnan(row.closed))
-    (thirteen,) = (row for row in rows if row.curve == "13 mm orifice")
+AGREES: Final = Claim(
+    "", "The model agrees with the experiment in lateral stiffness.", "the paper, figure 8(a) and (b)"
+)
+
+
+@AGREES.on_the_bench("figure-08")
+def lateral_stiffness(study: Study) -> BenchOutcome:
+    """Deviation of the plant's model and of the closed form from the bench's lateral stiffness."""
+    rows = [row for row in deviations(study) if row.panel in "ab"]
+    model = max(row.model for row in rows)
+    closed = max(row.closed for row in rows if not np.isnan(row.closed))
+    return BenchOutcome(
+        f"plant with identified parameters: within {100 * model:.1f} % rms on every curve",
+        model < 0.03,
+        f"fitted area A_L0 = {fitted_lateral_area(study.bench):.4f} m²",
+        (
+            f"(10) with its area fitted to the bench: {100 * closed:.0f} % rms; one line for all amplitudes",
+            closed < 0.05,
+        ),
+        "plant",
+    )
+
+
+DEVIATES: Final = Claim(
+    "",
+    "Damping deviates by about 5 %, because the model leaves the rubber's out.",
+    "the paper, figure 8(c)",
+)
+
+
+@DEVIATES.on_the_bench("figure-08")
+def damping(study: Study) -> BenchOutcome:
+    """Deviation of the plant's damping from the bench's, with rubber and without."""
+    (thirteen,) = (row for row in deviations(study) if row.curve == "13 mm orifice")
     at = study.bench.points("damping_ratio", "Vertical damping c over amplitude, AW0", "13 mm", first=True)
     place = int(np.argmin(np.abs(at.x - SWEEP_AMPLITUDE)))
     c = study.model["damping 13 mm"]
     omega = 2 * np.pi * NATURAL
     bare = float(c["orifice"].imag[place] / omega / at.y[place] - 1.0)
     whole = float(c["K"].imag[place] / omega / at.y[place] - 1.0)
-    share = entry_of(study, "A22", "plant")
-    return [
-        ClaimComparison(
-            "",
-            "The model agrees with the experiment in lateral stiffness.",
-            f"plant with identified parameters: within {100 * model:.1f} % rms on every curve",
-            f"(10) with its area fitted to the bench: {100 * closed:.0f} % rms; one line for all amplitudes",
-            f"fitted area A_L0 = {fitted_lateral_area(study.bench):.4f} m²",
-            model < 0.03,
-            closed < 0.05,
-            "plant",
-        ),
-        ClaimComparison(
-            "",
-            "Damping deviates by about 5 %, because the model leaves the rubber's out.",
-            f"13 mm, 5 mm, 1.2 Hz: without rubber {percent(bare)}, with it {percent(whole)}; without rubber"
-            f" {100 * thirteen.without_rubber:.1f} % rms over all amplitudes",
-            "no rubber in (19); see (d) to (f) for what else would look alike",
-            f"rubber's share in the plant (A22): {share['measured']}",
-            -0.08 < bare < -0.015 and abs(whole) < abs(bare),
-            None,
-        ),
-    ]
+    return BenchOutcome(
+        f"13 mm, 5 mm, 1.2 Hz: without rubber {percent(bare)}, with it {percent(whole)}; without rubber"
+        f" {100 * thirteen.without_rubber:.1f} % rms over all amplitudes",
+        -0.08 < bare < -0.015 and abs(whole) < abs(bare),
+        f"rubber's share in the plant (A22): {entry_of(study, 'A22', 'plant')['measured']}",
+        ("no rubber in (19); see (d) to (f) for what else would look alike", None),
+    )
 
 
 def deviations(study: Study) -> list[Deviation]:

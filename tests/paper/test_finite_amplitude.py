@@ -65,7 +65,7 @@ def test_peak_scales(a, d, more, wider):
 
 
 def test_the_plants_regression_numbers(aw0, aw3):
-    """A11, A12 and the peak of the full equations: 1.20 Hz, 34.6 and 74.2 kN·s/m, for 13 mm and 5 mm."""
+    """T10, T5 and the peak of the full equations: 1.20 Hz, 34.6 and 74.2 kN·s/m, for 13 mm and 5 mm."""
     peak = peak_angular_frequency(5 * mm, 13 * mm, aw0)
     assert peak == peak_angular_frequency(5 * mm, 13 * mm, aw3)
     assert peak / tau == pytest.approx(1.20 * Hz, rel=0.02)

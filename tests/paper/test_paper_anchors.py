@@ -88,7 +88,7 @@ def test_in_series_the_emergency_spring_takes_a_twentieth(aw0):
 
 
 def test_pressure_ratio_of_the_largest_damping(aw0, aw3):
-    """A13, three diameters; no matter which load."""
+    """T4, three diameters; no matter which load."""
     d = np.array([10.0, 14.0, 18.0]) * mm
     np.testing.assert_allclose(peak_ratio(OMEGA, d, aw0), [0.9924, 0.9727, 0.9348], atol=6e-5)
     np.testing.assert_array_equal(peak_ratio(OMEGA, d, aw0), peak_ratio(OMEGA, d, aw3))

@@ -107,7 +107,7 @@ def test_volume_grows_far_faster_than_the_area_falls(y, x):
 @relaxed
 @given(diameters)
 def test_damping_rises_and_falls_with_the_pressure_ratio(d):
-    """T4, A13: one maximum, inside, of ΔK/2ω whatever the orifice."""
+    """T4: one maximum, inside, of ΔK/2ω whatever the orifice."""
     r = np.linspace(0.53, 0.9994, 4000)
     c = orifice_damping(OMEGA, r, d, PAR.pressure, PAR)
     best = peak_ratio(OMEGA, d, PAR)
@@ -132,7 +132,7 @@ def test_damping_falls_with_the_diameter_above_the_best_ratio_only(d, factor, r)
 
 
 def test_damping_falls_with_the_diameter_at_the_default_ratio(aw0, aw3):
-    """A12: d = 13 to 22 mm at 1.2 Hz."""
+    """T5: d = 13 to 22 mm at 1.2 Hz."""
     d = np.array([13, 14, 16, 18, 22]) * mm
     for par in (aw0, aw3):
         assert np.all(np.diff(orifice_damping(OMEGA, par.pressure_ratio, d, par.pressure, par)) < 0.0)

@@ -20,8 +20,10 @@ from bench_records.curves import Axis, curve
 from paper_study import page, plant_curves, sensitivity, study
 from paper_study.bench_results import BenchResults, NoBenchResult, Points
 from paper_study.checks.catalogue import CHECKS
-from paper_study.comparisons import pressure
-from paper_study.comparisons.comparison import ClaimComparison
+from paper_study.checks.lateral import T1, T2, T3
+from paper_study.claims import CLAIMS
+from paper_study.comparisons.comparison import ClaimComparison, compared
+from paper_study.figures.catalogue import GLOBAL, SECTIONS
 from paper_study.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
 from paper_study.subject import LOADS, Subject
 from tests.pictures import MARKUP
@@ -185,12 +187,18 @@ def study_with(made):
     return SimpleNamespace(bench=made, entries=entries)
 
 
-def test_a_bench_that_softens_under_pressure_loses_the_first_claim(monkeypatch):
-    monkeypatch.setattr(pressure, "_orifices", lambda study: [])
+def test_a_bench_that_softens_under_pressure_loses_the_first_claim():
     as_claimed = study_with(lateral_bench(lambda load, a, p: 1e5 + 0.3 * p - 3e6 * a))
-    assert [one.verdict for one in pressure.pressure(as_claimed)] == ["holds in both"] * 3
+    assert [compared(as_claimed, one, "figure-06").verdict for one in (T1, T2, T3)] == ["holds in both"] * 3
     softening = study_with(lateral_bench(lambda load, a, p: 3e5 - 0.1 * p + 1e6 * a))
-    assert [one.verdict for one in pressure.pressure(softening)] == ["closed form only"] * 3
+    assert [compared(softening, one, "figure-06").verdict for one in (T1, T2, T3)] == ["closed form only"] * 3
+
+
+def test_every_claim_of_the_paper_stands_beside_one_figure():
+    shown = [(one.id, figure) for one in CLAIMS for figure in one.by_figure]
+    assert {figure for _, figure in shown} == {one.name for one in SECTIONS}
+    assert sorted(id_ for id_, _ in shown if id_) == sorted(f"T{n}" for n in range(1, 12))
+    assert {one.id for one in CLAIMS if one.id.startswith("T")} == {id_ for id_, _ in shown if id_}
 
 
 @pytest.mark.parametrize(
@@ -279,7 +287,7 @@ def test_a_quick_run_leaves_every_figure_table_and_claim(quick_study):
     from matplotlib.image import imread
 
     out = quick_study.parent
-    names = [name for name, *_ in (*page.SECTIONS, page.GLOBAL)]
+    names = [one.name for one in (*SECTIONS, GLOBAL)]
     for name in names:
         ink = imread(out / f"{name}.png")[..., :3].min(axis=2)
         assert 0.005 < np.mean(ink < 0.9) < 0.4, f"{name} is empty, or full"
