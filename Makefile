@@ -61,7 +61,7 @@ check: $(READY)  ## lint, format, types, import contracts, generated files
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m astb.generate --check
+	$(BIN)/python -m tools.generate --check
 
 .PHONY: format
 format: $(READY)  ## let ruff put the code in order
@@ -70,7 +70,7 @@ format: $(READY)  ## let ruff put the code in order
 
 .PHONY: generate
 generate: $(READY)  ## write the files that come from the table of signals and of states
-	$(BIN)/python -m astb.generate
+	$(BIN)/python -m tools.generate
 
 .PHONY: notebook
 notebook: $(READY)  ## run the notebook of the tutorials and keep what came out

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from astb.dbc import dbc
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, join
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.socketcand import Parser, frame_bytes, iterate
 from bench_protocol.table import TABLE
 from benchmarks.measure import Effort, Section, compare, cpu, interleaved
+from tools.generate.dbc import dbc
 
 ROUNDS: Final = 200
 #: Frames that arrive in one packet.

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from astb.dbc import dbc
 from bench_protocol.messages import TOKEN, Protection
 from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind, Signal
@@ -12,6 +11,7 @@ from bench_protocol.table import TABLE
 from drivers.wiring import own
 from drivers.wiring.contract import Order, Step
 from drivers.wiring.lines import PLAYED
+from tools.generate.dbc import dbc
 
 #: The CRC takes the data id exclusive-or the token, which the Control message carries.
 FUNCTIONS = """

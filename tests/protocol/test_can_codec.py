@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from astb.generate import ROOT
 from bench_protocol.can_codec import Decoder, Encoder, Tally
 from bench_protocol.frames import Block, frame, join, payload
 from bench_protocol.messages import Protection
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
+from tools.generate.files import ROOT
 
 DATABASE = cantools.database.load_file(ROOT / "bench_protocol" / "generated" / "astb.dbc")
 ALL_ROWS = np.arange(len(TABLE.messages))

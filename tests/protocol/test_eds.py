@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from canopen.objectdictionary import ODVariable
 
-from astb.eds import eds
 from bench_protocol.can_codec import Encoder
 from bench_protocol.canopen import NODE, is_pdo, pdo_number
 from bench_protocol.frames import payload
@@ -21,6 +20,7 @@ from bench_protocol.registers import registers_of
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.wires import Table
+from tools.generate.eds import eds
 
 GENERATED = files("bench_protocol") / "generated"
 PDOS = [message for message in TABLE.messages if is_pdo(message)]

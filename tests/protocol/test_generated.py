@@ -2,7 +2,7 @@
 
 import pytest
 
-from astb.generate import ROOT, files
+from tools.generate.files import ROOT, files
 
 
 @pytest.mark.parametrize("path", files(), ids=lambda path: path.name)

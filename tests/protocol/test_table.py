@@ -4,14 +4,14 @@ import dataclasses
 
 import pytest
 
-from astb import generate
-from astb.generate import kept_places
 from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.registers import FLOAT_BLOCK, Register, registers_of
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_protocol.wires import Table, moved
+from tools.generate import files as generate
+from tools.generate.files import kept_places
 
 
 def signal(name: str = "left.height", **changes: object) -> Signal:

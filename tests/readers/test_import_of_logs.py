@@ -10,12 +10,12 @@ from click.testing import CliRunner
 from astb.commands.exchange import import_command
 from astb.exit_codes import MISUSE, PASS
 from astb.frames_columns import columns_of_frames
-from astb.readers_page import table
 from bench_records.record import read
 from bench_records.result import read_result
 from diagnosis.contracts import Dataset, DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 from tests.readers.log_forms import START, Sample, asc, by_python_can, candump
+from tools.generate.readers_page import table
 
 TESTED = {
     "j1939 packets",

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import pytest
 
-from astb.readers_page import table
 from drivers.can_files.frames import CanLogError
 from tests.readers import test_logs
 from tests.readers.log_forms import (
@@ -22,6 +21,7 @@ from tests.readers.log_forms import (
 )
 from tests.readers.log_reading import TESTED, form, read, refused, replace_channel, same
 from tests.readers.test_import_of_logs import TESTED as OF_IMPORT
+from tools.generate.readers_page import table
 
 
 @form("packed")

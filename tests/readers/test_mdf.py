@@ -8,7 +8,6 @@ import pytest
 
 from astb.exchange import import_file
 from astb.frames_import import LogKeys
-from astb.readers_page import table
 from bench_protocol.account import Account
 from bench_records.importing import ImportKeys, read_mdf
 from bench_records.layout import RecordError, SignalInfo
@@ -18,6 +17,7 @@ from bench_records.tables.reading import read_series
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 from tests.diagnosis.test_mapping import FORCE, PRESSURE, TIME, X, write_map
+from tools.generate.readers_page import table
 
 asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
 pytestmark = pytest.mark.mdf

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from astb.readers_page import table
 from bench_protocol.account import Account
 from bench_records.layout import RecordError
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_records.tables.reading import Series, read_series
+from tools.generate.readers_page import table
 
 TIMES = np.arange(30) / 100.0
 X = np.round(np.linspace(-20.0, 1250.25, 30), 4)

@@ -2,7 +2,7 @@
 
 import importlib
 
-from astb.readers_page import table
+from tools.generate.readers_page import table
 
 #: Where the tests are whose names the rows have.
 _MODULES = {

@@ -1,4 +1,4 @@
-"""The reference page of the readers, from the tables in ``astb/readers`` that the tests go through."""
+"""The reference page of the readers, from the tables in ``tools/generate/readers`` that the tests go through."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The forms of some readers: one file of ``astb/readers``."""
+    """The forms of some readers: one file of ``tools/generate/readers``."""
 
     title: str
     forms: list[Form]
@@ -47,7 +47,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def table(name: str) -> Table:
-    """Return the table in a file of ``astb/readers``, for the test of its rows."""
+    """Return the table in a file of ``tools/generate/readers``, for the test of its rows."""
     return msgspec.convert(tomllib.loads((_TABLES / f"{name}.toml").read_text(encoding="utf-8")), Table)
 
 

@@ -1,8 +1,4 @@
-"""Writes the files that are generated from the tables of signals, states, parameters and effects, or checks them.
-
-python -m astb.generate           write
-python -m astb.generate --check   exit 1 if a checked-in file differs from what would be written
-"""
+"""Every generated file with its content, written or checked."""
 
 import csv
 import io
@@ -15,13 +11,6 @@ from typing import Any, Final, TextIO
 
 import click
 
-from astb.canopen_page import canopen_page
-from astb.dbc import dbc
-from astb.eds import eds
-from astb.faults_page import faults_page
-from astb.readers_page import readers_page
-from astb.rest_page import rest_page
-from astb.wiring_page import wiring_page
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind
@@ -32,8 +21,15 @@ from bench_protocol.words import FAULTS
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.quantities import QUANTITIES
 from bench_sim.rig.states import TRANSITIONS
+from tools.generate.canopen_page import canopen_page
+from tools.generate.dbc import dbc
+from tools.generate.eds import eds
+from tools.generate.faults_page import faults_page
+from tools.generate.readers_page import readers_page
+from tools.generate.rest_page import rest_page
+from tools.generate.wiring_page import wiring_page
 
-ROOT: Final = Path(__file__).parent.parent
+ROOT: Final = Path(__file__).parents[2]
 #: Every identifier, bit and address that was ever given: what stands here stays, see `bench_protocol.wires.moved`.
 KEPT_MAP: Final = ROOT / "bench_protocol" / "generated" / "kept_map.csv"
 PARAMETER_FILE: Final = ROOT / "bench_sim" / "parameters" / "astb.toml"
@@ -373,7 +369,3 @@ def main(arguments: list[str]) -> int:
             path.write_text(text, encoding="utf-8", newline="\n")
             print(path.relative_to(ROOT))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""The files that are generated from the tables: DBC, EDS, register map and reference pages."""
