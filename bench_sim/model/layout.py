@@ -96,7 +96,9 @@ class Sensor(IntEnum):
     LOAD_CELL_4 = 20  #: vertical, at (−l_x, −l_y)
     LOAD_CELL_5 = 21  #: lateral, at (+l_x, 0, z_c); positive when the springs push the bolster left
     LOAD_CELL_6 = 22  #: lateral, at (−l_x, 0, z_c)
-    LATERAL_ACCELERATION = 23  #: on the bolster and across it, positive left; its lean's part of gravity included
+    LATERAL_ACCELERATION = (
+        23  #: on the bolster and across it, positive left; its lean's part of gravity included
+    )
     PLATFORM_VERTICAL = 24
     PLATFORM_LATERAL = 25
     PLATFORM_ROLL = 26
