@@ -14,9 +14,7 @@ from typing import Final, NoReturn
 
 import click
 
-from astb.commands.check_rig import check_rig_command
 from astb.commands.completion import completion_command
-from astb.commands.conform import conform_command
 from astb.commands.diagnosis import diagnose_command, investigate_command
 from astb.commands.doctor import doctor_command
 from astb.commands.exchange import export_command, import_command
@@ -37,12 +35,10 @@ from astb.commands.named import (
     wirings_command,
 )
 from astb.commands.note import note_command
-from astb.commands.panel import panel_command
 from astb.commands.rehearse import rehearse_command
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
 from astb.commands.runs import compare_command, runs_command, trend_command
-from astb.commands.wiring import wiring_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import ExtensibleGroup
 from bench_protocol.system import NeedsLinux
@@ -114,7 +110,6 @@ for _command in (
     rig_command,
     fault_command,
     run_command,
-    panel_command,
     rehearse_command,
     plans_command,
     rigs_command,
@@ -134,9 +129,6 @@ for _command in (
     trend_command,
     export_command,
     import_command,
-    wiring_command,
-    check_rig_command,
-    conform_command,
     diagnose_command,
     investigate_command,
     doctor_command,

@@ -19,7 +19,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 OURS = (
+    "acceptance",
     "astb",
+    "bench_panel",
     "bench_protocol",
     "bench_records",
     "bench_sim",

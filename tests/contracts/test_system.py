@@ -17,7 +17,7 @@ IN_REAL_TIME = {
     "astb/commands/rig.py",
     "astb/doctor.py",
     "astb/live/door.py",
-    "astb/panel/runs.py",
+    "bench_panel/runs.py",
     "bench_protocol/clock.py",
     "bench_sim/rig/capture.py",
     "bench_sim/rig/socketcan.py",

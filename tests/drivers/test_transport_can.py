@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from drivers.can_port import has_interface
 from drivers.errors import LinkLost, WiringError
 from drivers.memory import InMemoryCan
 from drivers.wiring.can import CanTransport
-from drivers.wiring.conformance import Subject, check_transport
 from drivers.wiring.transports import open_transport
 from tests.drivers.can_stand import BUS, DATABASE, MS, FarEnd, InMemory, write_files
 

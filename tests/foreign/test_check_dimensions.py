@@ -2,8 +2,8 @@
 
 import pytest
 
-from astb.checking.moving import move_each
-from astb.checking.report import Verdict
+from acceptance.checking.moving import move_each
+from acceptance.checking.report import Verdict
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, across, ordinary
 from bench_sim.parameters import load

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from astb.checking.examining import WITHIN, examine
-from astb.checking.moving import move_each
-from astb.checking.report import Verdict
+from acceptance.checking.examining import WITHIN, examine
+from acceptance.checking.moving import move_each
+from acceptance.checking.report import Verdict
 from astb.cli import commands
 from astb.listening import Listening
 from astb.rig_in_memory import RigInMemory
@@ -194,7 +194,7 @@ def test_the_command_prints_a_table_and_json():
 
 
 def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
-    monkeypatch.setattr("astb.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
-    monkeypatch.setattr("astb.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
+    monkeypatch.setattr("acceptance.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
+    monkeypatch.setattr("acceptance.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
     result = CliRunner().invoke(commands, ["check-rig", "virtual", "--allow-motion"])
     assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output

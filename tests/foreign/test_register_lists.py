@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from acceptance.skeleton.register_list import read_register_list
 from astb.cli import commands
-from astb.skeleton.register_list import read_register_list
 from drivers.errors import WiringError
 
 HEADS = {

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from acceptance.skeleton.points import dbc_points
+from acceptance.skeleton.register_list import register_points
+from acceptance.skeleton.writing import GROUPS, matches, skeleton
+from acceptance.skeleton.written_units import WrittenUnit, unit_of
 from astb.cli import commands
-from astb.skeleton.points import dbc_points
-from astb.skeleton.register_list import register_points
-from astb.skeleton.writing import GROUPS, matches, skeleton
-from astb.skeleton.written_units import WrittenUnit, unit_of
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
 from drivers.errors import WiringError

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from astb.checking.examining import examine
-from astb.checking.moving import move_each
-from astb.checking.report import Verdict
+from acceptance.checking.examining import examine
+from acceptance.checking.moving import move_each
+from acceptance.checking.report import Verdict
+from acceptance.skeleton.writing import skeleton
 from astb.listening import Listening
-from astb.skeleton.writing import skeleton
 from bench_protocol.dimensions import read_dimensions
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar

@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from starlette.testclient import TestClient
 
 from astb.cli import commands
-from astb.panel.access import Access
-from astb.panel.bus import Bus
-from astb.panel.parts import Parts
-from astb.panel.runs import Runs
-from astb.panel.server import application
-from astb.panel.watch import Watch
 from astb.rig_file import RigFile, Simulation
+from bench_panel.access import Access
+from bench_panel.bus import Bus
+from bench_panel.parts import Parts
+from bench_panel.runs import Runs
+from bench_panel.server import application
+from bench_panel.watch import Watch
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import FRAME
 from bench_protocol.units import NS

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from astb.checking.moving import move_each
-from astb.checking.report import Verdict
+from acceptance.checking.moving import move_each
+from acceptance.checking.report import Verdict
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, ordinary
 from bench_records.result import CheckVerdict

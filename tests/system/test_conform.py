@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from astb.conformance.door import Cable, Door
-from astb.conformance.finding import Finding, Outcome, Report, ReportError, differences, read_report
-from astb.conformance.suite import examine
+from acceptance.conformance.door import Cable, Door
+from acceptance.conformance.finding import Finding, Outcome, Report, ReportError, differences, read_report
+from acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
 from bench_protocol.modbus import refuse

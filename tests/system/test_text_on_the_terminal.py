@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from astb.checking.report import CheckReport
-from astb.commands import check_rig
+from acceptance.checking.report import CheckReport
+from acceptance.commands import check_rig
 from astb.display import ProgressDisplay
 from astb.tables import open_console, open_table, styled
 
@@ -86,7 +86,16 @@ def test_a_run_says_what_it_is_told(capsys):
 def test_consoles_are_made_in_one_place():
     """Elsewhere, rich would take what stands in square brackets for its own."""
     found = []
-    for folder in ("astb", "campaigns", "paper_study", "diagnosis", "bench_records", "test_plans"):
+    for folder in (
+        "acceptance",
+        "astb",
+        "bench_panel",
+        "campaigns",
+        "paper_study",
+        "diagnosis",
+        "bench_records",
+        "test_plans",
+    ):
         for path in sorted((ROOT / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text())):
                 if not isinstance(node, ast.Call):

@@ -12,8 +12,8 @@ from types import ModuleType
 
 import pytest
 
+from acceptance.transports import Finding, Subject, check_transport
 from drivers.errors import LinkLost
-from drivers.wiring.conformance import Finding, Subject, check_transport
 from drivers.wiring.transports import open_transport
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "write-a-transport.md"

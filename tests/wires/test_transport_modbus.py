@@ -13,11 +13,11 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.modbus import answer
 from drivers.errors import LinkLost, Refused, WiringError
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.conformance import Subject, check_transport
 from drivers.wiring.modbus import ModbusTransport
 from drivers.wiring.transports import open_transport
 

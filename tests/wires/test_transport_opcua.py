@@ -15,9 +15,9 @@ import pytest
 from asyncua import Server, ua
 from asyncua.common.subscription import Subscription
 
+from acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
-from drivers.wiring.conformance import Subject, check_transport
 from drivers.wiring.opcua import OpcUaTransport
 from drivers.wiring.transports import open_transport
 

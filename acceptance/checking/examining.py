@@ -1,0 +1,188 @@
+"""What a rig says while nobody of ours commands it: every signal with its source, rate, age and value."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from acceptance.checking.report import CheckReport, ConnectionLine, SignalLine, Verdict
+from acceptance.checking.rest import doubts
+from astb.listening import Listening
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.units import NS, s
+from bench_protocol.words import STATES
+from drivers.errors import BenchError
+from drivers.receiver import Capture
+
+#: How long a rig is listened to, and how long it may be silent first.
+LISTEN: Final = 2 * s
+WITHIN: Final = 3 * s
+_READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+#: What nothing but a rig of ours says; of others it is no gap.
+_OURS: Final = ("control.", "lease.", "emergency.", "action.", "interlock.", "rig.")
+_EXPECTED: Final = (
+    "rig.state",
+    "rig.reason",
+    "interlock.estop",
+    "rig.nominal_preload",
+    "rig.orifice_diameter",
+)
+
+
+def examine(listening: Listening, rig: str = "") -> CheckReport:
+    """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves."""
+    return _Examination(listening).report(rig)
+
+
+class _Examination:
+    """One look at a rig."""
+
+    def __init__(self, listening: Listening) -> None:
+        self._receiver, self.clock = listening.receiver, listening.clock
+        self.wiring, self.table = listening.wiring, listening.table
+
+    def report(self, rig: str) -> CheckReport:
+        from acceptance.checking.consequences import checks_without, plans_without
+
+        wiring = self.wiring
+        played = wiring.played
+        told = [one for one in self.table.of_kind(*_READ) if one.name not in (*wiring.absent, *played)]
+        coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
+        with Capture(self._receiver, [one.name for one in coming]) as capture:
+            self.clock.sleep_until(self.clock.now() + round(LISTEN * NS))
+            now = self.clock.now()
+        lines = {one.name: self._heard(one, capture, now) for one in coming}
+        asked = [one for one in told if one.name not in lines] + [
+            one for one in self.table.of_kind(Kind.SETTING) if one.name not in (*wiring.absent, *played)
+        ]
+        lines |= {one.name: self._asked(one) for one in asked}
+        state = self._state(lines)
+        lines = self._judged(lines, at_rest=state in (*wiring.conduct.at_rest, "unknown"))
+        for one in self.table.signals:
+            if one.name in wiring.absent and (
+                one.name in _EXPECTED or not one.name.startswith(_OURS) or self._reasoned(one.name)
+            ):
+                lines[one.name] = SignalLine(
+                    name=one.name, verdict=Verdict.ABSENT, remark=wiring.absent[one.name]
+                )
+        for one in self.table.of_kind(Kind.SETPOINT):
+            if one.name not in wiring.absent and not one.name.startswith(_OURS):
+                lines[one.name] = SignalLine(
+                    name=one.name,
+                    verdict=Verdict.UNTOLD,
+                    source=self.wiring.source(one.name),
+                    remark="only written",
+                )
+        return CheckReport(
+            rig=rig or wiring.rig,
+            identity=wiring.identity(),
+            state=state,
+            capabilities=self._capabilities(),
+            signals=sorted(lines.values(), key=lambda line: self.table.index[line.name]),
+            connections=self._connections(),
+            remembered=[
+                one.name for one in self.table.of_kind(Kind.SETTING) if one.name in wiring.remembered
+            ],
+            plans=plans_without(wiring.absent),
+            checks=checks_without(wiring.absent),
+        )
+
+    # -- signals -------------------------------------------------------------------------------------------------
+
+    def _heard(self, signal: Signal, capture: Capture, now: int) -> SignalLine:
+        times, values = capture.times(signal.name), capture.values(signal.name)
+        good = values[~np.isnan(values)]
+        source = self.wiring.source(signal.name)
+        if not times.size:
+            last, time = self._receiver.latest(self.table.index[signal.name])
+            limit = int(self.wiring.freshness[self.table.index[signal.name]])
+            if time >= 0 and now - time <= limit:  # said on events only, or seldom
+                return self._line(signal, last, source, age=(now - time) / NS)
+            return SignalLine(
+                name=signal.name,
+                verdict=Verdict.UNTOLD if signal.name.startswith("emergency.") else Verdict.DOUBTFUL,
+                source=source,
+                rate=0.0,
+                remark=f"nothing came in {LISTEN:g} s",
+            )
+        mean = math.nan if not good.size else float(good[-1] if signal.choices else good.mean())
+        age = (now - capture.start) / NS - float(times[-1])
+        return self._line(signal, mean, source, rate=times.size / LISTEN, age=age)
+
+    def _asked(self, signal: Signal) -> SignalLine:
+        """Return the line of what does not come by itself."""
+        source = self.wiring.source(signal.name)
+        try:
+            value = self.wiring.read([signal.name])[signal.name]
+        except BenchError as error:
+            return SignalLine(name=signal.name, verdict=Verdict.DOUBTFUL, source=source, remark=str(error))
+        if math.isnan(value) and signal.name in self.wiring.remembered:
+            return SignalLine(
+                name=signal.name,
+                verdict=Verdict.UNTOLD,
+                source=source,
+                remark="no point reads it back: remembered as last written",
+            )
+        return self._line(signal, value, source)
+
+    def _line(
+        self,
+        signal: Signal,
+        value: float,
+        source: str,
+        *,
+        rate: float | None = None,
+        age: float | None = None,
+    ) -> SignalLine:
+        known = not math.isnan(value)
+        return SignalLine(
+            name=signal.name,
+            verdict=Verdict.FINE,
+            source=source,
+            shown=signal.show(value) if known else "",
+            value=value if known else None,
+            rate=rate,
+            age=age,
+        )
+
+    def _judged(self, lines: dict[str, SignalLine], *, at_rest: bool) -> dict[str, SignalLine]:
+        from msgspec.structs import replace
+
+        means = {
+            name: math.nan if line.value is None else line.value
+            for name, line in lines.items()
+            if line.verdict is Verdict.FINE
+        }
+        found = doubts(means, {name: self.table[name] for name in means}, at_rest=at_rest)
+        return lines | {
+            name: replace(lines[name], verdict=Verdict.DOUBTFUL, remark=doubt)
+            for name, doubt in found.items()
+        }
+
+    def _reasoned(self, name: str) -> bool:
+        return self.wiring.absent[name] != "the wiring does not mention it"
+
+    def _state(self, lines: dict[str, SignalLine]) -> str:
+        line = lines.get("rig.state")
+        return STATES[round(line.value)] if line is not None and line.value is not None else "unknown"
+
+    def _connections(self) -> list[ConnectionLine]:
+        return [
+            ConnectionLine(
+                name=name, verdict=Verdict.DOUBTFUL if one.doubtful else Verdict.FINE, remark=one.text
+            )
+            for name, remarks in self.wiring.remarks().items()
+            for one in remarks
+        ]
+
+    def _capabilities(self) -> list[str]:
+        can = self.wiring.capabilities
+        return [
+            "function generator of its own" if can.generator else "no generator: the bench streams the waves",
+            "one commander at a time (lease)" if can.lease else "no lease: two commanders would not notice",
+            "watchdog of the settings" if can.watchdog else "no watchdog of the settings' connection",
+            "tells its map" if can.identity else "does not tell which map it speaks",
+            *(f"{name}: {text}" for name, text in can.notes.items()),
+        ]

@@ -1,0 +1,1 @@
+"""The commands of the acceptance, which `astb` finds by their entry points."""

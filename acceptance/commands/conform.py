@@ -1,0 +1,94 @@
+"""`astb conform`: what a rig does on its wires, beside what is right and beside another rig."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.exit_codes import FAIL, PASS, blocked, misuse
+
+if TYPE_CHECKING:
+    from acceptance.conformance.finding import Difference, Report
+
+
+@click.command("conform")
+@click.argument("target")
+@click.option(
+    "--against",
+    "other",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="OTHER.json",
+    help="Tell in what the rig differs from another one, by its report.",
+)
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the report, for programs and for --against.",
+)
+@click.option(
+    "--allow-motion", is_flag=True, help="Also arm the bench, move its platform by 2 mm, and fall silent."
+)
+def conform_command(target: str, other: Path | None, json_path: Path | None, allow_motion: bool) -> None:
+    """Ask a rig over its wires what a bench relies on: timing, states, refusals, limits, exceptions.
+
+    TARGET is a rig file, or a name of `astb rigs`. Nothing moves without --allow-motion. Ends with 0 if all is right
+    and nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
+    """
+    from acceptance.conformance.finding import Report, ReportError, differences, read_report
+    from acceptance.conformance.suite import examine_rig
+    from astb.rig_file import RigFileError, find_rig
+    from drivers.errors import BenchError
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    try:
+        rig, path = find_rig(target)
+        there = read_report(other) if other else None
+        findings = examine_rig(rig, path, motion=allow_motion, say=say)
+    except (RigFileError, ReportError, ValueError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    report = Report(rig=rig.name, time=rig.time, motion=allow_motion, findings=findings)
+    if json_path:
+        json_path.write_bytes(report.to_json())
+    _show(report)
+    apart = differences(report, there) if there else []
+    if there:
+        _show_differences(report, there, apart)
+    raise click.exceptions.Exit(FAIL if report.wrong or apart else PASS)
+
+
+def _show(report: "Report") -> None:
+    from astb.tables import open_console, open_table, styled
+
+    style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
+    table = open_table(f"{report.rig}, {report.time} time", "", "what", "found", "right", whole=("",))
+    group = ""
+    for one in report.findings:
+        if one.group != group:
+            group = one.group
+            table.add_section()
+            table.add_row("", styled(group, "bold"))
+        mark = styled(one.outcome, style[one.outcome])
+        table.add_row(mark, one.what, one.found, one.right)
+    console = open_console()
+    console.print(table)
+    console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong")
+
+
+def _show_differences(here: "Report", there: "Report", apart: "list[Difference]") -> None:
+    from astb.tables import open_console, open_table
+
+    console = open_console()
+    if not apart:
+        console.print(f"{here.rig} and {there.rig} do the same, in all that both were asked")
+        return
+    columns = ("group", "what", here.rig, f"{there.rig} (other)")
+    table = open_table(f"{len(apart)} differences", *columns, whole=("group",))
+    for one in apart:
+        table.add_row(*one)
+    console.print(table)

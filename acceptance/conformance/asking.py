@@ -1,0 +1,92 @@
+"""What a rig answers on Modbus: how fast, whether both wires agree, and which exceptions it refuses with."""
+
+import math
+import struct
+from typing import Final
+
+import numpy as np
+
+from acceptance.conformance.door import Door, Line
+from acceptance.conformance.finding import Notebook
+from bench_protocol.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, NO_SUCH_UNIT
+from bench_protocol.registers import FLOAT_BLOCK, PROBE_FLOAT, PROBE_WORD
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
+from bench_protocol.units import ms
+
+READS: Final = 200
+#: Of an answer; the commander feeds its watchdog every 300 ms, and one reading must not cost a beat.
+ANSWER_MAX: Final = 100 * ms
+#: By how much the answer times of two rigs may differ before that is told.
+ANSWER_APART: Final = 20 * ms
+#: What a reading may change between the two wires, of its range: they do not tell the same instant.
+AGREE: Final = 0.01
+#: A function, a unit and an address that no rig of ours has.
+NO_FUNCTION: Final = 0x41
+NO_UNIT: Final = 77
+NO_ADDRESS: Final = 60000
+
+
+def ask(door: Door) -> list[Notebook]:
+    """Return what is found by asking, as a connection that holds no lease."""
+    line = door.line()
+    return [_speed(line), _agreement(door, line), _exceptions(line)]
+
+
+def _speed(line: Line) -> Notebook:
+    book = Notebook("answers on Modbus")
+    block = [r for r in TABLE.registers if r.space == "input" and r.encoding == "float32"]
+    last = max(r.address for r in block if r.address < FLOAT_BLOCK + 120) + 2
+    took = [line.read(4, FLOAT_BLOCK, min(last - FLOAT_BLOCK, 120)).took for _ in range(READS)]
+    for what, share in (("median", 50), ("99 of 100", 99), ("slowest", 100)):
+        time = float(np.percentile(took, share))
+        book.note(
+            f"time of an answer, {what}",
+            time <= ANSWER_MAX,
+            f"{time / ms:.2f} ms",
+            f"at most {ANSWER_MAX / ms:g} ms",
+            value=time,
+            apart=ANSWER_APART,
+        )
+    return book
+
+
+def _agreement(door: Door, line: Line) -> Notebook:
+    book = Notebook("both wires")
+    own = line.words(0, 7)
+    number, word = struct.unpack(">fI", struct.pack(">4H", *own[3:7]))
+    found = f"{number:g} and {word:#010x}"
+    good = math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) and word == PROBE_WORD
+    book.note("probe registers", good, found, f"{PROBE_FLOAT:g} and {PROBE_WORD:#010x}")
+    found = f"{own[1] << 16 | own[2]:#010x}"
+    book.note(
+        "hash of the table of signals", found == f"{TABLE.map_hash:#010x}", found, f"{TABLE.map_hash:#010x}"
+    )
+    apart = []
+    for signal in TABLE.of_kind(Kind.MEASUREMENT):
+        assert signal.address is not None  # of a measurement
+        here, there = door.ear.latest(signal.name), line.number(signal.address)
+        if math.isnan(here) is not math.isnan(there) or abs(here - there) > AGREE * (
+            signal.high - signal.low
+        ):
+            apart.append(f"{signal.name}: {signal.show(here)} on CAN, {signal.show(there)} on Modbus")
+    book.note("readings that differ between CAN and Modbus", not apart, ", ".join(apart) or "none", "none")
+    return book
+
+
+def _exceptions(line: Line) -> Notebook:
+    book = Notebook("exceptions")
+    two = struct.Struct(">HH").pack
+    book.refusal("a function that there is not", line.ask(NO_FUNCTION, b"\0\0").code, ILLEGAL_FUNCTION)
+    book.refusal("a unit that there is not", line.ask(4, two(0, 1), unit=NO_UNIT).code, NO_SUCH_UNIT)
+    book.refusal("input registers outside the map", line.read(4, NO_ADDRESS, 1).code, ILLEGAL_ADDRESS)
+    book.refusal("beyond the last address", line.read(4, 0xFFFF, 2).code, ILLEGAL_ADDRESS)
+    book.refusal("no register at all", line.read(4, 0, 0).code, ILLEGAL_VALUE)
+    book.refusal("more registers than an answer holds", line.read(4, 0, 126).code, ILLEGAL_VALUE)
+    book.refusal("half of a float", line.read(4, FLOAT_BLOCK, 1).code, ILLEGAL_VALUE)
+    book.refusal("a request that is cut off", line.ask(4, b"\0\0\0").code, ILLEGAL_VALUE)
+    book.refusal("a coil that is neither on nor off", line.ask(5, two(0, 0x1234)).code, ILLEGAL_VALUE)
+    book.refusal(
+        "a file that there is not", line.ask(20, b"\7\6" + two(999, 0) + b"\0\1").code, ILLEGAL_ADDRESS
+    )
+    return book

@@ -1,0 +1,207 @@
+"""What a rig takes from whom: the lease, settings that cannot be, and commands that must not count. Moves nothing."""
+
+import struct
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from acceptance.conformance.door import Door, Line
+from acceptance.conformance.finding import Notebook
+from acceptance.conformance.leaving import leave, note_rest, take
+from bench_protocol.can_codec import Encoder
+from bench_protocol.clock import Task
+from bench_protocol.frames import Block
+from bench_protocol.messages import TOKEN
+from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_VALUE, NO_AUTHORITY
+from bench_protocol.rates import COMMAND_RATE
+from bench_protocol.registers import LEASE_ADDRESS, WATCHDOG_ADDRESS
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, ms, s
+
+_BEAT: Final = 1.0 / COMMAND_RATE
+#: The rig tells its counters ten times a second.
+TOLD: Final = 250 * ms
+#: How long a rig may take from power on to DISABLED.
+READY_WITHIN: Final = 10 * s
+#: How many wrong frames are sent of each kind.
+WRONG: Final = 5
+
+
+class Stream:
+    """The commands of one holder, every 20 ms, until stopped."""
+
+    def __init__(self, door: Door, token: int) -> None:
+        self._door, self._encoder = door, Encoder(TABLE)
+        self.values = np.full(len(TABLE.signals), np.nan)
+        for bit in ("enable", "hold", "active", "reset"):
+            self.set(f"control.{bit}", 0.0)
+        self.set(TOKEN, token)
+        self._encoder.bind(token)
+        self._rows = self._encoder.rows(["Control"])
+        self._task: Task | None = None
+
+    def set(self, name: str, value: float) -> None:
+        """Let a command (SI) hold from the next beat on."""
+        self.values[TABLE.index[name]] = value
+
+    def carry(self, *messages: str) -> None:
+        """Let these messages go out, one behind the other."""
+        self._rows = self._encoder.rows(messages)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._task = self._door.clock.every(round(_BEAT * NS), self.beat)
+
+    def stop(self) -> None:
+        """Fall silent."""
+        if self._task:
+            self._task.cancel()
+            self._task = None
+
+    def beat(self, change: Callable[[Block], None] | None = None) -> None:
+        """Send one block, changed by ``change`` where that is given."""
+        block = self._encoder.encode(self.values, self._rows, self._door.clock.now())
+        if change:
+            change(block)
+        self._door.ear.port.send(block)
+
+
+def command(door: Door) -> list[Notebook]:
+    """Return what is found as holder of the bench, and beside one; the bench stays as it is."""
+    line = door.line()
+    leases, settings, commands, left = (
+        Notebook("lease"),
+        Notebook("settings"),
+        Notebook("commands that do not count"),
+        Notebook("what a command leaves"),
+    )
+    if (code := line.write(LEASE_ADDRESS, struct.pack(">H", 1))) != 0:
+        leases.skip("the lease", f"somebody holds the bench (exception {code})")
+        return [leases]
+    shown = False
+    try:
+        token = line.words(LEASE_ADDRESS, 1, function=3)[0]
+        leases.note("a token is drawn", token != 0, "one" if token else "none", "one")
+        _lease(door, leases)
+        _settings(line, settings)
+        if door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
+            _commands(door, token, commands)
+            if not (shown := leave(line, targets=False)):
+                left.skip("settings", "the rig did not take them over")
+        else:
+            why = f"the bench is {door.ear.state}: they are sent to one that is DISABLED"
+            commands.skip("all of them", why)
+            left.skip("settings", why)
+    finally:
+        line.write(LEASE_ADDRESS, b"\0\0")
+    after = line.words(LEASE_ADDRESS, 1, function=3)[0]
+    leases.note(
+        "returned by writing 0",
+        after == 0,
+        "nobody holds it" if after == 0 else "still held",
+        "nobody holds it",
+    )
+    if shown:
+        _ends(door, left)
+    return [leases, settings, commands, left]
+
+
+def _ends(door: Door, book: Notebook) -> None:
+    """Look what stands after the lease was returned, and after a connection was closed that had it."""
+    note_rest(door, book, "the lease is returned")
+    line = door.line()
+    if take(line) and leave(line, targets=False):
+        line.close()
+        note_rest(door, book, "the holder's connection is closed")
+
+
+def _lease(door: Door, book: Notebook) -> None:
+    other = door.line()
+    before = _told(door, "rig.strangers")
+    book.refusal("somebody else asks for it", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
+    setting = TABLE["generator.cycles"]
+    book.refusal(
+        "somebody else writes a setting", other.write(setting.address or 0, _float(1.0)), NO_AUTHORITY
+    )
+    book.refusal(
+        "somebody else triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
+    )
+    book.refusal("somebody else feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
+    counted = _told(door, "rig.strangers") - before
+    book.note("strangers are counted", counted == 4, f"{counted:g}", "4")
+
+
+def _settings(line: Line, book: Notebook) -> None:
+    for name in ("generator.frequency", "air.left_target"):
+        signal = TABLE[name]
+        address = signal.address or 0
+        staged = line.words(address, 2, function=3)
+        for what, value in (
+            ("NaN", np.nan),
+            ("infinity", np.inf),
+            ("beyond its range", signal.high + 2.0 * (signal.high - signal.low)),
+            ("below its range", signal.low - 2.0 * (signal.high - signal.low)),
+        ):
+            book.refusal(f"{name}, {what}", line.write(address, _float(value)), ILLEGAL_VALUE)
+        book.refusal(f"{name}, half of it", line.write(address, b"\0\0"), ILLEGAL_VALUE)
+        same = line.words(address, 2, function=3) == staged
+        book.note(f"{name}, after all that", same, "unchanged" if same else "changed", "unchanged")
+    choice = TABLE["vertical.control"]
+    book.refusal(
+        "vertical.control, between two choices", line.write(choice.address or 0, _float(0.5)), ILLEGAL_VALUE
+    )
+    book.refusal(
+        "a watchdog of a minute", line.write(WATCHDOG_ADDRESS, struct.pack(">H", 60_000)), ILLEGAL_VALUE
+    )
+    run = TABLE["action.program_run"].address or 0
+    book.refusal("the generator is started without ACTIVE", line.press(run), DEVICE_FAILURE)
+
+
+def _commands(door: Door, token: int, book: Notebook) -> None:
+    stream = Stream(door, token)
+
+    def counted(counter: str, change: Callable[[Block], None] | None = None) -> float:
+        before = _told(door, counter)
+        for _ in range(WRONG):
+            stream.beat(change)
+            door.wait(_BEAT)
+        return _told(door, counter) - before
+
+    def note(what: str, counter: str, right: int, change: Callable[[Block], None] | None = None) -> None:
+        found = counted(counter, change)
+        book.note(what, found == right, f"{counter} rises by {found:g} of {WRONG}", f"by {right} of {WRONG}")
+
+    note("sound ones", "rig.rejected_commands", 0)
+    note("with a wrong CRC", "rig.rejected_commands", WRONG, _spoil)
+    stream.values[TABLE.index[TOKEN]] = token ^ 0x5A5A
+    note("with another token", "rig.strangers", WRONG)
+    stream.set(TOKEN, token)
+    for bit in ("hold", "active"):
+        stream.set(f"control.{bit}", 1.0)
+    counted("rig.rejected_commands")
+    state = door.ear.state
+    book.note("H and M on a bench that is DISABLED", state == "DISABLED", f"it is {state}", "it is DISABLED")
+    for signal in TABLE.of_kind(Kind.SETPOINT):
+        if signal.name.endswith("_setpoint"):
+            stream.set(signal.name, np.nan)
+    stream.carry("DisplacementSetpoints")
+    note("set-points that are not available", "rig.refused_setpoints", 0)
+    # The field has codes beyond the range of its signal.
+    beyond = TABLE["lateral.displacement_setpoint"]
+    stream.set(beyond.name, 1.05 * beyond.high)
+    note("set-points beyond their range", "rig.refused_setpoints", WRONG)
+
+
+def _spoil(block: Block) -> None:
+    block["data"][:, 0] ^= 0x5A
+
+
+def _told(door: Door, counter: str) -> float:
+    door.wait(TOLD)
+    return door.ear.latest(counter)
+
+
+def _float(value: float) -> bytes:
+    return struct.pack(">f", value)

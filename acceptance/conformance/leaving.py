@@ -1,0 +1,79 @@
+"""What a commander leaves in force, and whether it returns to rest when the command ends."""
+
+import math
+import struct
+from collections.abc import Mapping
+from typing import Final
+
+from acceptance.conformance.door import Door, Line
+from acceptance.conformance.finding import Notebook
+from bench_protocol.registers import LEASE_ADDRESS
+from bench_protocol.rest import REST
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar, mm, s
+
+#: What is left: numbers of a program that nobody starts, and targets of valves that are told to hold.
+PROGRAM: Final[Mapping[str, float]] = {
+    "generator.cycles": 7.0,
+    "generator.frequency": 0.5,
+    "generator.amplitude": 3 * mm,
+}
+TARGETS: Final[Mapping[str, float]] = {"air.left_target": 0.4 * bar, "air.right_target": 0.4 * bar}
+_MODES: Final = ("air.left_mode", "air.right_mode")
+#: How long a rig may take to return to rest.
+REST_WITHIN: Final = 1 * s
+_IN_FORCE: Final = {r.signal: r.address for r in TABLE.registers if r.space == "input" and r.signal in REST}
+
+
+def take(line: Line) -> int:
+    """Take the lease for ``line``; return its token, 0 if somebody holds the bench."""
+    if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
+        return 0
+    return line.words(LEASE_ADDRESS, 1, function=3)[0]
+
+
+def give_back(line: Line) -> None:
+    """Return the lease, which ``line`` may have lost already."""
+    line.write(LEASE_ADDRESS, b"\0\0")
+
+
+def leave(line: Line, *, targets: bool) -> bool:
+    """Bring settings into force that differ from rest and move nothing; return whether they are."""
+    values = dict(PROGRAM)
+    if targets and all(_in_force(line)[mode] == REST[mode] for mode in _MODES):
+        values |= TARGETS
+    _apply(line, values)
+    found = _in_force(line)
+    return all(_same(found[name], value) for name, value in values.items())
+
+
+def note_rest(door: Door, book: Notebook, end: str) -> None:
+    """Write down whether all is at rest after ``end``, and bring to rest what is not."""
+    line = door.line()
+    door.wait_for(lambda: not _left(line), REST_WITHIN)
+    left = _left(line)
+    found = ", ".join(f"{name} = {TABLE[name].show(value)}" for name, value in left.items())
+    book.note(f"in force after {end}", not left, found or "nothing", "nothing but what hands have fitted")
+    if left and take(line):
+        _apply(line, {name: REST[name] for name in left})
+        give_back(line)
+    line.close()
+
+
+def _apply(line: Line, values: Mapping[str, float]) -> None:
+    for name, value in values.items():
+        line.write(TABLE[name].address or 0, struct.pack(">f", value))
+    line.press(TABLE["action.apply"].address or 0)
+
+
+def _left(line: Line) -> dict[str, float]:
+    """Return what is in force that differs from rest, SI."""
+    return {name: value for name, value in _in_force(line).items() if not _same(value, REST[name])}
+
+
+def _in_force(line: Line) -> dict[str, float]:
+    return {name: line.number(address) for name, address in _IN_FORCE.items()}
+
+
+def _same(value: float, other: float) -> bool:
+    return math.isclose(value, other, rel_tol=1e-6)  # on the wire are singles

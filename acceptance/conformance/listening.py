@@ -1,0 +1,95 @@
+"""What a rig says by itself: its messages, their rates and gaps, their counters, and whether what they carry can be."""
+
+from typing import Final
+
+import numpy as np
+
+from acceptance.conformance.door import Door
+from acceptance.conformance.finding import Notebook
+from bench_protocol.can_codec import Decoder, Tally
+from bench_protocol.frames import Block
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, ms, s
+
+#: How long the bus is listened to.
+LISTEN: Final = 3 * s
+#: By how much a rate may be off, of the rate.
+RATE_BAND: Final = 0.02
+#: A reading is stale after three periods, 100 ms at least: no gap may come near to that.
+GAP_PERIODS: Final = 3.0
+GAP_FLOOR: Final = 50 * ms
+
+
+def listen(door: Door) -> list[Notebook]:
+    """Return what is found on a bus where nobody commands."""
+    before = door.ear.frames().size
+    door.wait(LISTEN)
+    frames = door.ear.frames()[before:]
+    return [_times(frames), _protection(frames), _contents(door, frames)]
+
+
+def _times(frames: Block) -> Notebook:
+    book = Notebook("frames on CAN")
+    for message in TABLE.messages:
+        if not message.from_rig or not message.rate:
+            continue
+        times = frames["time"][(frames["id"] == message.identifier) & (frames["extended"] == 0)]
+        right = f"{message.rate:g} Hz"
+        if times.size < 2:
+            book.note(
+                f"{message.name}, rate", False, f"{times.size} frames in {LISTEN:g} s", right, value=0.0
+            )
+            continue
+        gaps = np.diff(times) / NS
+        rate, longest = 1.0 / gaps.mean(), float(gaps.max())
+        good = abs(rate - message.rate) <= RATE_BAND * message.rate
+        apart = RATE_BAND * message.rate
+        book.note(f"{message.name}, rate", good, f"{rate:.1f} Hz", right, value=rate, apart=apart)
+        limit = max(GAP_FLOOR, GAP_PERIODS / message.rate)
+        book.note(
+            f"{message.name}, longest gap",
+            longest <= limit,
+            f"{longest / ms:.1f} ms",
+            f"at most {limit / ms:.0f} ms",
+            value=longest,
+            apart=limit,
+        )
+    return book
+
+
+def _protection(frames: Block) -> Notebook:
+    book = Notebook("protection of frames")
+    decoder = Decoder(TABLE, from_rig=True)
+    decoder.decode(frames)
+    for what, kind in {
+        "frames lost, by their counters": Tally.LOST,
+        "counters repeated": Tally.REPEATED,
+        "counters out of sequence": Tally.OUT_OF_SEQUENCE,
+        "frames of another length": Tally.MALFORMED,
+    }.items():
+        count = int(decoder.tally[kind])
+        book.note(what, count == 0, f"{count}", "0")
+    return book
+
+
+def _contents(door: Door, frames: Block) -> Notebook:
+    book = Notebook("what frames carry")
+    samples = Decoder(TABLE, from_rig=True).decode(frames)
+    outside, silent = [], []
+    carried = {place.signal for m in TABLE.messages if m.from_rig and m.rate for place in m.fields}
+    for name in sorted(carried, key=TABLE.index.__getitem__):
+        signal = TABLE[name]
+        values = samples.values[samples.signals == TABLE.index[name]]
+        good = values[np.isfinite(values)]
+        if not good.size:
+            silent.append(name)
+        elif good.min() < signal.low or good.max() > signal.high:
+            outside.append(f"{name} = {signal.show(float(good[np.abs(good).argmax()]))}")
+    book.note("values out of their range", not outside, ", ".join(outside) or "none", "none")
+    told = [name for name in silent if TABLE[name].group is not None]
+    book.note("measurements that are not available", not told, ", ".join(told) or "none", "none")
+    map_hash = door.ear.latest("rig.map_hash")
+    found = "not told" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
+    right = f"{TABLE.map_hash:#010x}"
+    book.note("hash of the table of signals", found == right, found, right)
+    return book

@@ -1,0 +1,187 @@
+"""What a rig does when it is led: the way up, a small move, and what it does by itself when commands end."""
+
+from typing import Final
+
+import numpy as np
+
+from acceptance.conformance.commanding import READY_WITHIN, Stream
+from acceptance.conformance.door import Door, Line
+from acceptance.conformance.finding import Notebook
+from acceptance.conformance.leaving import give_back, leave, note_rest, take
+from acceptance.conformance.stillness import WATCH
+from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, mm, ms, s
+from bench_protocol.words import PLATFORM_AXES, STATES
+
+STEP_WITHIN: Final = 5 * s
+#: How far the platform is moved, and what counts as having begun and as being there.
+MOVE: Final = 2 * mm
+BEGUN: Final = 0.2 * mm
+THERE: Final = 0.3 * mm
+MOVE_WITHIN: Final = 3 * s
+LATENCY_MAX: Final = 200 * ms
+#: What the times of two rigs may differ before that is told.
+TIME_APART: Final = 40 * ms
+#: A command is due every 20 ms, and a state is told every 20 ms.
+REACTION_BAND: Final = 50 * ms
+
+#: The way up: from which state, by which rising bit or coil, to which.
+_WAY_UP: Final = (
+    ("DISABLED", "control.reset", "AIR_LOW"),
+    ("AIR_LOW", "action.air_high", "AIR_HIGH"),
+    ("AIR_HIGH", "control.hold", "HOLD"),
+    ("HOLD", "control.active", "ACTIVE"),
+)
+
+
+def move(door: Door) -> list[Notebook]:
+    """Return what is found by arming the bench, moving its platform a little and falling silent."""
+    states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
+    line = door.line()
+    if not (token := take(line)):
+        states.skip("the way up", "somebody holds the bench")
+        return [states]
+    stream = Stream(door, token)
+    stream.carry("Control", "PlatformSetpoints")
+    stream.start()
+    try:
+        if way_up(door, line, stream, states):
+            left = leave(line, targets=True)
+            _small_move(door, stream, motion)
+            _silence(door, stream, silence)
+            if left:
+                note_rest(door, silence, "silence")
+    finally:
+        stream.stop()
+        give_back(line)
+    return [states, motion, silence]
+
+
+def way_up(door: Door, line: Line, stream: Stream, book: Notebook, to: str = "ACTIVE") -> bool:
+    """Lead the bench up ``to`` a state, the platform where it is; write down each step; return whether all went."""
+    if not door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
+        book.skip("the way up", f"the bench is {door.ear.state}, not DISABLED: nobody leads it up from there")
+        return False
+    stream.set("control.enable", 1.0)
+    for axis in PLATFORM_AXES:
+        stream.set(f"platform.{axis}_setpoint", door.ear.latest(f"platform.{axis}"))
+    door.wait(100 * ms)
+    for start, by, end in _WAY_UP:
+        before = door.clock.now()
+        if by.startswith("control."):
+            stream.set(by, 1.0)
+        else:
+            line.press(TABLE[by].address or 0)
+        reached = door.wait_for(lambda end=end: door.ear.state == end, STEP_WITHIN)  # type: ignore[misc]
+        took = (door.clock.now() - before) / NS
+        if by == "control.reset":
+            stream.set(by, 0.0)
+        book.note(
+            f"{start} to {end}, by {by}",
+            reached,
+            f"after {took / ms:.0f} ms" if reached else f"it is {door.ear.state}",
+            f"within {STEP_WITHIN:g} s",
+            value=took,
+            apart=TIME_APART,
+        )
+        if not reached:
+            return False
+        if end == to:
+            break
+    return True
+
+
+def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
+    door.wait(500 * ms)
+    start = door.ear.latest("platform.vertical")
+    told = door.clock.now()
+    stream.set("platform.vertical_setpoint", start + MOVE)
+    arrived = door.wait_for(
+        lambda: abs(door.ear.latest("platform.vertical") - start - MOVE) <= THERE, MOVE_WITHIN
+    )
+    way = door.ear.latest("platform.vertical") - start
+    book.note(
+        "the platform goes 2 mm up",
+        arrived,
+        f"{way / mm:.2f} mm",
+        "2 mm, 0.3 mm more or less",
+        value=way,
+        apart=THERE,
+    )
+    times, values = door.ear.series("platform.vertical")
+    begun = times[(times > told) & (values - start > BEGUN)]
+    latency = (begun[0] - told) / NS if begun.size else float("nan")
+    book.note(
+        "from set-point to motion",
+        latency <= LATENCY_MAX,
+        f"{latency / ms:.0f} ms",
+        f"at most {LATENCY_MAX / ms:.0f} ms",
+        value=float(latency),
+        apart=TIME_APART,
+    )
+    _hold(door, stream, start, book)
+    back = door.wait_for(lambda: abs(door.ear.latest("platform.vertical") - start) <= THERE, MOVE_WITHIN)
+    book.note(
+        "and back",
+        back,
+        f"{(door.ear.latest('platform.vertical') - start) / mm:.2f} mm",
+        "0 mm, 0.3 mm more or less",
+    )
+
+
+def _hold(door: Door, stream: Stream, elsewhere: float, book: Notebook) -> None:
+    """Let the bench hold, ask its platform to be ``elsewhere``, and let it go there."""
+    stream.set("control.active", 0.0)
+    held = door.wait_for(lambda: door.ear.state == "HOLD", STEP_WITHIN)
+    before, here = door.clock.now(), door.ear.latest("platform.vertical")
+    stream.set("platform.vertical_setpoint", elsewhere)
+    door.wait(WATCH)
+    times, values = door.ear.series("platform.vertical")
+    way = float(np.abs(values[times >= before] - here).max(initial=0.0))
+    book.note(
+        "HOLD keeps it where it is, whatever set-point comes",
+        held and way <= THERE,
+        f"it goes {way / mm:.2f} mm" if held else f"it is {door.ear.state}",
+        f"it goes {THERE / mm:g} mm at most",
+        value=way,
+        apart=THERE,
+    )
+    stream.set("control.active", 1.0)
+
+
+def _silence(door: Door, stream: Stream, book: Notebook) -> None:
+    stream.stop()
+    last = door.clock.now()
+    door.wait_for(lambda: door.ear.state == "FAULT_DISABLED", STEP_WITHIN)
+    times, values = door.ear.series("rig.state")
+    for what, states, right in (
+        ("it holds", ("FAULT_REACTION", "FAULT_HOLD"), HOLD_AFTER),
+        ("it goes to its safe position", ("FAULT_DISABLED",), DISABLE_AFTER),
+    ):
+        codes = [STATES.index(state) for state in states]
+        when = times[(times > last) & np.isin(values, codes)]
+        took = float((when[0] - last) / NS) if when.size else float("nan")
+        book.note(
+            f"silence, until {what}",
+            abs(took - right) <= REACTION_BAND,
+            f"{took / ms:.0f} ms",
+            f"{right / ms:.0f} ms, {REACTION_BAND / ms:.0f} ms more or less",
+            value=took,
+            apart=TIME_APART,
+        )
+    stream.set("control.hold", 0.0)
+    stream.set("control.active", 0.0)
+    stream.start()
+    book.note("a reset clears it", reset(door, stream), f"it is {door.ear.state}", "it is DISABLED")
+
+
+def reset(door: Door, stream: Stream) -> bool:
+    """Clear a fault; return whether the bench is DISABLED then."""
+    door.wait(100 * ms)
+    stream.set("control.reset", 1.0)
+    cleared = door.wait_for(lambda: door.ear.state == "DISABLED", STEP_WITHIN)
+    stream.set("control.reset", 0.0)
+    stream.set("control.enable", 0.0)
+    door.wait(100 * ms)
+    return cleared

@@ -1,0 +1,67 @@
+"""Whether something moves: where all is and what air is in the springs, before and after."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from acceptance.conformance.finding import Notebook
+from bench_protocol.signals import Group
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar, mbar, mm, ms, s
+
+#: How far arming may move anything, and by how much a pressure may change.
+STILL: Final = 1 * mm
+TIGHT: Final = 20 * mbar
+#: How long the bench is watched in one state, and over how long readings are averaged, which have noise.
+WATCH: Final = 0.5 * s
+OVER: Final = 100 * ms
+#: How long a bench that still moves by itself is waited for.
+SETTLED_WITHIN: Final = 60 * s
+_PLACES: Final = (Group.HEIGHT, Group.DISPLACEMENT, Group.PLATFORM_DISPLACEMENT)
+PLACES: Final = tuple(one.name for one in TABLE.signals if one.group in _PLACES)
+PRESSURES: Final = tuple(one.name for one in TABLE.signals if one.group is Group.PRESSURE)
+
+#: Times (s) and values (SI) by the name of the signal.
+Courses = Mapping[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]
+
+
+def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
+    """Return which of ``names`` goes how far (SI) from its first `OVER` seconds; NaN if none of them was read."""
+    name, far = "", float("nan")
+    for one in names:
+        if one not in courses:
+            continue
+        times, values = (part[np.isfinite(courses[one][1])] for part in courses[one])
+        if not values.size:
+            continue
+        window = ((times - times[0]) / OVER).astype(int)
+        counts = np.bincount(window)
+        whole = counts > counts.max() / 2
+        means = np.bincount(window, values)[whole] / counts[whole]
+        way = float(np.abs(means - means[0]).max())
+        if not way <= far:
+            name, far = one, way
+    return name, far
+
+
+def is_still(courses: Courses) -> bool:
+    """Return whether nothing moves by itself by half of what arming may."""
+    way, change = furthest(courses, PLACES)[1], furthest(courses, PRESSURES)[1]
+    return not (way > STILL / 2 or change > TIGHT / 2)
+
+
+def note_still(book: Notebook, what: str, courses: Courses) -> None:
+    """Write down how far things went in ``courses`` while ``what`` was done."""
+    for kind, names, limit, unit, text in (
+        ("heights and displacements", PLACES, STILL, mm, "mm"),
+        ("pressures", PRESSURES, TIGHT, bar, "bar"),
+    ):
+        name, far = furthest(courses, names)
+        if not name:
+            book.skip(f"{what}: {kind}", "the rig does not tell them")
+            continue
+        found = f"{name} by {far / unit:.3f} {text}"
+        right = f"by {limit / unit:g} {text} at most"
+        book.note(f"{what}: {kind}", far <= limit, found, right, value=far, apart=limit)

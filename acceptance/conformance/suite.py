@@ -1,0 +1,74 @@
+"""The suite: what is asked of a rig, in which order, and what becomes of it when the rig falls silent on the way."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from acceptance.conformance import signals
+from acceptance.conformance.asking import ask
+from acceptance.conformance.commanding import command
+from acceptance.conformance.door import Door, open_door
+from acceptance.conformance.finding import Finding, Notebook, joined
+from acceptance.conformance.listening import listen
+from acceptance.conformance.moving import move
+from acceptance.conformance.succeeding import succeed
+from drivers.errors import BenchError
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+    from drivers.bench import Bench
+
+#: What moves nothing, and what does.
+_AT_REST: Final = (("listening", listen), ("asking", ask), ("commanding", command))
+_MOVING: Final = (("moving", move), ("succeeding", succeed))
+
+Subject = TypeVar("Subject")
+
+
+def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+    """Return all that is found of ``rig``, whose file is ``path``; nothing moves without ``motion``.
+
+    Over the wires if it speaks our table, else by the signals of its wiring. BenchError if there is no rig.
+    """
+    if rig.wiring:
+        from astb.api import open_bench
+
+        with open_bench(path) as bench:
+            return examine_bench(bench, motion=motion, say=say)
+    with open_door(rig, path, say=say) as door:
+        return examine(door, motion=motion, say=say)
+
+
+def examine(door: Door, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+    """Return all that is found of the rig behind ``door``; nothing moves without ``motion``."""
+    return _findings(door, (*_AT_REST, *(_MOVING if motion else ())), motion, say)
+
+
+def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+    """Return what can be found of a rig that speaks otherwise, by the signals of a connected ``bench``."""
+    return _findings(bench, (*signals.AT_REST, *(signals.MOVING if motion else ())), motion, say)
+
+
+def _findings(
+    subject: Subject,
+    parts: Sequence[tuple[str, Callable[[Subject], list[Notebook]]]],
+    motion: bool,
+    say: Callable[[str], None],
+) -> list[Finding]:
+    books: list[Notebook] = []
+    for name, part in parts:
+        say(name)
+        try:
+            books += part(subject)
+        except BenchError as error:
+            book = Notebook(name)
+            book.note("to the end", False, str(error), "an answer")
+            books.append(book)
+    if not motion:
+        book = Notebook("motion")
+        book.skip(
+            "states, a small move, loss of commands, the next commander",
+            "without --allow-motion nothing is moved",
+        )
+        books.append(book)
+    return joined(books)

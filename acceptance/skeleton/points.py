@@ -1,0 +1,67 @@
+"""The points of a rig as its DBC and its list of registers name them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from acceptance.skeleton.written_units import unit_of
+from bench_protocol.dbc import DbcError, read_dbc
+from drivers.errors import WiringError
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point: what the rig calls it, and what is told of it."""
+
+    name: str  #: as the wiring names it: TRANSPORT.POINT
+    own: str  #: words of its own
+    context: str  #: words of what it is in: its message, its description
+    unit: str
+    written: bool  #: by us
+    read: bool
+    choices: Mapping[str, int] = field(default_factory=dict)
+    line: str = ""  #: of ``[transports.NAME.points]``
+    absolute: bool = False  #: a pressure over nothing, where ours are over the atmosphere
+
+
+#: What stands in a DBC in the place of a node that nobody named.
+_NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
+
+
+def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[Point]:
+    """Return the signals of a DBC; whoever sends most of them is the rig. WiringError for a file that is none.
+
+    What nobody is said to send may be the rig's or ours.
+    """
+    try:
+        messages = read_dbc(path, charset).messages
+    except DbcError as error:
+        raise WiringError(str(error)) from None
+    senders = {
+        name: [one for one in message.coding.senders if not _NOBODY.fullmatch(one)]
+        for name, message in messages.items()
+    }
+    counts = Counter(
+        sender for name, one in messages.items() for sender in senders[name] for _ in one.coding.signals
+    )
+    rig = counts.most_common(1)[0][0] if counts else ""
+    return [
+        Point(
+            f"{transport}.{name}.{signal.name}",
+            signal.name,
+            f"{one.coding.name} {signal.comment or ''}",
+            unit.name if unit.factor == 1.0 else signal.unit or "",
+            written=rig not in senders[name],
+            read=not senders[name] or rig in senders[name],
+            absolute=unit.absolute,
+            choices={str(text): int(number) for number, text in (signal.choices or {}).items()},
+        )
+        for name, one in messages.items()
+        for signal in one.coding.signals
+        for unit in [unit_of(signal.unit or "")]
+    ]

@@ -1,0 +1,419 @@
+"""The points of a rig as a list of its Modbus registers names them, in the forms that people keep such lists in."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Literal
+
+from acceptance.skeleton.list_words import (
+    ACCESS,
+    COLUMNS,
+    DEVICES,
+    DIGIT,
+    OPEN,
+    ORDERS,
+    READ_BY,
+    TABLES,
+    TYPES,
+    WORDS,
+    WRITING,
+)
+from acceptance.skeleton.points import Point
+from acceptance.skeleton.written_units import unit_of
+from bench_protocol.account import Account
+from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
+from bench_records.layout import RecordError
+from bench_records.tables.text_table import cells_of, text_lines
+from drivers.errors import WiringError
+
+#: How the addresses of a list count: as they are on the wire, from 1 in each table, or as Modicon numbered them.
+Counting = Literal["wire", "one", "modicon"]
+
+#: Of an address, whatever it counts from.
+_DIGITS: Final = 12
+
+
+@dataclass(frozen=True)
+class RegisterList:
+    """What a list says: its points, and in words how it was taken."""
+
+    points: list[Point]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    name: str
+    table: str
+    address: str
+    type: str
+    scale: str
+    divisor: str
+    order: str
+    function: str
+    bit: str
+    unit: str
+    access: str
+    text: str
+
+
+def register_points(path: Path, transport: str = "plc") -> list[Point]:
+    """Return the rows of a list of registers (CSV). WiringError, with row and column, for what cannot be."""
+    return read_register_list(path, transport).points
+
+
+def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
+    """Return the points of a list of registers, and how its addresses were taken, which ``counting`` says else.
+
+    WiringError, with row and column, for what cannot be, and for addresses that may be two things.
+    """
+    account = Account()
+    try:
+        check_size(path, DESCRIPTION_BYTES)
+        lines = text_lines(path, "", account)
+    except OSError as error:
+        raise WiringError(f"{path} cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise WiringError(f"{path} {error}") from None
+    except RecordError as error:
+        raise WiringError(str(error)) from None
+    rows, notes = _rows(path, lines)
+    notes = [*account.taken, *notes]
+    if not rows:
+        raise WiringError(f"{path}: there is no row below the head")
+    rows = [_with_bit(f"{path}, row {row.line}", row) for row in rows]
+    if any(row.bit for row in rows):
+        notes.append("The bits of registers are taken to count from 0, the lowest.")
+    tables = {row.line: _table(f"{path}, row {row.line}", row, rows) for row in rows}
+    counted = counting or _counting(path, rows, tables)
+    if counted == "modicon":
+        first = next((row for row in rows if tables[row.line] in ("input", "holding")), rows[0])
+        at = _address(f"{path}, row {first.line}", first, tables[first.line], counted)
+        notes.append(
+            f"The addresses are taken as Modicon numbers: {first.address} is {tables[first.line]} register {at} on the "
+            "wire (--addresses wire takes them as they stand)."
+        )
+    elif counted == "one":
+        notes.append("The addresses are taken to count from 1: on the wire each is one less.")
+    commas = _comma_in([text for row in rows for text in (row.scale, row.divisor)])
+    twice = {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1}
+    access = _access(path, rows, tables)
+    if any(one is None for one in access.values()):
+        notes.append(
+            "The list does not say of all holding registers and coils whether they are read or written: a column R/W "
+            'would. A reading needs group = "fast".'
+        )
+    points = [
+        _point(
+            f"{path}, row {row.line}",
+            transport,
+            row,
+            tables[row.line],
+            access[row.line],
+            counted,
+            twice,
+            commas,
+        )
+        for row in rows
+    ]
+    return RegisterList(points, notes)
+
+
+def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
+    """The rows with an address, and what was left out in words."""
+    delimiter, head, found = _head(path, lines)
+    notes = (
+        [f"Lines above the head of the list: {head}."] if any(line.strip() for line in lines[:head]) else []
+    )
+    names = next(cells_of([lines[head]], delimiter))[1]
+    _refuse_open(path, lines[head + 1 :], delimiter, names)
+    unread = [name for index, name in enumerate(names) if name and index not in found.values()]
+    if unread:
+        notes.append(f"Columns of the list that were not read: {', '.join(unread)}.")
+    width = len(names)
+    rows, titles = [], 0
+    for number, cells in cells_of(lines[head + 1 :], delimiter):
+        line = head + 1 + number
+        if len(cells) > width and any(cells[width:]):
+            raise WiringError(f"{path}, row {line}: there are {len(cells)} cells, and the head has {width}")
+        row = {key: cells[index] if index < len(cells) else "" for key, index in found.items()}
+        if not any(row.values()):
+            continue
+        if not row["address"] and sum(map(bool, cells)) == 1:
+            titles += 1  # of a section
+            continue
+        rows.append(_Row(line, *(row.get(key, "") for key in COLUMNS)))
+    if titles:
+        notes.append(f"Rows with a single cell, taken as titles: {titles}.")
+    return rows, notes
+
+
+def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequence[str]) -> None:
+    """WiringError for columns that are not read although numbers depend on them, and for lists of several devices."""
+    rows = [row for _, row in cells_of(lines, delimiter)]
+    for index, name in enumerate(names):
+        cells = {row[index] for row in rows if len(row) > index and row[index]}
+        nothing, right = OPEN.get(_plain(name), ("", ""))
+        if right and cells - {nothing, f"{nothing}.0", f"{nothing},0"}:
+            told = min(cells - {nothing})
+            raise WiringError(f"{path}: the column {name}, such as {told}, is not read: {right}")
+        if _plain(name) in DEVICES and len(cells) > 1:
+            raise WiringError(
+                f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}: a list for each device would be right"
+            )
+
+
+def _with_bit(where: str, row: _Row) -> _Row:
+    """A row whose address may have a bit behind it, 40001.3, with both for themselves. WiringError for no such bit."""
+    address, point, behind = row.address.partition(".")
+    if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
+        raise WiringError(f"{where}: address = {row.address!r} has a bit, and the column bit has {row.bit}")
+    bit = behind if point else row.bit
+    if not bit:
+        return row
+    if not re.fullmatch(r"\d{1,2}", bit) or int(bit) > 15:
+        told = f"address = {row.address!r}" if point else f"bit = {row.bit!r}"
+        raise WiringError(f"{where}: {told} is no bit of a register; 0 (the lowest) to 15 would be right")
+    return replace(row, address=address, bit=str(int(bit)))
+
+
+def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
+    """Delimiter, index of the head, and where in it each column is: of all lines the one with most of them."""
+    best: tuple[str, int, dict[str, int]] | None = None
+    for delimiter in (",", ";", "\t", "|"):
+        for index, line in enumerate(lines[:60]):
+            cells = next(cells_of([line], delimiter), (0, []))[1]
+            found = _columns(cells)
+            if best is None or len(found) > len(best[2]):
+                best = (delimiter, index, found)
+    assert best is not None
+    delimiter, index, found = best
+    if "address" not in found and "table" in found:  # a column `Register` may be the table or the number
+        below = [cells for _, cells in cells_of(lines[index + 1 :], delimiter) if len(cells) > found["table"]]
+        if any(re.search(r"\d{2}", cells[found["table"]]) for cells in below):
+            found["address"] = found.pop("table")
+    for key in ("name", "address"):
+        if key not in found:
+            told = [_plain(cell) for cell in next(cells_of([lines[index]], delimiter), (0, []))[1]]
+            raise WiringError(f"{path}: no column {key}; there are {', '.join(told) or 'none'}")
+    return delimiter, index, found
+
+
+def _columns(cells: Sequence[str]) -> dict[str, int]:
+    plain = [_plain(cell) for cell in cells]
+    found: dict[str, int] = {}
+    for key, names in COLUMNS.items():
+        places = [plain.index(name) for name in names if name in plain]
+        free = [place for place in places if place not in found.values()]
+        if free:
+            found[key] = free[0]
+    return found
+
+
+def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
+    table = next((one for one, names in TABLES.items() if _plain(row.table) in names), "")
+    if table:
+        return table
+    if not row.table and (code := re.match(r"\D*0*(15|16|[1-6])(?!\d)", row.function)):
+        return next(one for one, names in TABLES.items() if f"fc{READ_BY.get(code[1], code[1])}" in names)
+    if not row.table and all(not one.table for one in rows):
+        if all(re.fullmatch(r"[0134]\d{4,5}", one.address) for one in rows):
+            return next(one for one, digit in DIGIT.items() if digit == row.address[0])
+        raise WiringError(
+            f"{where}: no column table; input, holding, coil or discrete, or addresses such as 30011, say it"
+        )
+    raise WiringError(f"{where}, column table: {row.table!r} is none of input, holding, coil, discrete")
+
+
+def _access(
+    path: Path, rows: Sequence[_Row], tables: Mapping[int, str]
+) -> dict[int, tuple[bool, bool] | None]:
+    """Return, by line, whether a point can be read, and whether it can be written; None where the list does not say."""
+    codes = {row.line: set(re.findall(r"\d+", row.function.replace("0x", ""))) for row in rows}
+    codes = {line: {code.lstrip("0") for code in found} for line, found in codes.items()}
+    told = any(
+        found & WRITING for found in codes.values()
+    )  # a list that has them somewhere has them where they are
+    #: Where a list keeps readings in tables of their own, what can be written is there to be written.
+    apart = set(tables.values()) & {"input", "discrete"}
+    found: dict[int, tuple[bool, bool] | None] = {}
+    for row in rows:
+        where, table = f"{path}, row {row.line}", tables[row.line]
+        said = ACCESS.get(_plain(row.access)) if row.access else None
+        if row.access and said is None:
+            raise WiringError(f"{where}, column access: {row.access!r} is none of R, W and R/W")
+        if table in ("input", "discrete"):
+            if said is not None and said[1]:
+                raise WiringError(
+                    f"{where}, column access: {row.access!r}, and the table {table} can only be read; holding and "
+                    "coil can be written"
+                )
+            said = True, False
+        elif said is None and told and codes[row.line]:
+            said = True, bool(codes[row.line] & WRITING)
+        elif said is None and ("input" if table == "holding" else "discrete") in apart:
+            said = False, True
+        found[row.line] = said
+    return found
+
+
+def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Counting:
+    """Whether addresses are Modicon numbers: all of them fit their tables, or none does."""
+    fits = {row.line: _is_modicon(row.address, tables[row.line]) for row in rows}
+    if not any(fits.values()):
+        return "wire"
+    if set(tables.values()) == {"coil"}:  # 00010 may be a number with zeros before it
+        raise WiringError(
+            f"{path}: {rows[0].address} in row {rows[0].line} may be a Modicon number of a coil: --addresses modicon "
+            "or wire would say it"
+        )
+    if all(fits.values()):
+        return "modicon"
+    yes, no = (next(row for row in rows if fits[row.line] is one) for one in (True, False))
+    raise WiringError(
+        f"{path}: {yes.address} in row {yes.line} looks like a Modicon number of table {tables[yes.line]}, "
+        f"{no.address} in row {no.line} does not: --addresses wire takes all as they stand; else make them one kind"
+    )
+
+
+def _is_modicon(address: str, table: str) -> bool:
+    return bool(re.fullmatch(rf"{DIGIT[table]}(\d{{4}}|\d{{5}})", address)) and int(address[1:]) > 0
+
+
+def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
+    text = row.address.strip()
+    if len(text) > _DIGITS:
+        raise WiringError(f"{where}: address = {text[:_DIGITS]}…; on the wire 0 to 65535 would be right")
+    if re.fullmatch(r"0[xX][0-9A-Fa-f]+|16#[0-9A-Fa-f]+|[0-9A-Fa-f]+[hH]", text):
+        number = int(re.sub(r"^(0[xX]|16#)|[hH]$", "", text), 16)
+    elif re.fullmatch(r"\d+", text):
+        number = int(text)
+    else:
+        raise WiringError(
+            f"{where}: address = {row.address!r} is no number; one such as 10 or 0x0A would be right"
+        )
+    if counting == "modicon":
+        if not _is_modicon(text, table):
+            raise WiringError(f"{where}: address = {row.address!r} is no Modicon number of table {table}")
+        number = int(text[1:]) - 1
+    elif counting == "one":
+        number -= 1
+    if not 0 <= number <= 0xFFFF:
+        raise WiringError(f"{where}: address = {row.address!r}; on the wire 0 to 65535 would be right")
+    return number
+
+
+def _comma_in(scales: Sequence[str]) -> bool:
+    """Whether the factors of a list have decimal commas."""
+    return any(re.search(r"\d,\d", scale) for scale in scales)
+
+
+def _scale(where: str, text: str, commas: bool, key: str = "scale") -> float:
+    if not text:
+        return 1.0
+    wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
+    if commas and "." in text:
+        raise WiringError(
+            f"{where}: {key} = {text!r}: other rows have decimal commas, and this one has a point"
+        )
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
+        raise WiringError(
+            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write it with a point"
+        )
+    parts = text.replace(",", ".").split("/")
+    try:
+        numbers = [float(part) for part in parts if "_" not in part]
+        scale = numbers[0] / numbers[1] if len(parts) == 2 else numbers[0]
+    except (ValueError, IndexError, ZeroDivisionError):
+        raise wrong from None
+    if len(numbers) != len(parts) or len(parts) > 2 or not 0.0 < abs(scale) < float("inf"):
+        raise wrong
+    return scale
+
+
+def _kind(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
+    """Type and order of its bytes, of FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
+    if not text:
+        return "", None
+    words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
+    order = None
+    for name in sorted(WORDS, key=len, reverse=True):
+        if re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words):
+            order = ORDERS[WORDS[name]]
+            words = re.sub(rf"(?<![a-z]){re.escape(name)}(?![a-z])", " ", words)
+            break
+    plain = words.replace(" ", "").replace("bits", "").replace("integer", "int")
+    plain = plain.replace("bit", "") if plain != "bit" else plain
+    plain = re.sub(r"^(16|32|64)(\D+)$", r"\2\1", plain)
+    kind = TYPES.get(plain)
+    if kind is None:
+        known = ", ".join(dict.fromkeys(TYPES.values()))
+        raise WiringError(
+            f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
+        )
+    return kind, order
+
+
+def _point(
+    where: str,
+    transport: str,
+    row: _Row,
+    table: str,
+    access: tuple[bool, bool] | None,
+    counting: Counting,
+    twice: set[str],
+    commas: bool,
+) -> Point:
+    address = _address(where, row, table, counting)
+    scale = _scale(where, row.scale, commas)
+    if row.divisor:
+        scale /= _scale(where, row.divisor, commas, "divisor")
+    unit = unit_of(row.unit)
+    if unit.factor != 1.0:
+        if scale != 1.0:
+            raise WiringError(
+                f"{where}: the scale is {scale:g}, and the unit {row.unit!r} has one too; one would be right"
+            )
+        scale = unit.factor
+    kind, order = _kind(where, f"{row.type} {row.order}".strip())
+    name = _name(row.name)
+    if not name:
+        raise WiringError(f"{where}, column name: {row.name!r} has no letter to begin with")
+    name = f"{name}_{table}_{address}" if name in twice else name
+    words = table in ("input", "holding")
+    if row.bit and (not words or (kind and kind not in ("bit", "uint16")) or scale != 1.0):
+        raise WiringError(
+            f"{where}: bit {row.bit} of a {kind or table}: bits are of one register, without type or scale"
+        )
+    parts = [f'table = "{table}"', f"address = {address}"]
+    parts += [f'type = "{kind}"'] if kind and words and kind != "bit" and not row.bit else []
+    parts += [f"bit = {row.bit}"] if row.bit else []
+    if order and words:
+        parts += [f'word_order = "{order[0]}"'] if kind[-2:] != "16" else []
+        parts += ['byte_order = "little"'] if order[1] == "little" else []
+    parts += [f"scale = {scale:.12g}"] if scale != 1 and words else []
+    read, written = access or (True, True)
+    parts += ['group = "fast"'] if read and not written else []
+    return Point(
+        f"{transport}.{name}",
+        row.name,
+        row.text,
+        unit.name,
+        written,
+        read,
+        absolute=unit.absolute,
+        line=f'"{name}" = {{ {", ".join(parts)} }}',
+    )
+
+
+def _name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", text.strip()).lstrip("_.0123456789").rstrip("_.")
+
+
+def _plain(text: str) -> str:
+    return " ".join(re.sub(r"[_\-:./]+", " ", text.strip().lower()).split())

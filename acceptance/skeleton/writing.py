@@ -1,0 +1,192 @@
+"""The text of a first wiring file: what is clear is filled in, what may be stands in comments."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from acceptance.skeleton.matching import Match, match
+from acceptance.skeleton.points import Point, dbc_points
+from acceptance.skeleton.register_list import Counting, read_register_list
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.table import TABLE
+from bench_protocol.units import UNITS
+from bench_protocol.words import SWITCH
+
+_SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
+#: What drivers and plans ask for, in the order of the file; all else is ours alone, or optional.
+GROUPS: Final = {
+    "Measurements": [one.name for one in TABLE.of_kind(Kind.MEASUREMENT)],
+    "What the rig says of itself": ["rig.state", "rig.reason", "interlock.estop"],
+    "Set-points": [one.name for one in TABLE.of_kind(Kind.SETPOINT) if one.name.endswith("_setpoint")],
+    "Settings": [
+        one.name
+        for one in TABLE.of_kind(Kind.SETTING)
+        if one.name in _SAID or not one.name.startswith(("rig.", "generator."))
+    ],
+}
+#: So much of a description stands behind a candidate.
+_TOLD_MAX: Final = 80
+_READINGS: Final = ("Measurements", "What the rig says of itself")
+_POLLED: Final = 'group = "fast"'
+WANTED: Final = [name for names in GROUPS.values() for name in names]
+_PLC: Final = """\
+[transports.plc]
+kind = "modbus"
+host = "127.0.0.1"
+port = 502
+unit = 1
+word_order = "high"
+# What its manual says of it, if it says so: what counts up, or a coil that is toggled, while somebody commands;
+# that it takes functions 5 and 6 only ("single"), or 15 and 16 only ("multiple"); the most registers of one request.
+# alive = { point = "…", every = "100 ms" }
+# writes = "multiple"
+# request_max = 125
+
+[transports.plc.groups.fast]
+every = "50 ms"
+
+"""
+_CONDUCT: Final = """\
+# Where several bits tell the state, each has a weight, and all that can be together gets a number:
+# "rig.state" = { from = ["plc.ready", "plc.runs", "plc.fault"], value = "ready + 2 * runs + 4 * fault",
+#     choices = { DISABLED = 0, HOLD = 1, ACTIVE = 3, FAULT_DISABLED = [4, 5, 7] } }    (in one line)
+#
+# How the rig is led, once "rig.state" is known:
+# [[conduct.up]]
+# start = ["DISABLED"]
+# orders = [{ "TRANSPORT.POINT" = 1 }]
+# end = ["HOLD"]
+#
+# [[conduct.up]]
+# start = ["HOLD"]
+# bumpless = true
+# orders = [{ "TRANSPORT.POINT" = 2 }]
+# end = ["ACTIVE"]
+#
+# [[conduct.reset]]
+# start = ["FAULT_HOLD", "FAULT_DISABLED", "ESTOP"]
+# orders = [{ "TRANSPORT.POINT" = 3 }]
+# end = ["DISABLED"]
+#
+# [conduct]
+# rest = [{ "TRANSPORT.POINT" = 0 }]
+# at_rest = ["DISABLED", "FAULT_DISABLED", "ESTOP"]
+"""
+
+
+def skeleton(
+    dbc: Path | None,
+    registers: Path | None,
+    beside: Path,
+    charset: str | None = None,
+    counting: Counting | None = None,
+) -> str:
+    """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
+    points: list[Point] = []
+    text = 'description = "A rig described in part: fill in what is absent"\nlatency = "100 ms"\n\n'
+    if dbc is not None:
+        points += dbc_points(dbc, charset=charset)
+        path = json.dumps(os.path.relpath(dbc, beside))
+        text += f'[transports.bus]\nkind = "can"\nbus = "can0"\ndbc = {path}\n'
+        text += f"charset = {json.dumps(charset)}\n" if charset else ""
+        if unsaid := sum(one.written and one.read for one in points):
+            text += (
+                f"# Of {unsaid} signals the DBC does not say who sends them: they are told by names alone.\n"
+            )
+            text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
+        text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
+        text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
+    rows: list[Point] = []
+    if registers is not None:
+        listed = read_register_list(registers, counting=counting)
+        rows = listed.points
+        points += rows
+        text += "".join(f"# {note}\n" for note in listed.notes)
+        text += _PLC
+    written, told = matches(points)
+    if rows:
+        text += "[transports.plc.points]\n" + "".join(f"{_line(row, written)}\n" for row in rows) + "\n"
+    needed = _needed_by()
+    text += "[signals]\n"
+    for group, names in GROUPS.items():
+        text += f"# -- {group}\n"
+        for name in names:
+            text += _entry(TABLE[name], written[name], told.get(name), needed.get(name, ""))
+    return text + "\n" + _CONDUCT
+
+
+def _line(row: Point, written: Mapping[str, Match]) -> str:
+    """Return the line of a point, which is polled if a reading comes from it, whatever else may be done with it."""
+    if _POLLED in row.line or all(
+        written[name].clear != row for group in _READINGS for name in GROUPS[group]
+    ):
+        return row.line
+    return f"{row.line.removesuffix(' }')}, {_POLLED} }}"
+
+
+def matches(points: Sequence[Point]) -> tuple[dict[str, Match], dict[str, Match]]:
+    """Return what each wanted signal may be, and where each setting may be read back."""
+    signals = [TABLE[name] for name in WANTED]
+    settings = [one for one in signals if one.kind is Kind.SETTING]
+    return match(signals, points), match(settings, points, read_back=True)
+
+
+def _needed_by() -> dict[str, str]:
+    """Return, by signal, that plans do not start without it."""
+    from test_plans.discovery import plans
+
+    found: dict[str, int] = {}
+    for plan in plans().values():
+        for name in filter(TABLE.index.__contains__, plan.needs):
+            found[name] = found.get(name, 0) + 1
+    return {name: f"{count} plans need it" for name, count in found.items()}
+
+
+def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
+    """Return the lines of one signal."""
+    head = f"# {signal.description} ({signal.range_text()})" + (f"; {needed}" if needed else "") + "\n"
+    if one.clear is not None and (keys := _keys(signal, one.clear, told.clear if told else None)):
+        return f'{head}"{signal.name}" = {{ {keys} }}\n'
+    others = "".join(
+        f"#   {value:.2f} {point.name}{_unit(point)}{_numbers(point)}\n" for value, point in one.candidates
+    )
+    why = "not found; see the candidates above" if others else "not found; nothing has such a name and unit"
+    return f'{head}{others}"{signal.name}" = {{ absent = "{why}" }}\n'
+
+
+def _keys(signal: Signal, point: Point, back: Point | None) -> str:
+    """Return what a line says; "" if a choice has numbers that nobody knows."""
+    goes = signal.kind in (Kind.SETPOINT, Kind.SETTING)
+    parts = [f'{"to" if goes else "from"} = "{point.name}"']
+    if signal.kind is Kind.SETTING and back is not None:
+        parts.append(f'read = "{back.name}"')
+    if signal.choices and signal.choices != SWITCH:
+        numbers = {text.lower(): number for text, number in point.choices.items()}
+        ours = {choice: numbers[choice.lower()] for choice in signal.choices if choice.lower() in numbers}
+        if len(ours) < 2:
+            return ""
+        parts.append(f"choices = {{ {', '.join(f'{json.dumps(name)} = {n}' for name, n in ours.items())} }}")
+    elif signal.unit != "1":
+        if point.unit not in UNITS:
+            return ""
+        parts.append(f'unit = "{point.unit}"')
+        if UNITS[point.unit].si == "kg":
+            parts.append('calibration = { gain = "9.80665 N/kg" }')
+        if point.absolute and signal.si == "Pa":
+            parts.append('calibration = { offset = "-101.325 kPa" }')
+    return ", ".join(parts)
+
+
+def _unit(point: Point) -> str:
+    return f", {point.unit}" if point.unit else ""
+
+
+def _numbers(point: Point) -> str:
+    """Return which number of a candidate means what, or what a list says of it."""
+    told = ", ".join(f"{number} {text}" for text, number in point.choices.items())
+    told = told or (" ".join(point.context.split()) if point.line else "")
+    return f" ({told[:_TOLD_MAX]})" if told else ""

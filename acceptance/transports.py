@@ -1,0 +1,378 @@
+"""The conformance kit: what every transport owes to a wiring, as checks that run against any implementation.
+
+::
+
+    from acceptance.transports import Subject, check_transport
+
+    def test_my_transport():
+        subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})
+        assert [str(finding) for finding in check_transport(subject) if finding.breach] == []
+
+It needs a rig that answers, real or simulated, and writes only the points it is given. What a subject does not offer (a
+point without a value, a way to cut the connection) is not checked, and the finding says so.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+from bench_protocol.clock import Clock, RealClock
+from bench_protocol.units import NS, ms, s
+from drivers.errors import LinkLost, WiringError
+from drivers.wiring.contract import Transport
+
+_UNKNOWN: Final = "no.such.point.of.this.rig"
+_POLL: Final = 10 * ms
+_BUSY: Final = 2 * ms
+_THREADS: Final = 4
+_ROUNDS: Final = 10
+#: By how much a time stamp may be ahead of the clock: what two clocks of one machine are apart.
+_AHEAD: Final = round(5 * ms * NS)
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A transport to check, and what must be known of the rig behind it."""
+
+    make: Callable[[], Transport]  #: a new one, not yet connected, to a rig that answers
+    readable: Sequence[str]  #: points that have a value
+    written: Mapping[str, str] = field(
+        default_factory=dict
+    )  #: points to write, each with where it is read back
+    streamed: Mapping[str, str] = field(
+        default_factory=dict
+    )  #: points to stream, each with where it is read back
+    values: tuple[float, float] = (1.0, 0.0)  #: two numbers that all of these can take
+    unavailable: str = ""  #: a point of which the rig says that it has no value
+    nobody: Callable[[], Transport] | None = None  #: one to where nobody answers
+    cut: Callable[[], None] | None = None  #: cuts the connection of the transport made last
+    clock: Clock = field(default_factory=RealClock)
+    within: float = 2 * s  #: of whatever must happen
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One rule, and how it was broken; an empty ``breach`` is none."""
+
+    rule: str
+    breach: str = ""
+    skipped: str = ""  #: why it was not checked
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.breach or self.skipped or 'kept'}"
+
+
+class Breach(Exception):
+    """A rule is broken, in words."""
+
+
+class _Skipped(Exception):
+    pass
+
+
+class _Listener:
+    """Hears a transport, and notes what it should not have done."""
+
+    def __init__(self, clock: Clock, busy: float = 0.0) -> None:
+        self._clock, self._inside, self._busy = clock, threading.Lock(), busy
+        self.samples: list[tuple[int, int, dict[str, float]]] = []  # (time, now, points)
+        self.lost: list[str] = []
+        self.overlaps = 0
+
+    def hear(self, time: int, points: Mapping[str, float]) -> None:
+        if not self._inside.acquire(blocking=False):
+            self.overlaps += 1
+            return
+        if self._busy:
+            threading.Event().wait(self._busy)
+        self.samples.append((time, self._clock.now(), dict(points)))
+        self._inside.release()
+
+    def on_lost(self, reason: str) -> None:
+        self.lost.append(reason)
+
+
+class _Bench:
+    """One connected transport and its listener, for the length of a rule."""
+
+    def __init__(self, subject: Subject, busy: float = 0.0) -> None:
+        self.subject, self.clock = subject, subject.clock
+        self.transport = subject.make()
+        self.listener = _Listener(subject.clock, busy)
+
+    def __enter__(self) -> _Bench:
+        self.transport.subscribe(self.listener.hear)
+        self.transport.connect(self.clock, self.listener.on_lost, within=self.subject.within)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.transport.close()
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + round(seconds * NS))
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = self.clock.now() + round(self.subject.within * NS)
+        while not condition():
+            if self.clock.now() >= deadline:
+                raise Breach(f"{what} did not come true within {self.subject.within:g} s")
+            self.wait(_POLL)
+
+
+def check_transport(subject: Subject, only: str = "") -> list[Finding]:
+    """Return what became of every rule, or of ``only`` those that begin so; with a ``breach`` it is broken."""
+    findings = []
+    for rule in _RULES:
+        name = (rule.__doc__ or "").rstrip(".")
+        if not name.startswith(only):
+            continue
+        try:
+            rule(subject)
+        except Breach as breach:
+            findings.append(Finding(name, breach=str(breach)))
+        except _Skipped as skipped:
+            findings.append(Finding(name, skipped=f"not checked: {skipped}"))
+        except Exception as error:
+            findings.append(Finding(name, breach=f"{type(error).__name__}: {error}"))
+        else:
+            findings.append(Finding(name))
+    return findings
+
+
+def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Exception:
+    try:
+        call()
+    except error as caught:
+        if len(str(caught)) < 10:
+            raise Breach(f"{what}: {error.__name__} says only {str(caught)!r}") from None
+        return caught
+    except Exception as other:
+        raise Breach(f"{what} raises {type(other).__name__} ({other}), not {error.__name__}") from None
+    raise Breach(f"{what} raises nothing, not {error.__name__}")
+
+
+def _before_connecting(subject: Subject) -> None:
+    """A transport that is not connected says so, and nobody was ever heard."""
+    transport = subject.make()
+    try:
+        _expect(LinkLost, "read before connect", lambda: transport.read(list(subject.readable)))
+        if transport.alive() != math.inf:
+            raise Breach(f"alive() = {transport.alive():g} s before connect, not infinite")
+    finally:
+        transport.close()
+
+
+def _unknown_points(subject: Subject) -> None:
+    """A point that does not exist is a WiringError, before and after connecting."""
+    transport = subject.make()
+    _expect(WiringError, f"require({_UNKNOWN!r})", lambda: transport.require(_UNKNOWN))
+    for name in subject.readable:
+        transport.require(name)
+    for name in (*subject.written, *subject.streamed):
+        transport.require(name, writable=True)
+    with _Bench(subject) as bench:
+        _expect(WiringError, "read of an unknown point", lambda: bench.transport.read([_UNKNOWN]))
+        _expect(WiringError, "write of an unknown point", lambda: bench.transport.write({_UNKNOWN: 1.0}))
+
+
+def _nobody_there(subject: Subject) -> None:
+    """Where nobody answers, connect ends in time with LinkLost, and no loss is told of what never was."""
+    if subject.nobody is None:
+        raise _Skipped("the subject has no `nobody`")
+    transport, listener = subject.nobody(), _Listener(subject.clock)
+    start = subject.clock.now()
+    _expect(
+        LinkLost, "connect", lambda: transport.connect(subject.clock, listener.on_lost, within=subject.within)
+    )
+    took = (subject.clock.now() - start) / NS
+    transport.close()
+    if took > subject.within + 1 * s:
+        raise Breach(f"connect(within={subject.within:g}) took {took:.1f} s to refuse")
+    if listener.lost:
+        raise Breach(f"the loss of a connection that never was is told: {listener.lost[0]}")
+
+
+def _what_comes(subject: Subject) -> None:
+    """What comes by itself comes in time, of known points, with rising times of the bench's clock."""
+    with _Bench(subject) as bench:
+        start, transport, samples = bench.clock.now(), bench.transport, bench.listener.samples
+        expected = {name for name in subject.readable if transport.stale(name) > 0}
+        if not expected and not transport.period:
+            raise _Skipped("all points are read when asked")
+        bench.until(
+            lambda: expected <= {name for _, _, points in samples for name in points},
+            f"news of {', '.join(sorted(expected))}",
+        )
+        bench.wait(3 * transport.period)
+        heard, end = list(samples), bench.clock.now()
+    last = -1
+    for time, now, points in heard:
+        # In virtual time what is simulated goes before, and the clock follows.
+        latest = now + _AHEAD if isinstance(bench.clock, RealClock) else end
+        if type(time) is not int or not start - 10 * NS <= time <= latest:
+            raise Breach(f"the time {time!r} is none of the bench's clock, which says {now} ns")
+        if time < last:
+            raise Breach(f"the times go back: {time} ns after {last} ns")
+        last = time
+        for name, value in points.items():
+            transport.require(name)
+            if type(value) is not float:
+                raise Breach(f"{name} = {value!r} is no float")
+    for name in expected:
+        times = [time for time, _, points in heard if name in points]
+        widest = max((b - a for a, b in itertools.pairwise(times)), default=0) / NS
+        if widest > transport.stale(name):
+            raise Breach(f"{name} stayed away for {widest:.3f} s, stale is {transport.stale(name):g} s")
+
+
+def _reading(subject: Subject) -> None:
+    """Reading gives just the points asked for, in order, as numbers; what was heard is alive."""
+    with _Bench(subject) as bench:
+        names = list(subject.readable)
+        bench.until(
+            lambda: not any(math.isnan(value) for value in bench.transport.read(names).values()),
+            f"values of {', '.join(names)}",
+        )
+        for asked in (names, names[::-1], names[:1]):
+            found = bench.transport.read(asked)
+            if list(found) != asked:
+                raise Breach(f"read({asked}) gives {list(found)}")
+            if wrong := {name: value for name, value in found.items() if type(value) is not float}:
+                raise Breach(f"read gives {wrong}, which are no floats")
+        if not bench.transport.alive() <= subject.within:
+            raise Breach(f"alive() = {bench.transport.alive():g} s right after an answer")
+
+
+def _round_trip(subject: Subject) -> None:
+    """What was written is read back."""
+    if not subject.written:
+        raise _Skipped("the subject has nothing `written`")
+    with _Bench(subject) as bench:
+        for value in (*subject.values, subject.values[0]):
+            bench.transport.write(dict.fromkeys(subject.written, value))
+            for name, back in subject.written.items():
+                bench.until(
+                    partial(_reads, bench.transport, back, value), f"{back} = {value:g}, written to {name},"
+                )
+
+
+def _reads(transport: Transport, name: str, value: float) -> bool:
+    return transport.read([name])[name] == value
+
+
+def _streaming(subject: Subject) -> None:
+    """What is streamed arrives."""
+    if not subject.streamed:
+        raise _Skipped("the subject has nothing `streamed`")
+    with _Bench(subject) as bench:
+        for value in (*subject.values, subject.values[0]):
+
+            def arrived(value: float = value) -> bool:
+                bench.transport.stream(dict.fromkeys(subject.streamed, value), bench.clock.now())
+                backs = list(subject.streamed.values())
+                return all(found == value for found in bench.transport.read(backs).values())
+
+            bench.until(arrived, f"{', '.join(subject.streamed.values())} = {value:g} after streaming it")
+
+
+def _unavailable(subject: Subject) -> None:
+    """What the rig marks as not available is NaN."""
+    if not subject.unavailable:
+        raise _Skipped("the subject has nothing `unavailable`")
+    with _Bench(subject) as bench:
+        bench.wait(2 * bench.transport.period)
+        value = bench.transport.read([subject.unavailable])[subject.unavailable]
+    if not math.isnan(value):
+        raise Breach(f"{subject.unavailable} = {value:g}, not NaN")
+
+
+def _threads(subject: Subject) -> None:
+    """Several threads may use a transport at once; only one at a time calls the listener."""
+    failures: list[str] = []
+    with _Bench(subject, busy=_BUSY) as bench:
+        bench.wait(2 * bench.transport.period)
+
+        def work() -> None:
+            try:
+                for k in range(_ROUNDS):
+                    found = bench.transport.read(list(subject.readable))
+                    if list(found) != list(subject.readable):
+                        failures.append(f"read gives {list(found)}")
+                    if subject.written:
+                        bench.transport.write(dict.fromkeys(subject.written, subject.values[k % 2]))
+            except Exception as error:
+                failures.append(f"{type(error).__name__}: {error}")
+
+        threads = [threading.Thread(target=work, daemon=True) for _ in range(_THREADS)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(10 * subject.within)
+        if any(thread.is_alive() for thread in threads):
+            raise Breach(f"{_THREADS} threads do not come to an end: they wait for each other")
+        if failures:
+            raise Breach(failures[0])
+        if bench.listener.overlaps:
+            raise Breach(f"the listener was called {bench.listener.overlaps} times while it was busy")
+
+
+def _closing(subject: Subject) -> None:
+    """After close nothing is heard and nothing can be read; closing again does no harm."""
+    with _Bench(subject) as bench:
+        bench.wait(2 * bench.transport.period)
+        bench.transport.close()
+        count = len(bench.listener.samples)
+        bench.transport.close()
+        bench.wait(max(3 * bench.transport.period, 5 * _POLL))
+        if len(bench.listener.samples) > count:
+            raise Breach(f"{len(bench.listener.samples) - count} callbacks came after close")
+        _expect(LinkLost, "read after close", lambda: bench.transport.read(list(subject.readable)))
+        if bench.listener.lost:
+            raise Breach(f"closing is told as a loss: {bench.listener.lost[0]}")
+
+
+def _losing(subject: Subject) -> None:
+    """A lost connection is told once, in words, and reading says the same in time."""
+    if subject.cut is None:
+        raise _Skipped("the subject has no `cut`")
+    with _Bench(subject) as bench:
+        bench.wait(2 * bench.transport.period)
+        subject.cut()
+        reads = list(subject.readable)
+
+        def told() -> bool:
+            if not bench.transport.period:  # who only reads when asked notices when asked
+                _expect(LinkLost, "read without a rig", lambda: bench.transport.read(reads))
+            return bool(bench.listener.lost)
+
+        bench.until(told, "the loss of the connection")
+        start = bench.clock.now()
+        _expect(LinkLost, "read after the loss", lambda: bench.transport.read(reads))
+        if (bench.clock.now() - start) / NS > subject.within:
+            raise Breach(f"reading took more than {subject.within:g} s to say that the connection is lost")
+        bench.wait(3 * bench.transport.period + 5 * _POLL)
+        if len(bench.listener.lost) != 1:
+            raise Breach(f"the loss is told {len(bench.listener.lost)} times")
+        if len(bench.listener.lost[0]) < 10:
+            raise Breach(f"the reason of the loss is only {bench.listener.lost[0]!r}")
+
+
+_RULES: Final[tuple[Callable[[Subject], None], ...]] = (
+    _before_connecting,
+    _unknown_points,
+    _nobody_there,
+    _what_comes,
+    _reading,
+    _round_trip,
+    _streaming,
+    _unavailable,
+    _threads,
+    _closing,
+    _losing,
+)

@@ -1,0 +1,158 @@
+"""`astb panel`: the bench in a browser."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from astb.commands.ending import UNAWARES, end_in_order, ended_by
+from astb.commands.options import RIG_OPTION, SEED, out_option, read_rig
+from astb.exit_codes import blocked, misuse
+
+if TYPE_CHECKING:
+    import socket
+
+    from starlette.types import ASGIApp
+
+
+_LOCAL: Final = "127.0.0.1"
+_AT_ONCE: Final = 200  # connections, pages included
+
+
+@click.command("panel")
+@RIG_OPTION
+@click.option("--host", default=_LOCAL, show_default=True, help="Address to serve at; 0.0.0.0 is every one.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=8137, show_default=True, help="0 for a free one."
+)
+@click.option(
+    "--name",
+    "names",
+    multiple=True,
+    help="A name under which this machine is reached, beside its own; repeatable.",
+)
+@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
+@out_option("Where records go.")
+def panel_command(
+    rig_named: str | None, host: str, port: int, names: tuple[str, ...], seed: int | None, out: Path
+) -> None:
+    """Show a rig in the browser, and command it from there.
+
+    Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
+    started. A run goes on when the panel ends, and the next panel finds it.
+    """
+    from contextlib import ExitStack
+
+    from bench_panel.access import Access, kept_token
+    from bench_panel.kept_rig import KeptRig
+    from bench_panel.parts import Parts
+    from bench_panel.runs import Runs
+    from bench_panel.server import application
+    from bench_panel.watch import Watch
+    from bench_protocol.clock import RealClock
+    from drivers.errors import BenchError
+
+    end_in_order()
+    rig, path = read_rig(rig_named)
+    if rig.time == "virtual":
+        misuse(f"rig file {path} has virtual time, which nobody can watch; a rig in real time would be right")
+    try:
+        sockets = [_listening(host, port)]
+    except OSError as error:
+        blocked(f"{host}:{port} cannot be served: {error.strerror}; --port names another")
+    port = sockets[0].getsockname()[1]
+    with ExitStack() as stack:
+        stack.callback(sockets[0].close)
+        kept = KeptRig(rig, path, seed, click.echo)
+        stack.callback(kept.close)
+        try:
+            kept.ensure()
+            watch = Watch(rig, path)
+        except ValueError as error:
+            misuse(error)
+        except BenchError as error:
+            blocked(error)
+        runs = Runs(watch, out, kept)
+        watch.revive = lambda: None if runs.going else kept.ensure()
+        access = Access(kept_token(path), port, RealClock())
+        parts = Parts(watch, runs, access, out)
+        watch.start()
+        stack.callback(watch.close)
+        _serve(
+            application(parts, host=host, names=names),
+            sockets,
+            lambda: _tell(host, port, access.token, names),
+        )
+        if runs.going:
+            click.echo("the run goes on; `astb panel` finds it again")
+
+
+def _serve(app: "ASGIApp", sockets: "list[socket.socket]", tell: Callable[[], None]) -> None:
+    """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
+    from contextlib import nullcontext
+
+    import uvicorn
+
+    from bench_panel.pages import Pages
+    from bench_panel.stream import PING
+
+    config = uvicorn.Config(
+        app,
+        ws=Pages,
+        log_level="warning",
+        access_log=False,
+        ws_per_message_deflate=False,
+        ws_max_size=64 * 1024,
+        limit_concurrency=_AT_ONCE,
+        ws_ping_interval=PING,
+        ws_ping_timeout=PING,
+        timeout_graceful_shutdown=1,
+    )
+    server = uvicorn.Server(config)
+
+    def end(by: str) -> None:
+        server.should_exit = True
+        if by in UNAWARES:
+            click.echo(f"astb: the panel was ended by {by}", err=True)
+
+    # Not uvicorn's own: it says the signal again at the end, of which this process would die with its sockets open.
+    server.capture_signals = nullcontext  # type: ignore[method-assign, assignment]
+    with ended_by(end):
+        tell()
+        server.run(sockets=sockets)
+
+
+def _listening(host: str, port: int) -> "socket.socket":
+    import socket
+
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    one = socket.socket(family)
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        one.bind((host, port))
+        one.listen()  # who is told the address may come before anybody serves
+    except OSError:
+        one.close()
+        raise
+    return one
+
+
+def _tell(host: str, port: int, token: str, names: tuple[str, ...] = ()) -> None:
+    import socket
+
+    name = (
+        names[0]
+        if names
+        else socket.gethostname()
+        if host in {"0.0.0.0", "::"}
+        else f"[{host}]"
+        if ":" in host
+        else host
+    )
+    if host != _LOCAL:
+        click.echo(
+            "served to other machines, unencrypted: whoever reads along on the network reads the token"
+        )
+    click.echo(f"to watch:    http://{name}:{port}/")
+    click.echo(f"to command:  http://{name}:{port}/#token={token}")

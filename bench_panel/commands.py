@@ -1,0 +1,107 @@
+"""Routes that change something: who may give an order, what it says, and what the page is answered."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import msgspec
+from anyio import CapacityLimiter, to_thread
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from bench_panel.access import NotAllowed
+from bench_panel.parts import Parts
+from bench_panel.runs import CannotDo
+
+_BODY_MAX: Final = 64 * 1024
+_DEPTH_MAX: Final = 8
+_AT_ONCE: Final = 4  # of one command
+
+Command = Callable[[Request, dict[str, Any]], object]
+
+
+def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
+    """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
+
+    ``do(request, body)`` runs in a thread; what it returns goes to the page. NotAllowed and CannotDo are told there.
+    Each command has places of its own: a stop waits for no other order, and for no view.
+    """
+    places = CapacityLimiter(_AT_ONCE)
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            await parts.access.slow_down(request)
+            if seat:
+                parts.access.require_seat(request)
+            else:
+                parts.access.require_token(request)
+            body = await json_body(request)
+            return json_answer({"done": await to_thread.run_sync(do, request, body, limiter=places)})
+        except NotAllowed as error:
+            return json_answer({"error": str(error)}, error.status)
+        except CannotDo as error:
+            return json_answer({"error": str(error)}, 409)
+
+    return Route(path, endpoint, methods=["POST"])
+
+
+async def json_body(request: Request) -> dict[str, Any]:
+    """Return what a request says. NotAllowed if it is too much, or no JSON object."""
+    body = b""
+    async for part in request.stream():  # who does not say how much comes may send as much as he likes
+        body += part
+        if len(body) > _BODY_MAX:
+            raise NotAllowed("too much to read", 413)
+    try:
+        told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
+    except (msgspec.MsgspecError, UnicodeError) as error:
+        raise NotAllowed(f"not understood: {error}", 400) from None
+    except RecursionError:
+        raise NotAllowed("nested too deep", 400) from None
+    if _depth(told) > _DEPTH_MAX:
+        raise NotAllowed("nested too deep", 400)
+    return told
+
+
+def _depth(value: object) -> int:
+    """Return how many tables and lists lie in one another, as far as that matters."""
+    layer, depth = [value], 0
+    while layer and depth <= _DEPTH_MAX:
+        inner = [one for one in layer if isinstance(one, dict | list)]
+        layer = [one for each in inner for one in (each.values() if isinstance(each, dict) else each)]
+        depth += bool(inner)
+        if not inner:
+            break
+    return depth
+
+
+def text_of(body: Mapping[str, Any], key: str) -> str:
+    """Return a text of a request, "" if it says nothing. NotAllowed for what is no text, or is none in UTF-8."""
+    value = body.get(key, "")
+    if not isinstance(value, str):
+        raise NotAllowed(f"{key} is no text", 400)
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise NotAllowed(f"{key} is no text", 400) from None
+    return value
+
+
+def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
+    """Return the parameters of a plan in a request, as people write them. NotAllowed for what is no table of such."""
+    settings = body.get("set", {})
+    if not isinstance(settings, dict):
+        raise NotAllowed("set is no table of parameters", 400)
+    return {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()}
+
+
+def _written(name: str, value: object) -> str:
+    """Return a parameter as people write it."""
+    if isinstance(value, dict | list):
+        raise NotAllowed(f"{name} is no text and no number", 400)
+    return text_of({name: str(value)}, name)
+
+
+def json_answer(content: object, status: int = 200) -> Response:
+    """Return ``content`` as JSON."""
+    return Response(msgspec.json.encode(content), status, media_type="application/json")

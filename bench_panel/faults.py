@@ -1,0 +1,63 @@
+"""Faults on purpose for the page: what can be broken on the simulated rig, and what is on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from bench_panel.commands import command
+from bench_panel.runs import CannotDo
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+    from bench_panel.parts import Parts
+
+
+def routes(parts: Parts) -> Sequence[Route]:
+    """Return the routes of the view *faults*: everybody sees what is on, the page that commands breaks and mends."""
+    rig = parts.watch.rig
+
+    async def listed(request: Request) -> Response:
+        del request
+        try:
+            answer = await run_in_threadpool(_order, rig, {"do": "list"})
+        except CannotDo as error:
+            answer = {"error": str(error)}
+        return Response(msgspec.json.encode(answer), media_type="application/json")
+
+    return [
+        Route("/api/faults", listed),
+        command(parts, "/api/faults/on", lambda request, body: _on(rig, body)),
+        command(
+            parts,
+            "/api/faults/off",
+            lambda request, body: _order(rig, {"do": "off", "name": body.get("name", "")}),
+        ),
+    ]
+
+
+def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
+    order = {"do": "on", "name": body.get("name", ""), "values": body.get("values", {})}
+    return _order(rig, order | ({"for": body["for"]} if body.get("for") else {}))
+
+
+def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
+    """Return what the rig answers on its control socket. CannotDo if there is none, or it refuses."""
+    from bench_sim.rig.control_socket import ask, control_path
+
+    if rig.simulation is None:
+        raise CannotDo(f"{rig.name} is a real rig: it has faults of its own")
+    try:
+        told = ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))
+    except OSError as error:
+        raise CannotDo(f"the simulated rig takes no orders: {error.strerror or error}") from None
+    answer: dict[str, Any] = msgspec.json.decode(told)
+    if "error" in answer:
+        raise CannotDo(answer["error"])
+    return answer

@@ -1,0 +1,141 @@
+"""Notes on runs in the panel: comments, photos and files that somebody adds afterwards, shown and written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
+
+from anyio import CapacityLimiter, to_thread
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from bench_panel.access import NotAllowed
+from bench_panel.answers import answered
+from bench_panel.commands import json_answer
+from bench_records.layout import RecordError
+from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
+
+if TYPE_CHECKING:
+    from bench_panel.parts import Parts
+
+#: What a browser may show as a picture; everything else is a file to be saved, which no browser runs.
+PICTURES: Final = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".gif": "image/gif",
+    ".webp": "image/webp",
+}
+_TEXT_MAX: Final = 4000
+_NAME: Final = re.compile(r"\w[\w .,()+-]{0,98}")
+#: Files that come in at once: each is in memory until it is kept.
+_AT_ONCE: Final = 2
+
+#: Where a run of the list lies. RecordError if there is none.
+Known = Callable[[str], Path]
+
+
+def routes(parts: Parts, known: Known) -> Sequence[Route]:
+    """Return the routes of notes."""
+    return [
+        Route("/api/kept/notes", answered(lambda request: listed(known(request.query_params["run"])))),
+        Route("/api/kept/note", _adding(parts, known), methods=["POST"]),
+        Route("/kept/note", _file(known)),
+    ]
+
+
+def listed(directory: Path) -> list[dict[str, Any]]:
+    """Return the notes on a run, oldest first: whether each file is as it was added, and whether it is a picture."""
+    return [
+        {
+            "at": one.at,
+            "by": one.by,
+            "text": one.text,
+            "file": one.file,
+            "intact": is_as_added(directory, one),
+            "picture": Path(one.file).suffix.lower() in PICTURES,
+        }
+        for one in notes_of(directory)
+    ]
+
+
+def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Response]]:
+    """Return what takes a note: its words stand in the address, a file is the body. Who has the token may write."""
+    places = CapacityLimiter(_AT_ONCE)
+
+    async def endpoint(request: Request) -> Response:
+        told = {key: request.query_params.get(key, "") for key in ("run", "by", "text", "file")}
+        try:
+            await parts.access.slow_down(request)
+            parts.access.require_token(request)
+            _refuse(told)
+            directory = await to_thread.run_sync(known, told["run"])
+            async with places:
+                content = await _body(request, FILE_MAX if told["file"] else 0)
+                file = Path(told["file"]) if told["file"] else None
+                await to_thread.run_sync(add_note, directory, told["text"], told["by"], file, content)
+        except NotAllowed as error:
+            return json_answer({"error": str(error)}, error.status)
+        except RecordError as error:
+            return json_answer({"error": str(error)}, 409)
+        return json_answer({"done": None})
+
+    return endpoint
+
+
+def _refuse(told: dict[str, str]) -> None:
+    """NotAllowed for words that are too many, or for a name that is none for a file."""
+    for key, text in told.items():
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            raise NotAllowed(f"{key} is no text", 400) from None
+    if not told["by"].strip():
+        raise NotAllowed("a note has an author: the field for who says so is empty", 400)
+    if len(told["text"]) > _TEXT_MAX:
+        raise NotAllowed(f"a note of {len(told['text'])} signs is too long; {_TEXT_MAX} fit", 413)
+    if told["file"] and not _NAME.fullmatch(told["file"]):
+        raise NotAllowed(
+            f"{told['file']!r} is no name for a file; letters, digits, blanks and . , ( ) + - _ do", 400
+        )
+
+
+async def _body(request: Request, most: int) -> bytes:
+    """Return what comes. NotAllowed if it is more than ``most`` bytes: who does not say how much comes may send any."""
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > most:
+            what = f"a file has {most // 1_000_000} MB at most" if most else "this file has no name"
+            raise NotAllowed(what, 413)
+    return bytes(body)
+
+
+def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:
+    """Return what hands out the file of a note: a picture to be looked at, anything else to be saved."""
+
+    async def endpoint(request: Request) -> Response:
+        run, name = (request.query_params.get(key, "") for key in ("run", "file"))
+        try:
+            directory = await to_thread.run_sync(known, run)
+            if name not in [one.file for one in notes_of(directory) if one.file]:
+                raise RecordError(f"{run} has no note with a file {name}")
+            content = await to_thread.run_sync((directory / NOTES / Path(name).name).read_bytes)
+        except RecordError as error:
+            return PlainTextResponse(f"{error}\n", 404)
+        except (OSError, ValueError):
+            return PlainTextResponse(f"{name} is gone\n", 404)
+        kind = PICTURES.get(Path(name).suffix.lower(), "application/octet-stream")
+        heads = {
+            "X-Content-Type-Options": "nosniff",
+            "Content-Security-Policy": "default-src 'none'; sandbox",
+        }
+        if kind not in PICTURES.values():
+            heads["Content-Disposition"] = f"attachment; filename*=UTF-8''{quote(name)}"
+        return Response(content, media_type=kind, headers=heads)
+
+    return endpoint

@@ -1,0 +1,107 @@
+"""Rehearsals for the page: `astb rehearse` in a process of its own, in virtual time, which touches no rig."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shutil import which
+from typing import TYPE_CHECKING, Any, Final
+
+from starlette.routing import Route
+
+from bench_panel.answers import answered
+from bench_panel.commands import command, settings_of, text_of
+from bench_panel.runs import CannotDo, refuse_settings
+from bench_panel.specimens import Specimens
+from bench_protocol.input_limits import RESULT_BYTES, read_bounded
+from bench_records.layout import RecordError
+
+if TYPE_CHECKING:
+    from bench_panel.parts import Parts
+
+#: What a rehearsal leaves, beside its record.
+PAGE: Final = "rehearsal.html"
+_NAME: Final = "-rehearsal"
+_TAIL: Final = 2000  # characters
+#: Of the processor a rig in real time goes first.
+_NICE: Final = ("nice", "-n", "15")
+
+
+def routes(parts: Parts) -> Sequence[Route]:
+    """Return the routes of rehearsals: start one, look how it stands, and its page."""
+    rehearsals = Rehearsals(parts)
+    return [
+        Route("/api/rehearsal", answered(lambda request: rehearsals.told())),
+        command(parts, "/api/rehearsal/start", lambda request, body: rehearsals.start(body)),
+        Route("/kept/rehearsal", answered(lambda request: rehearsals.page(request.query_params["of"]))),
+    ]
+
+
+class Rehearsals:
+    """One rehearsal at a time, and what the last one came to."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._process: subprocess.Popen[str] | None = None
+        self._plan = ""
+        self._said = ""
+        self._lock = threading.Lock()
+
+    def start(self, body: Mapping[str, Any]) -> None:
+        """Begin to rehearse a plan. CannotDo while a run or a rehearsal goes on, or for what the plan refuses."""
+        plan, settings = text_of(body, "plan"), settings_of(body)
+        refuse_settings(plan, settings)
+        specimen = Specimens(self._parts.out).place(text_of(body, "specimen"))
+        with self._lock:
+            if self._parts.runs.going:
+                raise CannotDo(
+                    "a run is in progress and its rig needs this machine: rehearse before it, or after it"
+                )
+            if self._process is not None and self._process.poll() is None:
+                raise CannotDo(f"{self._plan} is being rehearsed: wait for its end")
+            command = [*(_NICE if which("nice") else ()), sys.executable, "-m", "astb", "rehearse", plan]
+            command += ["--rig", str(self._parts.watch.path), "--out", str(self._parts.out)]
+            command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
+            command += [f"--specimen={specimen}"] if specimen else []
+            self._plan, self._said = plan, ""
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            )
+            threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+
+    def _listen(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        with process.stdout as lines:
+            for line in lines:
+                self._said = (self._said + line)[-_TAIL:]
+        process.wait()
+
+    def told(self) -> dict[str, Any]:
+        """Return how it stands: the plan, whether it goes on, what it came to, and the folder of its page."""
+        process = self._process
+        if process is None:
+            return {"plan": "", "going": False}
+        if process.poll() is None:
+            return {"plan": self._plan, "going": True}
+        lines = self._said.strip().splitlines()
+        verdict = next(
+            (one for one in lines if one.startswith(f"{self._plan}: ")), lines[-1] if lines else ""
+        )
+        page = next((one.partition("page: ")[2].strip() for one in lines if "page: " in one), "")
+        return {
+            "plan": self._plan,
+            "going": False,
+            "words": verdict.removeprefix(f"{self._plan}: "),
+            "page": Path(page).parent.name if page else "",
+            "code": process.returncode,
+        }
+
+    def page(self, of: str) -> str:
+        """Return the page of a rehearsal. RecordError for what is none."""
+        path = self._parts.out / of / PAGE
+        if Path(of).name != of or _NAME not in of or not path.is_file():
+            raise RecordError(f"{self._parts.out} holds no rehearsal {of}")
+        return read_bounded(path, RESULT_BYTES).decode("utf-8")

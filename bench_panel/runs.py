@@ -1,0 +1,277 @@
+"""Starts runs, each `astb run` in a process of its own, and hands on what the panel asks of the one that goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isnan
+from pathlib import Path
+from typing import Any, Final
+
+from astb.live.door import SAFE, NoRun, knock
+from astb.operators import PANEL
+from bench_panel.kept_rig import KeptRig
+from bench_panel.watch import Watch
+from bench_protocol.clock import wall_time_ns
+from bench_protocol.units import s
+from bench_protocol.words import SIDES
+from bench_records.layout import RESULT, RecordError
+from bench_records.result import CheckVerdict, read_result
+from drivers.errors import BenchError
+from test_plans.air_left import LIFTS
+from test_plans.analysis.readings import CHAMBERS
+
+#: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
+STOP_WITHIN: Final = 1 * s
+_LOG_TAIL: Final = 2000  # bytes
+MS: Final = 1_000_000  # ns
+#: Of each side the pressures in the spring: the bellows first, without which nobody knows of any air.
+_AIR: Final = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
+#: Who stopped a run, if his page does not know his name.
+SOMEBODY: Final = "somebody at the panel"
+_FAILED: Final = (CheckVerdict.FAIL, CheckVerdict.ERROR)
+
+
+@dataclass(slots=True)
+class Stopped:
+    """An emergency stop: by whom, what was done, when (ns since 1970), and when the springs were seen to be empty."""
+
+    by: str
+    how: str
+    at: int
+    emptied: int | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return it for the page, with times in ms."""
+        return {
+            "by": self.by,
+            "how": self.how,
+            "at": self.at // MS,
+            "empty": None if self.emptied is None else self.emptied // MS,
+        }
+
+
+class CannotDo(Exception):
+    """What cannot be done now; the text says why, and what would be right."""
+
+
+class Runs:
+    """The runs on one rig: what was started here, and what the panel found going on."""
+
+    def __init__(self, watch: Watch, out: Path, kept: KeptRig | None = None) -> None:
+        self._watch, self.out, self._kept = watch, out, kept
+        self._process: subprocess.Popen[bytes] | None = None
+        self._log: Path | None = None
+        self._record = ""  # of the last run that was seen
+        self._concluded: tuple[str, dict[str, Any]] | None = None  # what that came to
+        self.stopped: Stopped | None = None  #: by the last emergency stop, until another run starts
+        self._stops = 0
+        self._starts = threading.Lock()
+
+    # -- start and end ---------------------------------------------------------------------------------------------
+
+    def start(
+        self,
+        plan: str,
+        settings: Mapping[str, str],
+        *,
+        specimen: str = "",
+        operator: str = "",
+        ambient: str = "",
+    ) -> None:
+        """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
+        stops = self._stops
+        refuse_settings(plan, settings)
+        with self._starts:  # whoever clicks twice starts one
+            if self.going:
+                raise CannotDo("a run is in progress already: stop it, or wait for its end")
+            if link := self._watch.present().link:
+                raise CannotDo(f"no data from the rig: {link}")
+            self._launch(plan, settings, {"specimen": specimen, "operator": operator, "ambient": ambient})
+            if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
+                assert self._process is not None
+                self._process.kill()
+                raise CannotDo("STOP came while the run was started: it was ended at once")
+
+    def _launch(self, plan: str, settings: Mapping[str, str], told: Mapping[str, str]) -> None:
+        command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
+        command += ["--out", str(self.out), "--answers", PANEL]
+        command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
+        command += [f"--{name}={text}" for name, text in told.items() if text]
+        if self._log is not None:  # nobody asks for that of the run before
+            self._log.unlink(missing_ok=True)
+        lifeline = None if self._kept is None else self._kept.lifeline
+        with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
+            self._log, self._record, self.stopped = Path(log.name), "", None
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C and the end of the panel's terminal are not for the run
+                pass_fds=() if lifeline is None else (lifeline,),
+            )
+
+    @property
+    def going(self) -> bool:
+        """Whether a run goes on, started here or anywhere on this machine with the same rig file."""
+        return self._watch.status.pid is not None or self._starting
+
+    @property
+    def _starting(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def order(self, do: str, **more: str) -> None:
+        """Hand an order to the run: hold, resume, stop, answer. CannotDo if there is none, or it refuses."""
+        try:
+            told = knock(self._watch.path, {"do": do, **more})
+        except NoRun:
+            if do == "stop" and self._starting:  # it has no door yet, and nothing moves
+                assert self._process is not None
+                self._process.terminate()
+                return
+            raise CannotDo("no run is in progress") from None
+        if "error" in told:
+            raise CannotDo(told["error"])
+
+    def emergency_stop(self, by: str = "") -> str:
+        """Bring the bench to its safe position over the wires, and end the run; return what was done.
+
+        ``by`` is who says so, as far as the page knows.
+
+        The run itself says it to the rig, as its commander. One that does not answer is killed, and the rig then holds
+        and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
+        not hear of it.
+        """
+        self._stops += 1
+        at, pid, by = wall_time_ns(), self._watch.status.pid, by.strip() or SOMEBODY
+        try:
+            told = knock(self._watch.path, {"do": "safe", "by": by}, STOP_WITHIN)
+        except NoRun:
+            told = {"error": "the run does not answer"}
+        if "error" not in told:
+            how = (
+                "the run took the bench to its safe position and ends"
+                if told.get("bench")
+                else "the run had no plan on the bench, and ends"
+            )
+        elif pid is not None or self._starting:
+            self._kill(pid)
+            how = f"{told['error']}: its process was killed, and the rig holds without its commander"
+        else:
+            how = self._directly()
+        self.stopped = Stopped(by, how, at)
+        return how
+
+    def _look_at_the_air(self) -> None:
+        """Note when the springs are empty after a stop."""
+        if self.stopped is None or self.stopped.emptied is not None or self._watch.present().link:
+            return
+        if all(self._empty(names) for names in _AIR.values()):
+            self.stopped.emptied = wall_time_ns()
+
+    def _empty(self, names: list[str]) -> bool:
+        first, *others = self._watch.glimpses(names).values()
+        return first < LIFTS and all(isnan(one) or one < LIFTS for one in others)
+
+    def _kill(self, pid: int | None) -> None:
+        for one in {pid, self._process.pid if self._process and self._starting else None} - {None}:
+            assert one is not None
+            try:
+                os.kill(one, signal.SIGKILL)
+            except ProcessLookupError:
+                self._directly()
+
+    def _directly(self) -> str:
+        try:
+            self._watch.act(SAFE)
+        except BenchError as error:
+            rig = self._watch.present()
+            if not rig.link and rig.at_rest:
+                return f"the rig has taken its safe position before: it says {rig.state}"
+            raise CannotDo(
+                f"THE RIG DID NOT TAKE ITS SAFE POSITION, press the emergency stop on the rig: {error}"
+            ) from None
+        return "the rig was told to take its safe position"
+
+    def reset(self) -> None:
+        """Clear a latched fault, while nobody commands."""
+        self._by_hand(lambda: self._watch.act("action.reset"))
+
+    def vent(self) -> None:
+        """Let the air out of both springs, while nobody commands."""
+        self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
+
+    def _by_hand(self, do: Callable[[], None]) -> None:
+        if self.going:
+            raise CannotDo("a run commands the rig: stop it first")
+        try:
+            do()
+        except BenchError as error:
+            raise CannotDo(str(error)) from None
+
+    def moved(self, old: Path, new: Path) -> None:
+        """Note that the folder of a run has another name now; the last run goes on being shown."""
+        if self._record and Path(self._record) == old.resolve():
+            self._record = str(new.resolve())
+
+    # -- what is told ----------------------------------------------------------------------------------------------
+
+    def told(self) -> dict[str, Any]:
+        """Return what the page shows of the last run: whether it starts, its verdict, or why it came to nothing."""
+        snapshot = self._watch.status.run
+        if snapshot is not None:
+            self._record = snapshot["record"]
+        self._look_at_the_air()
+        lonely = self._starting and snapshot is None
+        told: dict[str, Any] = {
+            "starting": lonely and not self._record,
+            "ending": (lonely and bool(self._record)) or bool(snapshot and snapshot["ended"]),
+            "stopped": None if self.stopped is None else self.stopped.told(),
+        }
+        if self._watch.status.pid is None and not self._starting:
+            told["last"] = self._last()
+        return told
+
+    def _last(self) -> dict[str, Any] | None:
+        if self._record and (Path(self._record) / RESULT).exists():
+            if self._concluded is None or self._concluded[0] != self._record:  # read once, and shown often
+                self._concluded = self._record, _conclusion(Path(self._record), self.out)
+            return self._concluded[1]
+        if self._process is not None and self._log is not None and self._log.exists():
+            tail = self._log.read_bytes()[-_LOG_TAIL:].decode(errors="replace").strip().splitlines()
+            if tail:
+                return {"plan": "", "verdict": "blocked", "reason": tail[-1], "record": ""}
+        return None
+
+
+def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
+    """CannotDo, in the words of the command line, for a plan that there is not, or what it does not take."""
+    from test_plans.discovery import plans
+    from test_plans.parameters import ParameterRefused
+
+    if (known := plans().get(plan)) is None:
+        raise CannotDo(f"there is no plan {plan!r}")
+    try:
+        known.given(settings)
+    except ParameterRefused as error:
+        raise CannotDo(str(error)) from None
+
+
+def _conclusion(record: Path, out: Path) -> dict[str, Any]:
+    """What the page shows of a run that is over; its report can be opened if it lies in ``out``."""
+    try:
+        result = read_result(record)
+    except RecordError as error:
+        return {"plan": "", "verdict": "", "reason": str(error), "record": ""}
+    return {
+        "plan": result.plan,
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "failed": [{"text": str(one), "about": one.about} for one in result.checks if one.verdict in _FAILED],
+        "record": record.name if record.parent == out.resolve() else "",
+    }

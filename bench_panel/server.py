@@ -1,0 +1,179 @@
+"""The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
+
+from collections.abc import Awaitable, Callable, Collection
+from pathlib import Path
+from typing import Any, Final
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+import bench_records
+from astb.rig_limits import ASSUMED
+from bench_panel.access import Doorkeeper, NotAllowed
+from bench_panel.answers import answered
+from bench_panel.commands import command, json_answer, json_body, settings_of, text_of
+from bench_panel.parts import Parts
+from bench_panel.runs import CannotDo
+from bench_panel.specimens import Specimens
+from bench_panel.stream import Stream
+from bench_panel.views import VIEWS
+from bench_panel.watch import CONTACTS
+from bench_records.layout import RecordError
+
+_PAGE: Final = Path(__file__).parent / "page"
+_ASSETS: Final = Path(bench_records.__file__).parent / "assets"
+#: Everything comes from here.
+_POLICY: Final = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
+)
+
+
+def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Starlette:
+    """Return the panel as an ASGI application; ``host`` and ``names`` are those under which it is served."""
+    stream = Stream(parts.watch, parts.runs, parts.access)
+    runs = parts.runs
+    routes = [
+        Route("/", _page),
+        Route("/api/rig", lambda request: json_answer(_about(parts))),
+        Route(
+            "/api/plans", answered(lambda request: _plans(parts, request.query_params.get("specimen", "")))
+        ),
+        Route("/api/enter", _entrance(parts), methods=["POST"]),
+        command(parts, "/api/seat", lambda request, body: _seat(parts, request), seat=False),
+        command(
+            parts, "/api/estop", lambda request, body: runs.emergency_stop(text_of(body, "by")), seat=False
+        ),
+        command(parts, "/api/run/start", lambda request, body: _start(parts, body)),
+        command(parts, "/api/run/hold", lambda request, body: runs.order("hold")),
+        command(parts, "/api/run/resume", lambda request, body: runs.order("resume")),
+        command(parts, "/api/run/stop", lambda request, body: runs.order("stop", by=text_of(body, "by"))),
+        command(
+            parts,
+            "/api/run/answer",
+            lambda request, body: runs.order("answer", text=text_of(body, "answer"), to=text_of(body, "to")),
+        ),
+        command(parts, "/api/reset", lambda request, body: runs.reset()),
+        command(parts, "/api/vent", lambda request, body: runs.vent()),
+        WebSocketRoute("/api/stream", stream.serve),
+        *(route for view in VIEWS for route in view.routes(parts)),
+        Mount("/assets", StaticFiles(directory=_ASSETS)),
+        Mount("/page", StaticFiles(directory=_PAGE)),
+    ]
+    return Starlette(
+        routes=routes, middleware=[Middleware(Doorkeeper, host=host, names=names), Middleware(_Fresh)]
+    )
+
+
+async def _page(request: Request) -> Response:
+    del request
+    return Response(
+        (_PAGE / "index.html").read_bytes(),
+        media_type="text/html",
+        headers={"Content-Security-Policy": _POLICY, "Referrer-Policy": "no-referrer"},
+    )
+
+
+def _entrance(parts: Parts) -> Callable[[Request], Awaitable[Response]]:
+    async def enter(request: Request) -> Response:
+        try:
+            token = text_of(await json_body(request), "token")
+            await parts.access.wait(request)
+            cookie = parts.access.enter(token)
+            parts.access.known(request)
+        except NotAllowed as error:
+            return json_answer({"error": str(error)}, error.status)
+        response = json_answer({"done": None})
+        response.set_cookie(**cookie)  # type: ignore[arg-type]
+        return response
+
+    return enter
+
+
+def _about(parts: Parts) -> dict[str, Any]:
+    rig = parts.watch.rig
+    return {
+        "name": rig.name,
+        "description": rig.description,
+        "simulated": rig.simulation is not None,
+        "file": str(parts.watch.path),
+        "out": str(parts.out),
+        "signals": parts.watch.shown,
+        "assumed": any(one.source == ASSUMED for one in parts.watch.limits),
+        "contacts": CONTACTS,
+        "views": [{"name": view.name, "title": view.title} for view in VIEWS],
+    }
+
+
+def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
+    """Return the plans as they are told for a specimen, without a name for the ordinary one."""
+    from test_plans.discovery import plans
+    from test_plans.holding import can_be_held
+
+    known = Specimens(parts.out)
+    try:
+        spring = known.read(specimen)
+    except CannotDo as error:
+        raise RecordError(str(error)) from None
+    return {
+        "specimens": known.names(),
+        "plans": [
+            {
+                "name": one.name,
+                "title": one.title,
+                "instruction": one.instruction,
+                "judges": one.judges,
+                "lasts": one.lasts,
+                "can_hold": can_be_held(one),
+                "requires": [condition.text for condition in one.requires],
+                "checks": [{"name": check.shown, "about": check.about} for check in one.checks],
+                "parameters": [
+                    {
+                        "name": each.name,
+                        "default": each.show(each.default),
+                        "allowed": each.allowed,
+                        "choices": each.choices,
+                    }
+                    for each in one.parameters
+                ],
+            }
+            for one in (plan.on(spring) for plan in plans().values())
+        ],
+    }
+
+
+def _start(parts: Parts, body: dict[str, Any]) -> None:
+    parts.runs.start(
+        text_of(body, "plan"),
+        settings_of(body),
+        specimen=Specimens(parts.out).place(text_of(body, "specimen")),
+        operator=text_of(body, "operator"),
+        ambient=text_of(body, "ambient"),
+    )
+
+
+def _seat(parts: Parts, request: Request) -> None:
+    parts.access.take_seat(request.headers.get("x-astb-page", ""), from_other=True)
+
+
+class _Fresh:
+    """Lets a browser keep nothing: after an update of the package its page is the new one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        async def marked(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"],
+                    (b"cache-control", b"no-cache"),
+                    (b"x-content-type-options", b"nosniff"),
+                ]
+            await send(message)
+
+        await self._app(scope, receive, marked)

@@ -1,0 +1,145 @@
+"""What a page sees while it is open: status as JSON, pictures of signals as binary frames, over one WebSocket.
+
+A picture is sent when the one before has left: a page that reads slowly loses pictures, and nothing waits for it here.
+
+A binary frame is, little-endian: number of the trace (u32), signals (u32), stretches (u32), 1 if what was there before
+is to be forgotten (u32), number of the first stretch (f64), length of a stretch in s (f64), then the lows and the highs
+as f32, signal by signal; NaN where there is nothing.
+"""
+
+import asyncio
+import struct
+from contextlib import suppress
+from math import ceil
+from typing import Annotated, Any, Final
+
+import msgspec
+import numpy as np
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from bench_panel.access import Access
+from bench_panel.envelope import Scale
+from bench_panel.runs import Runs
+from bench_panel.watch import Watch
+from bench_protocol.units import hours, ms, s
+
+PERIOD: Final = 66 * ms
+STATUS_EVERY: Final = 3  # pictures
+#: Stretches that are sent again, for samples that come late.
+_AGAIN: Final = 150 * ms
+#: A page that does not answer is asked every `PING` s, and given up after twice that.
+PING: Final = 5 * s
+HEAD: Final = struct.Struct("<IIIIdd")
+_TRACES_MAX: Final = 12
+
+
+#: Pages at once, and characters of what a page calls itself.
+_PAGES_MAX: Final = 64
+_NAME_MAX: Final = 64
+
+
+def _short(error: Exception) -> str:
+    """Return what was not understood in the 123 bytes that a close frame holds."""
+    return f"not understood: {error}".encode("ascii", "replace")[:100].decode()
+
+
+class Wanted(msgspec.Struct, frozen=True):
+    """A trace that a page wants: some signals over the last ``span`` s in about so many columns."""
+
+    id: int
+    signals: Annotated[list[str], msgspec.Meta(min_length=1, max_length=32)]
+    span: Annotated[float, msgspec.Meta(ge=1, le=1 * hours)]
+    columns: Annotated[int, msgspec.Meta(ge=50, le=4000)] = 1000
+
+
+class _Request(msgspec.Struct, frozen=True):
+    traces: Annotated[list[Wanted], msgspec.Meta(max_length=_TRACES_MAX)]
+
+
+class Trace:
+    """How far one trace of one page has been sent."""
+
+    def __init__(self, wanted: Wanted, watch: Watch) -> None:
+        self.wanted = wanted
+        self._rows = np.array([watch.row[name] for name in wanted.signals], np.int64)
+        self._scale: Scale = watch.envelope.scale(wanted.span, wanted.columns)
+        self._again = ceil(_AGAIN / self._scale.width)
+        self._most = min(self._scale.most, ceil(wanted.span / self._scale.width) + 1)
+        self._next = -1
+
+    def picture(self) -> bytes:
+        """Return what has come since the last picture; b"" if nothing has."""
+        head, fresh = self._scale.head, self._next < 0
+        if head < 0 or (head < self._next and not fresh):
+            return b""
+        first = max(head - self._most + 1, 0 if fresh else self._next - self._again)
+        low, high = self._scale.read(self._rows, first)
+        self._next = first + low.shape[1] - 1  # the last one may still fill
+        head_bytes = HEAD.pack(
+            self.wanted.id, len(self._rows), low.shape[1], fresh, float(first), self._scale.width
+        )
+        return b"".join((head_bytes, low.astype("<f4").tobytes(), high.astype("<f4").tobytes()))
+
+
+class Stream:
+    """Serves the WebSocket of every page."""
+
+    def __init__(self, watch: Watch, runs: Runs, access: Access) -> None:
+        self._watch, self._runs, self._access = watch, runs, access
+        self._pages: dict[int, str] = {}
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve one page until it leaves."""
+        await socket.accept()
+        if len(self._pages) >= _PAGES_MAX:
+            return await socket.close(1013, f"{_PAGES_MAX} pages are open already")
+        page = socket.query_params.get("page", "")[:_NAME_MAX]
+        self._pages[id(socket)] = page
+        traces: list[Trace] = []
+        sending = asyncio.create_task(self._send(socket, page, traces))
+        try:
+            while True:
+                message = await socket.receive()
+                if message["type"] != "websocket.receive":
+                    return
+                if (text := message.get("text")) is None:
+                    return await socket.close(1003, "not understood: no text")
+                try:
+                    wanted = msgspec.json.decode(text, type=_Request).traces
+                    traces[:] = [Trace(one, self._watch) for one in wanted]
+                except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError) as error:
+                    return await socket.close(1008, _short(error))
+        except WebSocketDisconnect:
+            pass
+        finally:
+            self._pages.pop(id(socket), None)
+            sending.cancel()
+
+    async def _send(self, socket: WebSocket, page: str, traces: list[Trace]) -> None:
+        count = 0
+        with suppress(RuntimeError, WebSocketDisconnect):  # gone
+            while True:
+                if count % STATUS_EVERY == 0:
+                    await socket.send_text(self._status(socket, page))
+                for trace in tuple(traces):
+                    if picture := trace.picture():
+                        await socket.send_bytes(picture)
+                    await asyncio.sleep(0)  # an hour of thirty signals takes 50 ms: a stop goes in between
+                count += 1
+                await asyncio.sleep(PERIOD)
+
+    def _status(self, socket: WebSocket, page: str) -> str:
+        may = self._access.may_command(socket)
+        if may:
+            self._access.heard(page)
+        told: dict[str, Any] = {
+            "rig": self._watch.present(),
+            "runs": self._runs.told(),
+            "access": {
+                "token": may,
+                "seat": may and self._access.has_seat(page),
+                "taken": self._access.taken,
+                "pages": len(self._pages),
+            },
+        }
+        return msgspec.json.encode(told).decode()

@@ -1,0 +1,260 @@
+"""Watches a rig as any client may: listens on its wires, asks for its contacts, and never becomes its commander."""
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+import numpy as np
+
+from astb.listening import Listening
+from astb.live.door import Deaf, NoRun, knock
+from astb.rig_file import RigFile, RigFileError
+from astb.rig_limits import known_limits
+from astb.session import open_wiring
+from bench_panel.envelope import Envelope, Ints
+from bench_panel.signals import Shown, shown_signals
+from bench_protocol.clock import RealClock
+from bench_protocol.signals import Kind
+from bench_protocol.system import LINUX
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, ms, s
+from bench_protocol.words import FAULT_STATES, LimitKind
+from drivers.errors import BenchError, LinkLost
+from drivers.reading import Quality, Readings
+from drivers.settings import UNKNOWN
+
+if TYPE_CHECKING:
+    from drivers.wiring.contract import Floats
+
+#: What each contact says, by name.
+CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
+#: How often samples are sorted into the envelope, and what is slow is asked for.
+PUMP: Final = 25 * ms
+LOOK: Final = 200 * ms
+ASK: Final = 500 * ms
+AGAIN: Final = 1 * s  # until another attempt to reach the rig
+#: Without a look at the rig for so long, nobody knows how it is.
+BLIND: Final = 1.5 * s
+#: Blocks of samples that wait to be sorted; more of them means that nobody sorts, and what comes then is lost.
+_WAITING_MAX: Final = 2000
+_CONNECT: Final = 5 * s
+#: Kinds of limit that judge the reading itself, and tell it in its steps.
+_IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
+
+
+class Reading(msgspec.Struct, frozen=True):
+    """A key reading in the unit that people read; None where there is none."""
+
+    name: str
+    value: float | None
+    age: float | None  #: s since the last sample; None before the first
+
+
+class Status(msgspec.Struct, frozen=True, kw_only=True):
+    """The rig at one moment, as plain data."""
+
+    link: str  #: "" while the rig is heard, else why it is not
+    state: str = UNKNOWN
+    at_rest: bool = False  #: whether its wiring calls the state one of rest
+    reason: str = ""
+    first_out: str = ""  #: the limit that tripped first
+    program: str = ""
+    contacts: dict[str, bool] = {}
+    readings: tuple[Reading, ...] = ()
+    late: int | None = None  #: ticks since the rig started
+    latest: float | None = None  #: s
+    lease: bool = False  #: whether somebody commands
+    strangers: str = ""
+    run: dict[str, Any] | None = None  #: the snapshot of the run, if there is one
+    pid: int | None = None  #: of the run
+
+
+class Watch:
+    """A rig as the panel sees it, in a thread of its own: the present ``status`` and the ``envelope`` of the past."""
+
+    def __init__(self, rig: RigFile, path: Path) -> None:
+        self.rig, self.path = rig, path
+        self.clock = RealClock()
+        self.limits = known_limits(rig)
+        self.shown: tuple[Shown, ...] = shown_signals(self.limits)
+        rows = [TABLE.index[one.name] for one in self.shown]
+        self._row = np.full(len(TABLE.signals), -1, np.int64)
+        self._row[rows] = np.arange(len(rows))
+        self._factor = np.ones(len(TABLE.signals))
+        self._factor[rows] = [one.factor for one in self.shown]
+        self.row = {one.name: place for place, one in enumerate(self.shown)}
+        self.envelope = Envelope(len(rows))
+        self.status = Status(link="not connected yet")
+        self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
+        self._waiting: list[tuple[Ints, Ints, Floats]] = []
+        self._contacts: dict[str, bool] = {}
+        self._listening: Listening | None = None
+        self._looks: int | None = None  # when the thread last went round (ns); None before it begins
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="the panel's watch", daemon=True)
+
+    def start(self) -> None:
+        """Begin to watch."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End, and leave the wires."""
+        self._end.set()
+        self._thread.join(_CONNECT)
+
+    def present(self) -> Status:
+        """Return the status; one that is not looked after any more says so as a lost link."""
+        blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
+        if self.status.link or blind < BLIND:
+            return self.status
+        return msgspec.structs.replace(self.status, link=f"the panel has not read it for {blind:.1f} s")
+
+    def act(self, name: str) -> None:
+        """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""
+        self._connected().settings.act(name)
+
+    def glimpses(self, names: Iterable[str]) -> dict[str, float]:
+        """Return what is known of signals that come by themselves (SI), NaN where nothing is; the rig is not asked."""
+        listening = self._listening
+        return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
+
+    def write(self, values: Mapping[str, float | str]) -> None:
+        """Bring settings to the rig while nobody commands it; BenchError if it refuses."""
+        self._connected().settings.write(values)
+
+    def _connected(self) -> Listening:
+        from drivers.errors import LinkLost
+
+        if self._listening is None:
+            raise LinkLost(f"the rig cannot be reached: {self.status.link}")
+        return self._listening
+
+    # -- in the thread ---------------------------------------------------------------------------------------------
+
+    def _watch(self) -> None:
+        while not self._end.is_set():
+            try:
+                listening = self._listen()
+            except (BenchError, RigFileError, ValueError, OSError) as error:
+                self.status = self._alone(str(error))
+                self._revive()
+                self._end.wait(AGAIN)
+                continue
+            listening.receiver.sink = self._take
+            self._listening = listening
+            try:
+                self._follow(listening)
+                self.status = self._alone(listening.lost)
+            except Exception as error:  # whatever it was: what the page shows would go on as if it were so
+                self.status = self._alone(str(error) or type(error).__name__)
+            finally:
+                self._listening = None
+                with suppress(BenchError):
+                    listening.close()
+
+    def _listen(self) -> Listening:
+        if not LINUX:
+            raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
+        return Listening(open_wiring(self.rig, self.path), self.clock, _CONNECT).open()
+
+    def _revive(self) -> None:
+        try:
+            self.revive()
+        except (BenchError, RigFileError, OSError) as error:
+            self.status = self._alone(str(error))
+
+    def _follow(self, listening: Listening) -> None:
+        """Watch until the link is lost, or it is the end."""
+        looked = asked = -(10**18)
+        while not self._end.wait(PUMP) and not listening.lost:
+            self._pump()
+            now = self._looks = self.clock.now()
+            if now - asked >= ASK * NS:
+                asked = now
+                self._contacts = listening.settings.contacts()
+            if now - looked >= LOOK * NS:
+                looked = now
+                self.status = self._look(listening)
+
+    def _take(self, times: Ints, rows: Ints, values: "Floats") -> None:
+        if len(self._waiting) < _WAITING_MAX:
+            self._waiting.append((times, rows, values))
+
+    def _pump(self) -> None:
+        """Sort into the envelope what has come since the last time."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return
+        times, signals, values = (np.concatenate(column) for column in zip(*waiting, strict=True))
+        rows = self._row[signals]
+        kept = rows >= 0
+        numbers = (values[kept] / self._factor[signals[kept]]).astype(np.float32)
+        self.envelope.take(times[kept], rows[kept], numbers)
+
+    def _alone(self, link: str) -> Status:
+        """What can be said without the rig."""
+        run, pid = self._run()
+        return Status(link=link or "the connection is lost", run=run, pid=pid)
+
+    def _run(self) -> tuple[dict[str, Any] | None, int | None]:
+        try:
+            told = knock(self.path, {"do": "look"}, BLIND / 2)
+        except Deaf:
+            return None, self.status.pid  # it is still there, and a stop ends it
+        except NoRun:
+            return None, None
+        return told.get("snapshot"), told.get("pid")
+
+    def _look(self, listening: Listening) -> Status:
+        readings, glimpse = listening.readings, listening.readings.glimpse
+        state, run = _choice(readings, "rig.state"), self._run()
+        late, latest, lease = glimpse("rig.late_ticks"), glimpse("rig.lateness_max"), glimpse("rig.lease")
+        told = readings.sample("rig.state")
+        silent = f"the rig has been silent for {told.age:.1f} s" if told.quality is not Quality.GOOD else ""
+        return Status(
+            link=silent,
+            state=state,
+            at_rest=state in listening.wiring.conduct.at_rest,
+            reason=_choice(readings, "rig.reason") if state in FAULT_STATES else "",
+            first_out=first_out(readings),
+            program=_choice(readings, "rig.program"),
+            contacts=self._contacts,
+            readings=tuple(self._reading(readings, one) for one in self.shown if one.key),
+            late=None if np.isnan(late) else round(late),
+            latest=None if np.isnan(latest) else latest,
+            lease=lease > 0,
+            run=run[0],
+            pid=run[1],
+        )
+
+    def _reading(self, readings: Readings, one: Shown) -> Reading:
+        sample = readings.sample(one.name) if _comes(readings, one.name) else None
+        if sample is None:
+            return Reading(one.name, None, None)
+        value = None if np.isnan(sample.value) else sample.value / one.factor
+        return Reading(one.name, value, None if np.isinf(sample.age) else sample.age)
+
+
+def _comes(readings: Readings, name: str) -> bool:
+    """Whether a reading comes by itself on this rig."""
+    return readings.unknown(name) != "read when asked"
+
+
+def _choice(readings: Readings, name: str) -> str:
+    value, choices = readings.glimpse(name), TABLE[name].choices
+    return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
+
+
+def first_out(readings: Readings) -> str:
+    """The limit that tripped first since the last reset, in words."""
+    tripped = TABLE.tripped(readings.glimpse("rig.tripped"))
+    if tripped is None:
+        return ""
+    kind, steps = readings.glimpse("rig.tripped_kind"), readings.glimpse("rig.tripped_value")
+    limit = LimitKind(round(kind)) if kind > 0 else LimitKind.NONE
+    where = f"at {tripped.show(steps * tripped.step)}" if limit in _IN_STEPS and not np.isnan(steps) else ""
+    name = limit.name.lower() if limit else ""
+    return " ".join(filter(None, (tripped.name.replace(".", " ").replace("_", " "), name, "limit", where)))
