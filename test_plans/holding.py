@@ -60,7 +60,8 @@ def _named(function: FunctionType, names: set[str]) -> Iterator[Any]:
     for name in names & function.__globals__.keys():
         value = function.__globals__[name]
         if isinstance(value, ModuleType):
-            yield from (getattr(value, inner) for inner in names if hasattr(value, inner))
+            if not _foreign(value.__name__):  # to ask numpy for `np.str`, say, is to be warned
+                yield from (getattr(value, inner) for inner in names if hasattr(value, inner))
         else:
             yield value
 

@@ -6,6 +6,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Literal
 
+import numpy as np
 import pytest
 
 from bench_protocol.clock import RealClock
@@ -317,6 +318,16 @@ def holding(part):
 )
 def test_where_a_plan_can_be_held_is_read_from_its_code(part, can):
     assert can_be_held(holding(part)) is can
+
+
+def test_no_library_is_asked_whether_a_plan_can_be_held():
+    """numpy warns of whoever asks it for `str`, which this plan names for itself."""
+
+    def computes(run):
+        """Compute."""
+        return str(np.zeros(1))
+
+    assert not can_be_held(plan(computes))
 
 
 def test_plans_that_can_be_held_are_those_that_say_so():
