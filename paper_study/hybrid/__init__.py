@@ -1,0 +1,1 @@
+"""A computed car on measured springs: real-time hybrid simulation, with the stability of its loop."""
