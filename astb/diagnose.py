@@ -7,9 +7,23 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from astb.extend import write_extended
+from astb.frames_columns import columns_of_frames
 from astb.menu import experiments
+from bench_protocol.dimensions import ordinary
+from bench_records.record import read
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import ParameterError, load
+from bench_sim.parameters.dimensions import built_as, dimensions_of
 from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Cause, Estimate, Finding, Provenance, decimals
+from diagnosis.report.page import write_report
+from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.mapping import read_mapped
+from diagnosis.systems.records import dataset_of
+from test_plans.description import Description
 from test_plans.plans.screening import SCREENING
 from test_plans.plans.separating import MENU
 
@@ -50,9 +64,6 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
 
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
     """
-    from bench_sim.parameters import load
-    from diagnosis.engine.config import Config
-
     for path in request.data:
         if not path.exists():
             raise DiagnosisError(f"{path} does not exist")
@@ -84,11 +95,6 @@ def conclude(
 
     Of a bench the finding ranks the menu of separating runs.
     """
-    from astb.extend import write_extended
-    from diagnosis.engine.diagnose import diagnose
-    from diagnosis.report.page import write_report
-    from diagnosis.systems.air_spring import AirSpring
-
     bench = isinstance(simulator, AirSpring)
     further = experiments(MENU, rig=_rig_of(simulator.parameters)) if isinstance(simulator, AirSpring) else ()
     finding = diagnose(dataset, simulator, config, progress, further)
@@ -101,10 +107,6 @@ def conclude(
 
 def _rig_of(parameters: "Parameters") -> "Description":
     """Return what plans would know of a rig that is built with a set of parameters."""
-    from bench_protocol.dimensions import ordinary
-    from bench_sim.parameters.dimensions import dimensions_of
-    from test_plans.description import Description
-
     return Description("the rig", ordinary().built(dimensions_of(parameters)))
 
 
@@ -148,9 +150,6 @@ def read_data(
     DiagnosisError or RecordError, which name the file and what would be right.
     """
     if map_path is not None or own is not None:
-        from astb.frames_columns import columns_of_frames
-        from diagnosis.systems.mapping import read_mapped
-
         return read_mapped(paths, map_path, own, columns_of_frames)
     for path in paths:
         if not path.is_dir():
@@ -158,11 +157,6 @@ def read_data(
                 f"{path} is no directory of a run on the bench; files of other origin need --map FILE, which says "
                 "what their columns are"
             )
-    from bench_records.record import read
-    from bench_sim.model.effects import CATALOGUE
-    from diagnosis.systems.air_spring import AirSpring
-    from diagnosis.systems.records import dataset_of
-
     records = [read(path) for path in paths]
     simulator = AirSpring(_built(parameters, records), effects=CATALOGUE)
     return simulator, with_roles(dataset_of(paths, records, simulator))
@@ -173,9 +167,6 @@ def _built(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters
 
     DiagnosisError for runs on rigs that are built otherwise from one another.
     """
-    from bench_sim.parameters import ParameterError
-    from bench_sim.parameters.dimensions import built_as
-
     first, *others = ((one.path.parent, _stated_in(one)) for one in records)
     for where, stated in others:
         differ = [name for name in {**first[1], **stated} if first[1].get(name) != stated.get(name)]

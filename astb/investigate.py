@@ -9,14 +9,23 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import msgspec
 
+from astb.diagnose import REPORT, clear_results, conclude, read_data, show
 from astb.display import ProgressDisplay
 from astb.menu import Offer, offers
 from astb.run import connected, run_plan
-from astb.session import Session
+from astb.session import Session, open_session
+from astb.tables import plain_console
 from bench_protocol.units import minutes, s
 from bench_records.layout import RecordError
 from bench_records.result import Outcome
+from bench_sim.parameters import load
+from bench_sim.parameters.values import read_value
+from diagnosis.engine.config import Config
 from diagnosis.finding import Finding, Verdict
+from diagnosis.report.page import InvestigationHistory, RunOfInvestigation, write_report
+from test_plans.execution import blocked_by_the_link
+from test_plans.plans.screening import SCREENING
+from test_plans.plans.separating import MENU
 from test_plans.programmes.motions import Programme
 from test_plans.programmes.perform import lasts, programme_plan
 
@@ -87,16 +96,6 @@ def investigate_rig(
 
     RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, as `astb run` and `astb diagnose` raise.
     """
-    from astb.diagnose import REPORT, clear_results, conclude, read_data, show
-    from astb.session import open_session
-    from astb.tables import plain_console
-    from bench_sim.parameters import load
-    from bench_sim.parameters.values import read_value
-    from diagnosis.engine.config import Config
-    from diagnosis.report.page import write_report
-    from test_plans.plans.screening import SCREENING
-    from test_plans.plans.separating import MENU
-
     allowed = read_value("--budget", budget, "s") / minutes
     parameters = load(model)
     clear_results(out)
@@ -134,8 +133,6 @@ def investigate_rig(
 
 def history(log: Investigation) -> "InvestigationHistory":
     """Return the log as the report shows it."""
-    from diagnosis.report.page import InvestigationHistory, RunOfInvestigation
-
     runs = [
         RunOfInvestigation(step.plan, step.minutes, step.why, step.sentence or step.outcome)
         for step in log.steps
@@ -247,8 +244,6 @@ def _decide(
     display: ProgressDisplay,
 ) -> str:
     """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
-    from test_plans.execution import blocked_by_the_link
-
     records: list[Path] = []
     attempts = 0
     programme, why = first, "to see where the model is wrong"

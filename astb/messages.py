@@ -15,6 +15,8 @@ from urllib.parse import SplitResult, urlsplit
 import msgspec
 
 from bench_protocol.units import s
+from bench_records.report import headline
+from test_plans.operator import QuestionBox
 
 if TYPE_CHECKING:
     from bench_records.result import Result
@@ -131,8 +133,6 @@ class Messages:
 
     def ended(self, result: "Result", directory: Path) -> None:
         """Tell that a run has ended, and how."""
-        from bench_records.report import headline
-
         failed = [one.name for one in result.checks if not one.passed]
         self._send(
             f"{result.plan}: {result.verdict.value}: {headline(result)}",
@@ -148,8 +148,6 @@ class Messages:
 
     def operator(self, operator: "Operator | None", plan: str) -> "Operator | None":
         """Return ``operator`` with a message for each question that waits for him."""
-        from test_plans.operator import QuestionBox
-
         return _Called(operator, self._asked, plan) if isinstance(operator, QuestionBox) else operator
 
     def _asked(self, plan: str, question: "Question") -> None:

@@ -2,6 +2,8 @@
 
 import gc
 import platform
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -16,17 +18,25 @@ from astb.display import ProgressDisplay
 from astb.live.door import Door, opened_door
 from astb.live.model import Live
 from astb.live.outline import kept_outline
+from astb.operators import with_hand
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
 from astb.software import commit
 from bench_protocol.clock import utc_date
+from bench_protocol.system.signals import known
 from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances
 from bench_records.disk import NotKept, begun
 from bench_records.layout import RESULT, RecordError
+from bench_records.report import write_report
 from bench_records.result import Outcome, Result, read_result
+from test_plans.execution import IN_TEAR_DOWN, execute
+from test_plans.holding import can_be_held
+from test_plans.interruptions import Interruptions
+from test_plans.operator import QuestionBox
+from test_plans.suspension import Suspension
 
 if TYPE_CHECKING:
     from astb.messages import Messages
@@ -101,8 +111,6 @@ def run_plans(
 
 def left_in_trouble(result: Result) -> bool:
     """Return whether a run may have left the bench otherwise than at rest: it was blocked, or its tear-down was."""
-    from test_plans.execution import IN_TEAR_DOWN
-
     return result.verdict is Outcome.BLOCKED or any(text.startswith(IN_TEAR_DOWN) for text in result.warnings)
 
 
@@ -122,10 +130,6 @@ def run_plan(
 
     KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
     """
-    from astb.operators import with_hand
-    from test_plans.execution import execute
-    from test_plans.interruptions import Interruptions
-
     directory = new_directory(out, name)
     meta = describe(session, rig)
     if keeping.operator:
@@ -169,8 +173,6 @@ def run_plan(
 
 def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
     """Write checksums and report of a run; return the report, None if the disk refuses it, for which no run is lost."""
-    from bench_records.report import write_report
-
     display.say("report")
     try:
         write_sums(directory)
@@ -200,8 +202,6 @@ def _live(
     suspension: "Suspension | None",
 ) -> Live:
     """Return the model of a run that begins now, for whoever watches it."""
-    from test_plans.holding import can_be_held
-
     return Live(
         plan.name,
         session.bench,
@@ -218,8 +218,6 @@ def _live(
 
 def box_of(operator: "Operator | None") -> "QuestionBox | None":
     """Return where the questions to this operator wait for whoever answers, if they do."""
-    from test_plans.operator import QuestionBox
-
     return operator if isinstance(operator, QuestionBox) else None
 
 
@@ -276,12 +274,6 @@ def held_by_keyboard() -> "Iterator[Suspension]":
 
     Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
     """
-    import signal
-    import threading
-
-    from bench_protocol.system.signals import known
-    from test_plans.suspension import Suspension
-
     suspension = Suspension()
     numbers = known("SIGTSTP")
     if not numbers or threading.current_thread() is not threading.main_thread():

@@ -18,9 +18,14 @@ from bench_panel.commands import command, text_of
 from bench_panel.runs import CannotDo
 from bench_panel.specimens import FOLDER
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
+from bench_records.comparison import compare_runs
 from bench_records.index import RunIndex
+from bench_records.kept_pages import write_comparison, write_trends
 from bench_records.layout import REPORT, RecordError
-from bench_records.run_folder import Unfinished
+from bench_records.report import report_page
+from bench_records.run_folder import Unfinished, open_run
+from bench_records.trend import trend_of
+from diagnosis.report.words import prose
 
 if TYPE_CHECKING:
     from bench_panel.parts import Parts
@@ -108,8 +113,6 @@ class Kept:
 
     def checks(self, run: str) -> list[dict[str, Any]]:
         """Return the checks of a run with their places, for `trend`."""
-        from bench_records.run_folder import open_run
-
         return [
             {
                 "place": place,
@@ -123,8 +126,6 @@ class Kept:
 
     def report(self, run: str) -> str:
         """Return the report of a run: the one that lies there, or one made now; nothing is written."""
-        from bench_records.report import report_page
-
         directory = self.known(run)
         if (path := directory / REPORT).exists():
             return path.read_text(encoding="utf-8")
@@ -132,18 +133,11 @@ class Kept:
 
     def comparison(self, a: str, b: str) -> str:
         """Return the page of two runs beside each other."""
-        from bench_records.comparison import compare_runs
-        from bench_records.kept_pages import write_comparison
-
         found = compare_runs(self.known(a), self.known(b))
         return _page(lambda path: write_comparison(found, path))
 
     def trend(self, run: str, places: Sequence[int]) -> str:
         """Return the page of some checks of a run over all runs that were made as this one, of its specimen."""
-        from bench_records.kept_pages import write_trends
-        from bench_records.run_folder import open_run
-        from bench_records.trend import trend_of
-
         checks = open_run(self.known(run)).result.checks
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
@@ -168,8 +162,6 @@ class Kept:
 
     def diagnoses(self) -> list[Diagnosis]:
         """Return the diagnoses in the folder, the newest first; what is none is left out."""
-        from diagnosis.report.words import prose
-
         found = []
         for path in self._folder.rglob(FINDING):
             try:

@@ -24,6 +24,8 @@ from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
 from test_plans.air_left import LIFTS
 from test_plans.analysis.readings import CHAMBERS
+from test_plans.discovery import plans
+from test_plans.parameters import ParameterRefused
 
 #: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
 STOP_WITHIN: Final = 1 * s
@@ -251,9 +253,6 @@ class Runs:
 
 def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
     """CannotDo, in the words of the command line, for a plan that there is not, or what it does not take."""
-    from test_plans.discovery import plans
-    from test_plans.parameters import ParameterRefused
-
     if (known := plans().get(plan)) is None:
         raise CannotDo(f"there is no plan {plan!r}")
     try:

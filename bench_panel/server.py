@@ -24,6 +24,8 @@ from bench_panel.stream import Stream
 from bench_panel.views import VIEWS
 from bench_panel.watch import CONTACTS
 from bench_records.layout import RecordError
+from test_plans.discovery import plans
+from test_plans.holding import can_be_held
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
@@ -111,9 +113,6 @@ def _about(parts: Parts) -> dict[str, Any]:
 
 def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
     """Return the plans as they are told for a specimen, without a name for the ordinary one."""
-    from test_plans.discovery import plans
-    from test_plans.holding import can_be_held
-
     known = Specimens(parts.out)
     try:
         spring = known.read(specimen)

@@ -126,8 +126,6 @@ class Watch:
         self._connected().settings.write(values)
 
     def _connected(self) -> Listening:
-        from drivers.errors import LinkLost
-
         if self._listening is None:
             raise LinkLost(f"the rig cannot be reached: {self.status.link}")
         return self._listening

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from bench_protocol.words import SIDES
+from test_plans.discovery import plans
+from test_plans.steps import carrying
+from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
 
 
 def plans_without(absent: Mapping[str, str]) -> dict[str, str]:
     """Return the plans that need one of the signals ``absent``, each with what it lacks."""
-    from test_plans.discovery import plans
-
     found = {name: _lacking(plan.needs, absent) for name, plan in plans().items()}
     return {name: lacking for name, lacking in found.items() if lacking}
 
 
 def checks_without(absent: Mapping[str, str]) -> dict[str, str]:
     """Return what aw0 and aw3 cannot measure without the signals ``absent``, each with what it lacks."""
-    from test_plans.steps import carrying
-    from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
-
     needs = {
         "standing without being held sideways": carrying.FREE_SIDEWAYS,
         **{f"{side} vertical stiffness": vertical_needs({}, side) for side in SIDES},

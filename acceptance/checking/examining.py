@@ -6,7 +6,9 @@ import math
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
+from acceptance.checking.consequences import checks_without, plans_without
 from acceptance.checking.report import CheckReport, ConnectionLine, SignalLine, Verdict
 from acceptance.checking.rest import doubts
 from astb.listening import Listening
@@ -44,8 +46,6 @@ class _Examination:
         self.wiring, self.table = listening.wiring, listening.table
 
     def report(self, rig: str) -> CheckReport:
-        from acceptance.checking.consequences import checks_without, plans_without
-
         wiring = self.wiring
         played = wiring.played
         told = [one for one in self.table.of_kind(*_READ) if one.name not in (*wiring.absent, *played)]
@@ -148,8 +148,6 @@ class _Examination:
         )
 
     def _judged(self, lines: dict[str, SignalLine], *, at_rest: bool) -> dict[str, SignalLine]:
-        from msgspec.structs import replace
-
         means = {
             name: math.nan if line.value is None else line.value
             for name, line in lines.items()

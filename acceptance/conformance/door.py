@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from astb.rig_in_memory import RigInMemory
+from astb.session import answers, build_rig, started
+from bench_protocol.can_codec import Decoder
 from bench_protocol.clock import Clock, RealClock, wall_time_ns
 from bench_protocol.frames import Block, join
 from bench_protocol.table import TABLE
@@ -98,8 +101,6 @@ class Ear:
     """Somebody on the bus who keeps every frame."""
 
     def __init__(self, port: "CanPort", epoch: int) -> None:
-        from bench_protocol.can_codec import Decoder
-
         self.port, self.epoch = port, epoch
         self._blocks: list[Block] = []
         self._decoder = Decoder(TABLE, from_rig=True)
@@ -135,8 +136,6 @@ class Ear:
         self, names: Sequence[str], since: int | None = None
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return times (ns of the door's clock) and values (SI) of all samples ``since`` then, by signal."""
-        from bench_protocol.can_codec import Decoder
-
         frames = self.frames()
         if since is not None:
             frames = frames[frames["time"] >= since]
@@ -180,12 +179,8 @@ class Door:
 @contextmanager
 def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[Door]:
     """Yield the door of ``rig``; a simulated one in real time that does not answer is started. LinkLost if none is."""
-    from astb.session import answers, build_rig, started
-
     with ExitStack() as stack:
         if rig.time == "virtual":
-            from astb.rig_in_memory import RigInMemory
-
             assert rig.simulation  # a rig file without one has real time
             memory = RigInMemory(build_rig(rig.simulation))
             peers = iter(f"modbus:stranger {number}" for number in range(1000))

@@ -12,6 +12,7 @@ from acceptance.conformance.finding import Finding, Notebook, joined
 from acceptance.conformance.listening import listen
 from acceptance.conformance.moving import move
 from acceptance.conformance.succeeding import succeed
+from astb.api import open_bench
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str]
     Over the wires if it speaks our table, else by the signals of its wiring. BenchError if there is no rig.
     """
     if rig.wiring:
-        from astb.api import open_bench
-
         with open_bench(path) as bench:
             return examine_bench(bench, motion=motion, say=say)
     with open_door(rig, path, say=say) as door:

@@ -15,6 +15,7 @@ from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
 from bench_protocol.words import SWITCH
+from test_plans.discovery import plans
 
 _SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
 #: What drivers and plans ask for, in the order of the file; all else is ours alone, or optional.
@@ -137,8 +138,6 @@ def matches(points: Sequence[Point]) -> tuple[dict[str, Match], dict[str, Match]
 
 def _needed_by() -> dict[str, str]:
     """Return, by signal, that plans do not start without it."""
-    from test_plans.discovery import plans
-
     found: dict[str, int] = {}
     for plan in plans().values():
         for name in filter(TABLE.index.__contains__, plan.needs):
