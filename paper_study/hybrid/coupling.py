@@ -32,8 +32,8 @@ HOST_STEP: Final = 1.0 / FAST_RATE
 #: Shear up to which bolster and platform are moved so that the bench's own bump stop is not met: in proportion, so that
 #: nothing has a corner.
 SHEAR_MAX: Final = 80 * mm
-#: How late a set-point shows beside what joining takes, and a force beside its transducer's lag: a beat until it goes
-#: out with the next one, the actuator's dead time, a frame each way. `tests/paper/test_hybrid.py` measures it.
+#: How late a set-point shows beside what joining and the actuator's loop take, and a force beside its transducer's lag:
+#: dead time and frames, as the rides on the virtual bench measure it.
 LATENCY: Final = 3 * ms
 #: How much sooner than the pistons the platform is where it is told to be: 6 ms would pass for a fifth of the roll.
 TABLE_SOONER: Final = 5.5 * ms
@@ -72,8 +72,8 @@ def path_of(rig: Rig) -> Path:
 def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
     """Return what the load cells say that both springs do to what stands on them.
 
-    The upright ones bear ΣM + b ΔF_z − hF_y + z_c F_y: what is sheared acts a column's height above the platform's
-    middle, and is held a little below it.
+    The upright ones bear Σ(M + s b F_z − hF_y) + z_c F_y: what is sheared acts a column's height above the platform's
+    middle, and is held at that of the lateral cells.
     """
     lateral = sum(read[cell] for cell in SHEAR_CELLS)
     borne = sum(rig[across(cell)] * read[cell] for cell in VERTICAL_CELLS)

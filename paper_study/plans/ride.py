@@ -193,7 +193,7 @@ def ride(
 
     The springs stand on the bench and are measured. The car, with its mass, roll, lateral damper, bump stop and
     anti-roll bar, is computed 200 times a second from what the load cells read, and the actuators put the springs where
-    it would have them: real-time hybrid simulation. Wires and actuators take some 60 ms, by which the car's motion is
+    it would have them: real-time hybrid simulation. Wires and actuators take some 35 ms, by which the car's motion is
     told ahead. The plan begins only if car, delay and springs together are stable by their gain and phase.
 
     Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at
