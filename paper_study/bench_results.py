@@ -1,8 +1,9 @@
 """The paper's experiments on the virtual bench: running their plans, and reading the results of several rigs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
 from bench_records.result import Outcome, Result, read_result
+from paper_study import combined
 
 if TYPE_CHECKING:
     from bench_records.record import Record
@@ -43,8 +45,13 @@ def directory_of(out: Path, plan: str, seed: int) -> Path:
     return out / "bench" / f"{plan}-{seed}"
 
 
-def measure(plan: str, seed: int, out: Path) -> None:
-    """Run one plan in virtual time on a rig of its own and leave record and result below ``out``."""
+def measure(
+    plan: str, seed: int, out: Path, name: str = "", given: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Run one plan in virtual time on a rig of its own and leave record and result below ``out``.
+
+    ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called.
+    """
     from astb.rig_file import RigFile, Simulation
     from astb.run import connected, describe
     from astb.session import build_rig, virtual_session
@@ -55,9 +62,9 @@ def measure(plan: str, seed: int, out: Path) -> None:
     rig = RigFile(name="virtual", time="virtual", simulation=simulation)
     with virtual_session(build_rig(simulation), simulation) as session, connected(session):
         execute(
-            plans()[plan],
+            plans()[plan].given(given),
             session.bench,
-            directory_of(out, plan, seed),
+            directory_of(out, name or plan, seed),
             meta=describe(session, rig),
             rig=rig.name,
             seed=seed,
@@ -86,6 +93,7 @@ class BenchResults:
         str, Sequence[tuple[str, float]]
     ]  #: of the first rig: phase, mean gauge pressure (Pa) in it
     track: tuple[Floats, Floats]  #: platform displacement (m) over time (s) while it followed the track
+    combined: Mapping[str, Result] = field(default_factory=dict)  #: of the first rig, by `combined.name_of`
 
     def points(self, plan: str, group: str, name: str, *, first: bool = False) -> Points:
         """Return one curve of a plan, of all rigs or of the ``first`` alone; NoBenchResult if it was not kept."""
@@ -107,6 +115,22 @@ class BenchResults:
             first=first,
         )
 
+    def at_once(self, load: str, over: str, check: str) -> Points:
+        """Return what wind, track and roll at once gave of a ``check``, for one spring, ``over`` what is varied (SI).
+
+        From low to high it is its expanded uncertainty.
+        """
+        rows = []
+        for given in combined.VARIED[over]:
+            name = combined.name_of(load, given)
+            one = next((one for one in self.combined[name].checks if one.name == check), None)
+            if one is None or one.expanded is None:
+                raise NoBenchResult(f"{name} measured no {check}")
+            p = self.pressure(name, combined.PHASE)
+            half, U = 0.5 * one.number, 0.5 * one.expanded
+            rows.append((combined.place(over, given, p), half, half - U, half + U))
+        return Points(*(np.array(column, np.float64) for column in zip(*rows, strict=True)))
+
     def pressure(self, plan: str, phase: str, skip: int = 0, count: int | None = None) -> float:
         """Return the mean gauge pressure (Pa) in the bellows over the phases so named, ``skip`` of them left out.
 
@@ -123,11 +147,12 @@ def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
     from bench_records.record import read
 
     results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
-    for plan, found in results.items():
+    at_once = {name: read_result(directory_of(out, name, seeds[0])) for name, *_ in combined.cases()}
+    for plan, found in {**results, **{name: [one] for name, one in at_once.items()}}.items():
         for result in found:
             if result.verdict is Outcome.BLOCKED:
                 raise NoBenchResult(f"{plan} on rig {result.seed} was blocked: {result.reason}")
-    records = {plan: read(directory_of(out, plan, seeds[0])) for plan in PLANS}
+    records = {plan: read(directory_of(out, plan, seeds[0])) for plan in (*PLANS, *at_once)}
     track = records["aw0"]
     phase = next(one for one in track.phases if one.name == TRACK_PHASE)
     times, platform = track.series("platform.vertical")
@@ -136,6 +161,7 @@ def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
         results,
         {plan: _pressures(record) for plan, record in records.items()},
         (times[inside] - phase.start, platform[inside] - platform[inside][0]),
+        at_once,
     )
 
 

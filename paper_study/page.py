@@ -78,7 +78,7 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
         deviations=[_deviation(one) for one in deviations(study)],
         rides=_ride_table(study),
         other_rides=_other_rides(study),
-        plans=[(plan, results) for plan, results in study.bench.results.items()],
+        plans=[*study.bench.results.items(), *((name, [one]) for name, one in study.bench.combined.items())],
         versions={name: version(name) for name in ("astb", "numpy", "scipy", "numba", "matplotlib")},
         identified_file=IDENTIFIED,
         mark=_mark,

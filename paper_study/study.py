@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from paper_study import sensitivity
+from paper_study import combined, sensitivity
 from paper_study.bench_results import PLANS, BenchResults, gather, measure
 from paper_study.checks.catalogue import CHECKS, select
 from paper_study.checks.evaluation import entry
@@ -91,6 +91,9 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     # The rides are one long piece: they come first. Then the bench, for which the next stage waits.
     checked: list[Future[Any]] = [executor.submit(check_group, groups[0], quick)]
     measured = [executor.submit(measure, plan, one, out) for plan in PLANS for one in seeds]
+    measured += [
+        executor.submit(measure, plan, seed, out, name, given) for name, plan, given in combined.cases()
+    ]
     checked += [executor.submit(other_rides, name, quick) for name in OTHER_RIDES]
     checked += [executor.submit(check_group, ids, quick) for ids in groups[1:]]
     spread = {

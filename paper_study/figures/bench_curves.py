@@ -3,6 +3,8 @@
 from typing import TYPE_CHECKING
 
 from bench_protocol.units import bar, mm
+from bench_records.plots import INK
+from paper_study.combined import STIFFNESS
 from paper_study.figures.style import KN_M, MARKERS, ORDERED, draw_points
 from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
@@ -17,6 +19,24 @@ def lateral_points(study: Study, panel: "Axes", load: str, *, first: bool = Fals
     for a, colour, marker in zip(sorted(AMPLITUDES), ORDERED, MARKERS, strict=False):
         one = study.bench.lateral_stiffness(load, a, first=first)
         draw_points(panel, one, bar, KN_M, colour, marker, label=f"{a / mm:g} mm")
+    at_once(study, panel, load, "pressure", bar)
+
+
+def at_once(
+    study: Study,
+    panel: "Axes",
+    load: str,
+    over: str,
+    x: float = 1.0,
+    *,
+    check: str = STIFFNESS,
+    colour: str = INK,
+    label: str = "wind and track",
+) -> None:
+    """Draw what wind, track and roll at once gave, over what is varied, in units of ``x`` (SI), where it is known."""
+    one = study.bench.at_once(load, over, check)
+    one = one[one.low > 0.0]
+    draw_points(panel, one, x, KN_M, colour, "X", hollow=True, label=label, size=5.4)
 
 
 def damping_points(study: Study, panel: "Axes", *, first: bool = False) -> None:

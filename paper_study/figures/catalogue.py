@@ -50,7 +50,11 @@ SECTIONS: Final = (
         " the pair's, under five preloads around each load case, each on shims of its own. (c) Vertical"
         " damping c = K″/ω for four pairs of orifice plates; the pressure ratio is the lowest of a"
         " cycle, and the amplitude (1 to 25 mm) is what changes it. The dashed lines of (c) are equation"
-        " (19), for which the ratio is a free choice.",
+        " (19), for which the ratio is a free choice."
+        " Crosses in (a, b): wind and track at once, the paper's own experiment (plans"
+        " <code>crosswind_and_track_…</code>, 1.2 Hz, the bolster free), with their expanded uncertainty. There the"
+        " track shears the springs by 1.4 to 3 mm only, as a light bolster follows it, and a small motion is stiff by"
+        " friction; the sines are of one axis, held, with a stated amplitude.",
         figure_6,
     ),
     Picture(
@@ -74,7 +78,8 @@ SECTIONS: Final = (
         " its sign; the amplitude sweep (e) tells C<sub>d</sub> again; and in the force from which"
         " pressure times area is taken off (f) the orifice leaves next to nothing: what stays there is"
         " rubber if it is flat, and lag if it rises with the frequency. A single frequency proves none"
-        " of them.",
+        " of them."
+        " Crosses in (a, b): wind and track at once, as in figure 6; the model's lines are not of them.",
         figure_8,
     ),
     Picture(
@@ -91,7 +96,10 @@ SECTIONS: Final = (
         "Both springs stand 20 mm aside and are rolled to both sides, the differential pressure valve"
         " isolated (filled) and open (hollow). The secant rises for one sign of roll and falls for the"
         " other. The first harmonic of 5 mm about that place does not rise at all. Below: how far the"
-        " pressures of the two sides part, and where the valve joins them.",
+        " pressures of the two sides part, and where the valve joins them."
+        " Crosses: wind and track at once, the bolster free and rolled by unequal preload (its angle before the"
+        " wind). They are first harmonics about a place of some 10 mm, of a motion of 1.4 to 3 mm: stiffer by friction"
+        " than 5 mm about 20 mm, and as little changed by roll.",
         figure_10,
     ),
     Picture(
@@ -100,7 +108,10 @@ SECTIONS: Final = (
         "Amplitude 5 mm where piston speed and force allow it; laterally it becomes less beyond 10 Hz,"
         " and friction makes a spring stiffer at a smaller amplitude. The hollow points at 0.9 mm show"
         " frequency alone. “Pipe” is the connecting pipe of 1.5 m × 50 mm with a plate of 30 mm. Below"
-        " 0.3 Hz the heat that the gas exchanges with its walls makes c = K″/ω grow without end.",
+        " 0.3 Hz the heat that the gas exchanges with its walls makes c = K″/ω grow without end."
+        " Crosses in (a, b, f): wind and track at once, the platform by 10 mm. Toward the bolster's own frequency it"
+        " shears the springs more and more, from 0.3 to 6 mm, so that K′ falls by amplitude where a sine of one"
+        " amplitude is flat over frequency. In (f) those are left out whose uncertainty is larger than they are.",
         figure_11,
     ),
     Picture(

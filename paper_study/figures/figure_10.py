@@ -7,6 +7,7 @@ import numpy as np
 from bench_protocol.units import bar, mm
 from bench_records.plots import INK, SOFT
 from paper_study.closed_form import roll_factor
+from paper_study.figures.bench_curves import at_once
 from paper_study.figures.style import (
     COLOUR,
     DASHED,
@@ -46,6 +47,7 @@ def figure_10(study: Study) -> "Figure":
             plan, "Lateral stiffness K' of 5 mm about +20 mm per spring", f"{load}, valve isolated"
         )
         draw_points(panel, harmonic, 1.0, KN_M, SOFT, "^", label="first harmonic, 5 mm", size=4.0)
+        at_once(study, panel, load, "roll")
         model = study.model[f"roll {load}"]
         draw_line(panel, model["roll"], model["secant"] / KN_M, colour)
         draw_line(panel, model["roll"], model["K"].real / KN_M, SOFT)

@@ -8,6 +8,8 @@ import numpy.typing as npt
 from bench_protocol.units import mm
 from bench_records.plots import PALETTE, SOFT
 from paper_study.closed_form import amplitude_damping, dynamic_stiffness
+from paper_study.combined import DAMPING
+from paper_study.figures.bench_curves import at_once
 from paper_study.figures.style import (
     COLOUR,
     DASHED,
@@ -46,7 +48,10 @@ def figure_11(study: Study) -> "Figure":
         _stiffness(study, load, "Vertical", below[column], "de"[column])
         _small_motion_and_closed_form(study, load, top[column], f)
         below[column].set_ylim(0, 1.32 * below[column].get_ylim()[1])
+        at_once(study, top[column], load, "frequency")
+        add_legend(top[column], loc="upper left", ncols=2)
         _damping(study, load, top[2], below[2], f)
+        at_once(study, below[2], load, "frequency", check=DAMPING, colour=COLOUR[load], label="")
     label_panel(top[2], "c", "Vertical damping, orifice only", "frequency, Hz", "c, kN·s/m")
     label_panel(below[2], "f", "Lateral damping, orifice only", "frequency, Hz", "c, kN·s/m")
     below[2].set_yscale("log")

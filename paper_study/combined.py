@@ -1,0 +1,46 @@
+"""Wind, track and roll at once on the virtual bench: the cases beside figures 6, 8, 10 and 11, a run for each."""
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from bench_protocol.written_values import read_written
+from paper_study.subject import LOADS
+
+#: What is changed of the plan's ordinary parameters, by what a figure shows it over.
+VARIED: Final[Mapping[str, tuple[Mapping[str, str], ...]]] = {
+    "pressure": ({"pressure": "0.85"}, {}, {"pressure": "1.1"}),
+    "roll": ({"roll": "-10 mrad"}, {}, {"roll": "10 mrad"}),
+    "frequency": tuple({"frequency": f"{f} Hz", "amplitude": "10 mm"} for f in ("0.6", "1.2", "1.8")),
+}
+#: The phase in which all of it moves, and what is read of the result.
+PHASE: Final = "wind and track"
+STIFFNESS: Final = "lateral stiffness K'"
+DAMPING: Final = "lateral damping c"
+
+
+def plan_of(load: str) -> str:
+    """Return the plan of a load case."""
+    return f"crosswind_and_track_{load.lower()}"
+
+
+def name_of(load: str, given: Mapping[str, str]) -> str:
+    """Return the name of a run: its plan, and what is changed."""
+    return "-".join([plan_of(load), *(f"{name}={value.replace(' ', '')}" for name, value in given.items())])
+
+
+def cases() -> Iterator[tuple[str, str, Mapping[str, str]]]:
+    """Yield name, plan and parameters of each run, once."""
+    seen = set()
+    for load in LOADS:
+        for given in (one for many in VARIED.values() for one in many):
+            if (name := name_of(load, given)) not in seen:
+                seen.add(name)
+                yield name, plan_of(load), given
+
+
+def place(over: str, given: Mapping[str, str], pressure: float) -> float:
+    """Return where a run stands in a figure (SI): at its gauge ``pressure``, its roll, or its frequency."""
+    if over == "pressure":
+        return pressure
+    unit = {"roll": "rad", "frequency": "Hz"}[over]
+    return float(read_written(over, given.get(over, f"0 {unit}"), unit))

@@ -1,0 +1,49 @@
+"""Wind, track and roll at once, as the figures show it: which runs there are, and where each stands."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench_protocol.units import bar, mrad
+from paper_study.bench_results import BenchResults, NoBenchResult
+from paper_study.combined import DAMPING, PHASE, STIFFNESS, VARIED, cases, name_of
+from paper_study.subject import LOADS
+from test_plans.discovery import plans
+
+
+def test_every_run_is_made_once_and_its_plan_takes_it():
+    runs = list(cases())
+    assert len({name for name, *_ in runs}) == len(runs)
+    for name, plan, given in runs:
+        assert plans()[plan].given(given).values
+        assert name.startswith(plan)
+    wanted = {name_of(load, given) for load in LOADS for many in VARIED.values() for given in many}
+    assert {name for name, *_ in runs} == wanted
+    assert {STIFFNESS, DAMPING} <= {str(one) for one in plans()["crosswind_and_track_aw0"].checks}
+
+
+def made():
+    """A bench on which the stiffness of the pair is 300 kN/m with U = 6, at 2 bar more each run."""
+    found, pressures = {}, {}
+    for k, (name, *_) in enumerate(cases()):
+        found[name] = SimpleNamespace(checks=[SimpleNamespace(name=STIFFNESS, number=300e3, expanded=6e3)])
+        pressures[name] = [("settle", 9 * bar), (PHASE, (2 + 0.1 * k) * bar)]
+    return BenchResults({}, pressures, (np.zeros(2), np.zeros(2)), found)
+
+
+def test_a_point_is_one_spring_s_half_of_the_pair_with_its_uncertainty():
+    one = made().at_once("AW0", "pressure", STIFFNESS)
+    np.testing.assert_allclose(one.x, [2 * bar, 2.1 * bar, 2.2 * bar])
+    assert (one.y == 150e3).all()
+    assert (one.low == 147e3).all()
+    assert (one.high == 153e3).all()
+    np.testing.assert_allclose(
+        made().at_once("AW3", "roll", STIFFNESS).x, [-10 * mrad, 0.0, 10 * mrad], atol=1e-12
+    )
+    np.testing.assert_allclose(made().at_once("AW3", "frequency", STIFFNESS).x, [0.6, 1.2, 1.8])
+
+
+def test_what_a_run_did_not_measure_is_named():
+    with pytest.raises(NoBenchResult, match=r"aw0-pressure=0\.85 measured no lateral damping"):
+        made().at_once("AW0", "pressure", DAMPING)
