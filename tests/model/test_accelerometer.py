@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from bench_sim.model.bolster import felt_acceleration
 from bench_sim.model.layout import Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
+from bench_sim.model.replay import DIRECTIONS, Motion
 from bench_sim.parameters import load
+from diagnosis.systems.air_spring_runs import _of_the_centre
 
 BENCH = load("astb")
 G = 9.80665
@@ -63,3 +65,13 @@ def test_a_bolster_that_rests_rolled_reads_its_lean():
     roll = plant.state[State.BOLSTER_ROLL]
     assert roll == pytest.approx(0.036, abs=1e-3)
     assert plant.ideal()[Sensor.LATERAL_ACCELERATION] == pytest.approx(G * roll, abs=1e-4)
+
+
+@given(st.floats(-1.0, 1.0), st.integers(0, 1000))
+def test_a_replay_takes_out_of_a_reading_what_put_it_in(height, seed):
+    """From the readings of an accelerometer anywhere, a diagnosis knows how the centre is accelerated."""
+    record = BENCH.with_values(accelerometer_height=height).record
+    motion = Motion.through(1e-2 * np.random.default_rng(seed).normal(size=(12, DIRECTIONS)), 5e-3)
+    y, z, phi = motion.acceleration[:, :3].T
+    told = [felt_acceleration(*one, record) for one in zip(motion.displacement[:, 2], y, z, phi, strict=True)]
+    assert _of_the_centre(np.array(told), motion, record) == pytest.approx(y, rel=1e-9, abs=1e-9)
