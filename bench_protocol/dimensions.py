@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import isfinite
+from math import hypot, isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,7 +33,6 @@ DIMENSIONS: Final = {
     "lateral_actuator_height": "m",
     "accelerometer_height": "m",
     "column_height": "m",
-    "load_cell_height": "m",
     "stop_gap": "m",
     "vertical_frame_stiffness": "N/m",
     "vertical_frame_damping": "N*s/m",
@@ -46,13 +45,13 @@ DIMENSIONS: Final = {
     "lateral_force_max": "N",
 }
 #: Those that may be negative: heights above a point may lie below it.
-_SIGNED: Final = ("centre_height", "lateral_actuator_height", "accelerometer_height", "load_cell_height")
-#: Table ``across``: how far to the left of the middle a transducer or an actuator stands (m).
-ACROSS: Final = (
-    *(f"{side}.height" for side in SIDES),
-    *(f"vertical_{side}" for side in SIDES),
-    *BY_GROUP[Group.VERTICAL_LOAD_CELL],
-)
+_SIGNED: Final = ("centre_height", "lateral_actuator_height", "accelerometer_height")
+#: Table ``across``: how far to the left of the middle a laser or an actuator stands (m).
+ACROSS: Final = (*(f"{side}.height" for side in SIDES), *(f"vertical_{side}" for side in SIDES))
+#: Table ``load_cell``: where each cell stands, and which way the push on the bolster goes that reads positive.
+LOAD_CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOAD_CELL])
+#: Both are told ahead, to the left and up; places from the middle of the platform, where the springs stand on it.
+WAYS: Final = ("ahead", "across", "up")
 #: Table ``lag``: how late a transducer's readings are (s), of first order.
 LAGS: Final = tuple(
     signal
@@ -123,9 +122,23 @@ class Dimensions:
         }
 
 
-def across(place: str) -> str:
+def across(what: str) -> str:
     """Return the name of how far to the left of the middle (m) a transducer or an actuator stands."""
-    return f"{place} across"
+    return f"{what} across"
+
+
+@cache
+def place(cell: str) -> tuple[str, str, str]:
+    """Return the names of where a load cell stands (m): ahead, to the left and up."""
+    ahead, left, up = (f"{cell} {way}" for way in WAYS)
+    return ahead, left, up
+
+
+@cache
+def direction(cell: str) -> tuple[str, str, str]:
+    """Return the names of which way a load cell pushes the bolster when it reads positive: a unit vector."""
+    ahead, left, up = (f"{cell} pushes {way}" for way in WAYS)
+    return ahead, left, up
 
 
 def lag(signal: str) -> str:
@@ -133,10 +146,15 @@ def lag(signal: str) -> str:
     return f"{signal} lag"
 
 
+#: The table of the load cells, and what is told of each: its names and their SI unit.
+CELLS: Final = "load_cell"
+_OF_A_CELL: Final = {"place": (place, "m"), "direction": (direction, "1")}
 #: All names that a file can state, with the SI unit.
 NAMES: Final[Mapping[str, str]] = {
     **DIMENSIONS,
-    **{across(place): "m" for place in ACROSS},
+    **{across(one): "m" for one in ACROSS},
+    **{name: "m" for cell in LOAD_CELLS for name in place(cell)},
+    **{name: "1" for cell in LOAD_CELLS for name in direction(cell)},
     **{lag(signal): "s" for signal in LAGS},
 }
 #: Those of a rig of which nobody has said any.
@@ -166,15 +184,16 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
     """Return what a file states, by name; ``wrong`` gets everything that cannot be, not the first of it alone."""
     tables = {
         "dimension": {name: (name, si) for name, si in DIMENSIONS.items()},
-        "across": {place: (across(place), "m") for place in ACROSS},
+        "across": {one: (across(one), "m") for one in ACROSS},
         "lag": {signal: (lag(signal), "s") for signal in LAGS},
     }
     known: dict[str, Dimension] = {}
     wrong += [
-        f"{key} is no key of a file of dimensions; {meant(key, tables)}"
+        f"{key} is no key of a file of dimensions; {meant(key, (*tables, CELLS))}"
         for key in content
-        if key not in tables
+        if key not in (*tables, CELLS)
     ]
+    known |= _known_cells(content.get(CELLS, {}), wrong)
     for table, names in tables.items():
         entries = content.get(table, {})
         if not isinstance(entries, dict):
@@ -190,17 +209,58 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
             if told:
                 wrong.append(told)
             else:
-                factor = WRITTEN_UNITS[entry["unit"]].factor
-                known[name] = Dimension(
-                    entry["value"] * factor,
-                    entry.get("uncertainty", 0.0) * factor,
-                    entry["provenance"],
-                    entry["source"],
-                )
-    for side, place in zip(SIDES * 2, ACROSS[:4], strict=True):
-        if (one := known.get(across(place))) and (one.value > 0.0) is not (side == "left"):
-            wrong.append(f"across.{place} = {one.value:g} m is not on the {side}: the left is positive")
+                known[name] = _dimension(entry)
+    for side, what in zip(SIDES * 2, ACROSS, strict=True):
+        if (one := known.get(across(what))) and (one.value > 0.0) is not (side == "left"):
+            wrong.append(f"across.{what} = {one.value:g} m is not on the {side}: the left is positive")
     return known
+
+
+def _known_cells(cells: Any, wrong: list[str]) -> dict[str, Dimension]:
+    """Return places and directions of the load cells that a file states, by name."""
+    known: dict[str, Dimension] = {}
+    if not isinstance(cells, dict):
+        wrong.append(f"{CELLS} = {cells!r} is not a table")
+        return known
+    for key, entries in cells.items():
+        cell = f"{CELLS}.{key}"
+        if cell not in LOAD_CELLS or not isinstance(entries, dict):
+            wrong.append(f"{cell} is no table of a load cell; {meant(cell, LOAD_CELLS)}")
+            continue
+        for what, entry in entries.items():
+            if what not in _OF_A_CELL:
+                wrong.append(f"{cell}.{what} is nothing of a load cell; {meant(what, _OF_A_CELL)}")
+                continue
+            names, si = _OF_A_CELL[what]
+            told = _three(f"{cell}.{what}", entry, si)
+            if told:
+                wrong.append(told)
+                continue
+            size = hypot(*entry["value"]) if names is direction else 1.0
+            for name, value in zip(names(cell), entry["value"], strict=True):
+                known[name] = _dimension({**entry, "value": value / size})
+    return known
+
+
+def _three(where: str, entry: Any, si: str) -> str:
+    """Return what is wrong with an entry of three numbers, "" for nothing."""
+    values = entry.get("value") if isinstance(entry, dict) else None
+    if not isinstance(values, list) or len(values) != len(WAYS):
+        return f"{where} = {entry!r}; its value is three numbers: ahead, to the left and up"
+    told = (_misfit(where, {**entry, "value": value}, si, signed=True) for value in values)
+    if misfit := next(filter(None, told), ""):
+        return misfit
+    return f"{where} = {values} points nowhere" if si == "1" and not any(values) else ""
+
+
+def _dimension(entry: Mapping[str, Any]) -> Dimension:
+    factor = WRITTEN_UNITS[entry["unit"]].factor
+    return Dimension(
+        entry["value"] * factor,
+        entry.get("uncertainty", 0.0) * factor,
+        entry["provenance"],
+        entry["source"],
+    )
 
 
 def _misfit(where: str, entry: Any, si: str, *, signed: bool) -> str:

@@ -21,11 +21,11 @@ class Description(Mapping[str, float]):
         self.rig, self.dimensions = rig, dimensions
 
     def __getitem__(self, name: str) -> float:
+        if known := self.dimensions.known.get(name):
+            return known.value
         if name not in NAMES:
             raise KeyError(name)
-        if lacking := self.lacks(name):
-            raise NotAvailable(lacking)
-        return self.dimensions.known[name].value
+        raise NotAvailable(self.lacks(name))
 
     def __contains__(self, name: object) -> bool:
         return name in self.dimensions.known

@@ -15,8 +15,9 @@ from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic, without_inertia, without_lag
-from test_plans.analysis.geometry import actuator_moment, cell_moment, roll_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
+from test_plans.analysis.cells import CELLS, bearing, cell_moment, described, unseen, upward_force
+from test_plans.analysis.geometry import actuator_moment, roll_of
+from test_plans.analysis.readings import GENERATOR, HEIGHTS
 from test_plans.analysis.uncertainty import Measured, Readings, measured
 from test_plans.description import Description
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
@@ -65,15 +66,17 @@ class Measuring:
 
     def hanging(self) -> None:
         """Shake the bolster off its stops: the balance of forces is its mass times its acceleration."""
-        needs = (*FORCES, *VERTICAL_CELLS, *HEIGHTS)
-        if not self._has("bolster_mass", needs, tuple(map(lag, needs))):
+        cells = bearing(self._rig)
+        needs = (*FORCES, *cells, *HEIGHTS)
+        if not self._has("bolster_mass", needs, (*map(lag, needs), *CELLS)):
             return
         times, values = self._shake("vertical", HANGING, HANGING_FREQUENCY, needs)
 
         def mass(rig: Mapping[str, float], read: Mapping[str, Samples]) -> float:
             of = self._harmonics(times, HANGING_FREQUENCY, rig, read)
             down = -0.5 * sum(of(name) for name in HEIGHTS)
-            left_over = sum(of(cell) for cell in VERTICAL_CELLS) - sum(of(force) for force in FORCES)
+            borne = upward_force({cell: of(cell) for cell in cells}, rig)
+            left_over = complex(borne) - sum(of(force) for force in FORCES)
             return float((left_over / ((tau * HANGING_FREQUENCY) ** 2 * down)).real)
 
         self._compare("bolster_mass", "by its inertia", mass, values)
@@ -105,7 +108,7 @@ class Measuring:
 
     def pressed(self) -> None:
         """Shake the bolster on its stops: springs that are alike tell how far from the middle they stand."""
-        needs = (*FORCES, *VERTICAL_CELLS, *HEIGHTS, *PISTONS)
+        needs = (*FORCES, *bearing(self._rig), *HEIGHTS, *PISTONS)
         places = (*map(across, HEIGHTS), *(across(f"vertical_{side}") for side in SIDES))
         if not self._has("spring_half_spacing", (*FORCES, *HEIGHTS), places):
             return
@@ -146,8 +149,9 @@ class Measuring:
     def _cells(self, rolled: tuple[Samples, Any], more: float) -> None:
         """The moment in the upright cells is that of the actuators: else the cells stand elsewhere."""
         times, values = rolled
-        if self._rig.lacks(*map(across, VERTICAL_CELLS)):
+        if self._rig.lacks(*CELLS):
             return
+        self._tell_unseen()
 
         def ratio(rig: Mapping[str, float], read: Mapping[str, Samples]) -> float:
             moment = actuator_moment(read, rig)
@@ -156,13 +160,27 @@ class Measuring:
 
         one = self._measured(ratio, values)
         u = self._sure(one) + more
-        stated = np.mean([abs(self._rig[across(cell)]) for cell in VERTICAL_CELLS])
-        known = max(self._off(across(cell)) / abs(self._rig[across(cell)]) for cell in VERTICAL_CELLS)
+        places = [across(cell) for cell in bearing(self._rig)]
+        stated = np.mean([abs(self._rig[name]) for name in places])
+        known = max(self._off(name) for name in places) / stated
         self._note(
-            "places of the upright load cells, by the moment of the actuators",
-            abs(one.value - 1.0) <= u + known,
+            "places of the load cells, by the moment of the actuators",
+            bool(abs(one.value - 1.0) <= u + known),
             f"{one.value * stated:.4g} ± {u * stated:.2g} m from the middle",
             f"{stated:.4g} m",
+        )
+
+    def _tell_unseen(self) -> None:
+        """Say which forces and moments the load cells do not tell, as they stand: loads and roll are needed."""
+        cells = [cell for cell in described(self._rig) if self._bench.has(cell)]
+        blind = unseen(self._rig, cells)
+        self._lines.append(
+            MoveLine(
+                what="forces and moments that the load cells tell",
+                verdict=Verdict.DOUBTFUL if {"force upward", "roll moment"} & set(blind) else Verdict.FINE,
+                found=f"all but {', '.join(blind)}" if blind else "all six",
+                right="force upward and roll moment at least",
+            )
         )
 
     def _late(self, times: Samples, values: Mapping[str, Samples]) -> None:
@@ -190,7 +208,7 @@ class Measuring:
                 self._compare(
                     "vertical_frame_stiffness", f"on the {side}, by a sine", frame, values, more=OIL
                 )
-        for cell in VERTICAL_CELLS:
+        for cell in bearing(self._rig):
 
             def behind(rig: Mapping[str, float], read: Mapping[str, Samples], cell: str = cell) -> float:
                 of = self._harmonics(times, FAST, rig, read)

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.dimensions import ACROSS, LAGS, Dimensions, across, lag
+from bench_protocol.dimensions import ACROSS, LAGS, LOAD_CELLS, Dimensions, across, direction, lag, place
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import ParameterError, Parameters
 
@@ -22,7 +22,6 @@ _PARAMETERS: Final = {
             "lateral_actuator_height",
             "accelerometer_height",
             "column_height",
-            "load_cell_height",
             "actuator_frequency",
             "actuator_damping",
         )
@@ -34,35 +33,40 @@ _PARAMETERS: Final = {
     "lateral_frame_stiffness": ("frame_stiffness", _LATERAL),
     "lateral_frame_damping": ("frame_damping", _LATERAL),
 }
-#: Spacings that are alike to both sides, by parameter: the places of the left side.
-_SPACINGS: Final = {
-    "spring_half_spacing": ("left.height",),
-    "actuator_half_spacing": ("vertical_left",),
-    "load_cell_y": ("load_cell.1", "load_cell.3"),
-}
-_LEFT: Final = tuple(place for places in _SPACINGS.values() for place in places)
+#: Spacings that are alike to both sides, by parameter: the place of the left side.
+_SPACINGS: Final = {"spring_half_spacing": "left.height", "actuator_half_spacing": "vertical_left"}
 _SAME: Final = 1e-9
+#: Where each cell stands, in `load_cell_x`, `load_cell_y` and `load_cell_height`, and which way it points.
+_UPRIGHT, _ACROSS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+_CELLS: Final = {
+    "load_cell.1": ((1, 1, 0), _UPRIGHT),
+    "load_cell.2": ((1, -1, 0), _UPRIGHT),
+    "load_cell.3": ((-1, 1, 0), _UPRIGHT),
+    "load_cell.4": ((-1, -1, 0), _UPRIGHT),
+    "load_cell.5": ((1, 0, 1), _ACROSS),
+    "load_cell.6": ((-1, 0, 1), _ACROSS),
+}
+_OF_CELLS: Final = ("load_cell_x", "load_cell_y", "load_cell_height")
 
 
 def dimensions_of(parameters: Parameters) -> dict[str, float]:
     """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which nobody knows.
 
-    The lasers stand at the springs, and load cells 1 and 3 on the left.
+    The lasers stand at the springs, load cells 1 to 4 upright at the corners, 5 and 6 across before and behind.
     """
 
     def of(parameter: str, elements: slice = _ALL) -> float:
         return float(parameters.entries[parameter].value.flat[elements][0])
 
-    def place(name: str) -> float:
-        spacing = next(
-            parameter for parameter, places in _SPACINGS.items() if _kind(name) == _kind(places[0])
-        )
-        return of(spacing) if name in _LEFT else -of(spacing)
+    def standing(name: str) -> float:
+        spacing = next(parameter for parameter, one in _SPACINGS.items() if _kind(name) == _kind(one))
+        return of(spacing) if name in _SPACINGS.values() else -of(spacing)
 
     lags = parameters.entries["sensor_lag"].value
     return {
         **{name: of(*where) for name, where in _PARAMETERS.items()},
-        **{across(name): place(name) for name in ACROSS},
+        **{across(name): standing(name) for name in ACROSS},
+        **_cells_of(*map(of, _OF_CELLS)),
         **{lag(name): float(lags[_sensor(name)]) for name in LAGS},
     }
 
@@ -70,8 +74,8 @@ def dimensions_of(parameters: Parameters) -> dict[str, float]:
 def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Parameters:
     """Return the set of a rig with these ``dimensions`` (SI, by name); what they do not state stays as it is.
 
-    ParameterError for dimensions that the simulated bench cannot have: lasers stand at the springs, and both sides are
-    alike.
+    ParameterError for dimensions that the simulated bench cannot have: lasers stand at the springs, both sides are
+    alike, and load cells stand upright at four corners and across before and behind.
     """
     now, changes = dimensions_of(parameters), dict[str, Any]()
     differ = {
@@ -86,6 +90,8 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
             values.flat[elements] = differ[name]
     if any(name in differ for name in (*map(across, ACROSS), "spring_half_spacing")):
         changes |= _spacings({**now, **dimensions})
+    if any(name in differ for cell in LOAD_CELLS for name in (*place(cell), *direction(cell))):
+        changes |= _cells({**now, **dimensions})
     if late := {_sensor(name): differ[lag(name)] for name in LAGS if lag(name) in differ}:
         changes["sensor_lag"] = late
     return parameters.with_values(**changes)
@@ -98,8 +104,8 @@ def described(parameters: Parameters, dimensions: Dimensions) -> Parameters:
 
 def _spacings(dimensions: Mapping[str, float]) -> dict[str, float]:
     found: dict[str, float] = {}
-    for parameter in _SPACINGS:
-        kind = _kind(_SPACINGS[parameter][0])
+    for parameter, left in _SPACINGS.items():
+        kind = _kind(left)
         places = {abs(dimensions[across(one)]) for one in ACROSS if _kind(one) == kind}
         if parameter == "spring_half_spacing":
             places.add(dimensions["spring_half_spacing"])
@@ -113,8 +119,34 @@ def _spacings(dimensions: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def _kind(place: str) -> str:
-    return "height" if place.endswith("height") else place.partition("_")[0]
+def _cells_of(*spacings: float) -> dict[str, float]:
+    """Return places and directions of all load cells of a bench with these values of `_OF_CELLS`."""
+    found: dict[str, float] = {}
+    for cell, (stands, points) in _CELLS.items():
+        found |= {name: one * size for name, one, size in zip(place(cell), stands, spacings, strict=True)}
+        found |= dict(zip(direction(cell), points, strict=True))
+    return found
+
+
+def _cells(dimensions: Mapping[str, float]) -> dict[str, float]:
+    corner, across_ahead = LOAD_CELLS[0], LOAD_CELLS[4]
+    x, y, _ = (abs(dimensions[name]) for name in place(corner))
+    found = dict(zip(_OF_CELLS, (x, y, dimensions[place(across_ahead)[2]]), strict=True))
+    wrong = [
+        f"{name} = {dimensions[name]:g}, and {value:g} would be"
+        for name, value in _cells_of(*found.values()).items()
+        if abs(dimensions[name] - value) > _SAME
+    ]
+    if wrong:
+        raise ParameterError(
+            f"{'; '.join(wrong)}: the simulated bench has four load cells upright at the corners of a rectangle "
+            "and two across before and behind"
+        )
+    return found
+
+
+def _kind(where: str) -> str:
+    return "height" if where.endswith("height") else where.partition("_")[0]
 
 
 def _sensor(signal: str) -> Sensor:

@@ -17,7 +17,8 @@ from bench_protocol.words import SIDES
 from drivers.errors import LinkLost
 from paper_study.hybrid.car import STEP, Place, Ride, Springs
 from paper_study.hybrid.loop import Path
-from test_plans.analysis.geometry import ACTUATORS, CELLS, LASERS, PLACING, STOP_ROOM, Rig
+from test_plans.analysis.cells import CELLS, CELLS_ACROSS, cell_moment, sideways_force, upward_force
+from test_plans.analysis.geometry import ACTUATORS, LASERS, PLACING, STOP_ROOM, Rig
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import lag_of, lags
 from test_plans.steps.poses import Home
@@ -46,11 +47,11 @@ COUPLED: Final = (
     *HEIGHTS,
     "lateral.displacement_setpoint",
     "platform.roll_setpoint",
-    "load_cell_height",
     "actuator_frequency",
     "actuator_damping",
     *PLACING,
     *CELLS,
+    *CELLS_ACROSS,
     *ACTUATORS,
     *LASERS,
     *lags((*SHEAR_CELLS, *VERTICAL_CELLS)),
@@ -70,15 +71,9 @@ def path_of(rig: Rig) -> Path:
 
 
 def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
-    """Return what the load cells say that both springs do to what stands on them.
-
-    The upright ones bear Σ(M + s b F_z − hF_y) + z_c F_y: what is sheared acts a column's height above the platform's
-    middle, and is held at that of the lateral cells.
-    """
-    lateral = sum(read[cell] for cell in SHEAR_CELLS)
-    borne = sum(rig[across(cell)] * read[cell] for cell in VERTICAL_CELLS)
-    arm = rig["column_height"] - rig["load_cell_height"]
-    return Springs(lateral, sum(read[cell] for cell in VERTICAL_CELLS), borne + arm * lateral)
+    """Return what the load cells say that both springs do to what stands on them."""
+    lateral, upward = sideways_force(read, rig), upward_force(read, rig)
+    return Springs(float(lateral), float(upward), -float(cell_moment(read, rig)))
 
 
 def setpoints_of(place: Place, home: Home, rig: Rig) -> dict[str, float]:

@@ -18,7 +18,6 @@ from bench_protocol.dimensions import across
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
-from test_plans.analysis.readings import VERTICAL_CELLS
 
 Rig = Mapping[str, float]
 
@@ -29,7 +28,6 @@ STOP_ROOM: Final = 7 * mm
 WEIGHT: Final = ("bolster_mass", "gravity")
 LASERS: Final = tuple(across(f"{side}.height") for side in SIDES)
 ACTUATORS: Final = tuple(across(f"vertical_{side}") for side in SIDES)
-CELLS: Final = (*map(across, VERTICAL_CELLS), "spring_half_spacing")
 HEIGHTS_ABOVE: Final = ("centre_height", "lateral_actuator_height", "column_height")
 #: To see how the springs stand, and to put them there.
 SEEING: Final = (*LASERS, *HEIGHTS_ABOVE, "lateral_frame_stiffness")
@@ -115,44 +113,15 @@ def stop_travel_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
     )
 
 
-def _share(rig: Rig, side: str, place: str) -> float:
-    """Return which share of a force at a ``place`` one spring bears: F = ΣF_k/2 ± Σ y_k F_k/(2b)."""
-    return 0.5 + (0.5 if side == "left" else -0.5) * rig[across(place)] / rig["spring_half_spacing"]
-
-
-def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return the load cells that tell the load on one spring: where they stand below the springs, its own.
-
-    All of them, where nobody knows which stands where.
-    """
-    if any(name not in rig for name in CELLS):
-        return VERTICAL_CELLS
-    return tuple(cell for cell in VERTICAL_CELLS if _share(rig, side, cell))
-
-
-def load_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
-    """Return the force on one spring (N, downward) by the upright load cells."""
-    shares = {cell: _share(rig, side, cell) for cell in VERTICAL_CELLS}
-    known = (share * values[cell] for cell, share in shares.items() if share and cell in values)
-    return np.asarray(sum(known))
+def share_of_spring(rig: Rig, side: str, force: float, moment: float) -> float:
+    """Return which share of a force one spring bears that makes a ``moment`` (m): F = ΣF_k/2 ± M_x/(2b)."""
+    return 0.5 * force + (0.5 if side == "left" else -0.5) * moment / rig["spring_half_spacing"]
 
 
 def pressed_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
     """Return the force that the vertical actuators press one spring with (N, downward), beside the bolster's weight."""
-    shares = {one: _share(rig, side, f"vertical_{one}") for one in SIDES}
+    shares = {one: share_of_spring(rig, side, 1.0, rig[across(f"vertical_{one}")]) for one in SIDES}
     return np.asarray(sum(share * values[f"vertical_{one}.force"] for one, share in shares.items() if share))
-
-
-def rest_load(rig: Rig, cell: str) -> float:
-    """Return what an upright cell reads (N) of the bolster alone: of equal cells that carry it without a moment."""
-    places = np.array([rig[across(one)] for one in VERTICAL_CELLS])
-    carried = np.linalg.lstsq(np.stack([np.ones_like(places), places]), np.array([1.0, 0.0]), rcond=None)[0]
-    return bolster_weight(rig) * float(carried[VERTICAL_CELLS.index(cell)])
-
-
-def cell_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
-    """Return the moment against the roll (N·m) in the upright load cells."""
-    return np.asarray(-sum(rig[across(cell)] * values[cell] for cell in VERTICAL_CELLS))
 
 
 def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:

@@ -113,6 +113,9 @@ class _Watched(Mapping[str, Any]):
         self.used[name] = None
         return self._readings[name]
 
+    def __contains__(self, name: object) -> bool:  # who asks whether there is one has not used it
+        return name in self._readings
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._readings)
 

@@ -10,7 +10,8 @@ from bench_protocol.units import mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import straight_line
-from test_plans.analysis.geometry import CELLS, LASERS, Rig, height_of_spring, load_on
+from test_plans.analysis.cells import CELLS, bearing, load_on
+from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
 from test_plans.analysis.readings import PRESSURES, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
@@ -90,7 +91,7 @@ def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
         run.bench.vertical.move_to(home.left + stair, home.right + stair, rate=STAIR_RATE)
         run.bench.wait(STAIR_WAIT)
         restore_the_air(run, rest)
-        means.append(run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER))
+        means.append(run.bench.averages(*names, *bearing(run.rig), over=steps.AVERAGE_OVER))
     area = run.specimen.effective_area
     return {
         side: run.measured(partial(_slope, side, area), run.rig, *means, averaged=AVERAGED) for side in SIDES

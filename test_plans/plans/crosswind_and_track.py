@@ -13,6 +13,7 @@ from bench_protocol.units import FACTORS, Hz, kN, mm, mrad, ms, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples, Stiffness, first_harmonic, without_lag
+from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
 from test_plans.analysis.geometry import (
     ACTUATORS,
     POSE_SIGNALS,
@@ -58,7 +59,7 @@ Wind = Literal["steady", "gust", "stochastic"]
 TRAIN_SPEED: Final = 100 * FACTORS["km/h"]
 TRACK: Final = ("platform.vertical", "platform.lateral")
 PUSHED: Final = tuple(f"vertical_{side}.force" for side in SIDES)
-READ: Final = (*POSE_SIGNALS, *PUSHED, *TRACK, *SHEAR_CELLS, *PRESSURES)
+READ: Final = (*POSE_SIGNALS, *PUSHED, *TRACK, *PRESSURES)
 STEP: Final = 0.02 * s
 #: With a roll, for which limits of the roll torque are stated: coupling of shear and roll saturates.
 WIND: Final = 5.0
@@ -178,7 +179,7 @@ def _crosswind_and_track(
     """
     times, moves, between = excitation(run.rig, wind, kind, amplitude, frequency, draw)
     with run.phase("wind and track"):
-        with run.bench.capture(*READ) as capture:
+        with run.bench.capture(*READ, *guiding(run.rig)) as capture:
             run.bench.wait(BEFORE)
             run.bench.waveform.run(times, moves)
         at, values = capture.aligned(SAMPLE_RATE)
@@ -225,7 +226,7 @@ class Seen:
         above = rig["centre_height"] + rig["lateral_actuator_height"]
         moved += above * of(roll_of(values, rig) + values["platform.roll"], *HEIGHTS)
         moved -= of(values["platform.lateral"], "lateral.displacement")  # a transducer of its kind
-        force = -of(np.sum([values[cell] for cell in SHEAR_CELLS], axis=0), *SHEAR_CELLS)
+        force = -of(sideways_force(values, rig), *SHEAR_CELLS)
         return Stiffness(force / moved, self.frequency, abs(moved))
 
     def leaning(self, rig: Rig, values: Values) -> tuple[float, float]:
@@ -323,7 +324,7 @@ def _keep(run: Run, load: Load, seen: Seen, values: Values) -> None:
     from bench_records.curves import Axis
 
     shear = shear_of(values, run.rig) - values["platform.lateral"]
-    force = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
+    force = -sideways_force(values, run.rig)
     roll, torque = roll_of(values, run.rig), roll_torque(values, run.rig)
     for what, x, y, xs, ys in (
         ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), shear, force),
@@ -344,10 +345,12 @@ crosswind_and_track_aw0, crosswind_and_track_aw3 = (
         needs=(
             *steps.CARRYING,
             *READ,
+            *SHEAR_CELLS,
             *FREE_SIDEWAYS,
             *(f"{axis}_setpoint" for axis in TRACK),
             *(f"{name}_setpoint" for name in PUSHED),
             *SEEING,
+            *CELLS_ACROSS,
             *ACTUATORS,
             *WEIGHT,
             "spring_half_spacing",

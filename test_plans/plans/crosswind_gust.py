@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples
+from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
 from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, SEEING, Rig, roll_of, shear_of
 from test_plans.analysis.readings import SHEAR_CELLS
 from test_plans.analysis.uncertainty import EVEN, SAMPLING
@@ -25,7 +26,7 @@ from test_plans.steps.shaking import SAMPLE_RATE, check_band
 from test_plans.steps.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "right"))
-READ: Final = (*POSE_SIGNALS, *PRESSURES, *SHEAR_CELLS)
+READ: Final = (*POSE_SIGNALS, *PRESSURES)
 kmh: Final = FACTORS["km/h"]
 BEFORE: Final = 2 * s
 #: The mean wind alone, before the gust and after it; and no wind at all, after that.
@@ -134,10 +135,12 @@ def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
     needs=(
         *steps.CARRYING,
         *READ,
+        *SHEAR_CELLS,
         *FREE_SIDEWAYS,
         "vertical_left.force_setpoint",
         "vertical_right.force_setpoint",
         *SEEING,
+        *CELLS_ACROSS,
         *ACTUATORS,
         "spring_half_spacing",
     ),
@@ -167,7 +170,7 @@ def crosswind_gust(
     """
     times, force = blow(wind, train_speed)
     with run.phase("gust"):
-        with run.bench.capture(*READ) as capture:
+        with run.bench.capture(*READ, *guiding(run.rig)) as capture:
             run.bench.wait(BEFORE)
             run.bench.waveform.run(times, on_the_bolster(force, run.rig))
             run.bench.wait(AFTER)
@@ -216,7 +219,7 @@ def _answer(at: Samples, rig: Rig, values: Mapping[str, Samples]) -> tuple[Sampl
     series = (
         shear_of(values, rig),
         roll_of(values, rig),
-        -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
+        -sideways_force(values, rig),
         values[PRESSURES[0]] - values[PRESSURES[1]],
     )
     return tuple(_smooth(one - one[calm].mean()) for one in series)

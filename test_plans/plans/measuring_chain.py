@@ -15,16 +15,23 @@ from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
+from test_plans.analysis.cells import (
+    CELLS,
+    CELLS_ACROSS,
+    bearing,
+    guiding,
+    load_on,
+    rest_load,
+    sideways_force,
+    upward_force,
+)
 from test_plans.analysis.geometry import (
     ACTUATORS,
-    CELLS,
     LASERS,
     Rig,
     height_at,
     height_of_spring,
-    load_on,
     pressed_on,
-    rest_load,
 )
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.check_names import CheckName
@@ -247,19 +254,20 @@ def measuring_chain(
         _weigh(run, mass)
     steps.power_up(run)
     with run.phase("press"):
-        across = [cell for cell in SHEAR_CELLS if run.bench.has(cell)]
-        pressed = _steps(run, (*FORCES, *VERTICAL_CELLS, *HEIGHTS, *PISTONS, *across), FORCE_STEPS, _press)
+        cells = bearing(run.rig)
+        across = [cell for cell in SHEAR_CELLS if run.bench.has(cell) and cell not in cells]
+        pressed = _steps(run, (*FORCES, *cells, *HEIGHTS, *PISTONS, *across), FORCE_STEPS, _press)
     for side in SIDES:
         _check_side(run, side, pressed, BLOCK if dummy == "blocks" else stop)
-    for cell in SHEAR_CELLS:
+    for cell in across:
         name = ACROSS.of(cell=cell)
         if run.can(name, needs=(cell,)):
             felt = run.measured(partial(_crosstalk, cell), *pressed, over=READ_OVER, themselves=True)
             check_band(run, name, felt, "%", CROSSTALK)
-    if run.can(SIDEWAYS, needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
+    if run.can(SIDEWAYS, needs=(*FREE_SIDEWAYS, *SHEAR_CELLS, *CELLS_ACROSS)):
         run.hold_point("before the push")
         with run.phase("push"):
-            pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
+            pushed = _steps(run, ("lateral.force", *guiding(run.rig)), PUSH_STEPS, _push)
         names = SIDEWAYS, SIDEWAYS_OFF_THE_LINE
         _check_line(run, names, pushed, _sideways, LATERAL_GAIN)
 
@@ -267,20 +275,16 @@ def measuring_chain(
 def _zeros(
     rig: Rig, has: Callable[[str], bool]
 ) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
-    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit.
-
-    The platform counts on a rig that ``has`` readings of it; else it stands still.
-    """
+    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
     for group, (tolerance, unit) in ZEROS.items():
-        for name in BY_GROUP[group]:
-            read = {name: 1.0}
-            if group is Group.ACCELERATION:
-                # It leans with the bolster: gφ is no error of its.
-                left, right = (rig[one] for one in LASERS)
-                lean = rig["gravity"] / (left - right)
+        for name in (one for one in BY_GROUP[group] if one not in bearing(rig)):
+            read, off = {name: 1.0}, tolerance
+            if group is Group.ACCELERATION:  # it leans with the bolster: gφ is no error of its
+                lean = rig["gravity"] / (rig[LASERS[0]] - rig[LASERS[1]])
                 read |= {"left.height": -lean, "right.height": lean}
-            yield READS_ZERO[group].of(of=name), read, 0.0, tolerance, unit
-    for cell in VERTICAL_CELLS:
+                off += 2 * lean * PLACE_ZERO
+            yield READS_ZERO[group].of(of=name), read, 0.0, off, unit
+    for cell in bearing(rig):
         yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, rest_load(rig, cell), CELL_ZERO, "N"
     for height, piston in zip(HEIGHTS, PISTONS, strict=True):
         title = LASER_LESS_PISTON.of(of=f"{height} less {piston}")
@@ -289,7 +293,7 @@ def _zeros(
             ("platform.vertical", 1.0, PLATFORM_ZERO),
             ("platform.roll", rig[across(height)], PLATFORM_ROLL_ZERO),
         ):
-            if has(name):
+            if has(name):  # a platform that nobody reads stands still
                 sum_of[name] = share
                 tolerance += abs(share) * zero
         yield title, sum_of, 0.0, tolerance, "mm"
@@ -306,7 +310,7 @@ def _check_zeros(run: Run) -> None:
         *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
     )
     for title, sum_of, expected, tolerance, unit in asked:
-        value = partial(_zero, sum_of, (title, expected) if title in VERTICAL_CELLS else None)
+        value = partial(_zero, sum_of, (title, expected) if title in bearing(run.rig) else None)
         zero = run.measured(value, run.rig, mean, over=READ_OVER, themselves=True)
         check_band(run, title, zero, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
 
@@ -322,13 +326,15 @@ def _zero(
 def _weigh(run: Run, mass: float) -> None:
     """Check what the cells read more with a known ``mass`` (kg) on the bolster, which the operator puts there."""
     with run.phase("known mass"):
-        before = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+        cells = bearing(run.rig)
+        before = run.bench.averages(*cells, over=READ_OVER)
         if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", OVER_MASS):
             run.bench.wait(STEP_WAIT)
-            after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+            after = run.bench.averages(*cells, over=READ_OVER)
 
             def over_mass(rig: Rig, before: Mapping[str, float], after: Mapping[str, float]) -> float:
-                return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * rig["gravity"])
+                more = {cell: np.asarray(after[cell] - before[cell]) for cell in cells}
+                return float(upward_force(more, rig)) / (mass * rig["gravity"])
 
             found = run.measured(over_mass, run.rig, before, after, over=READ_OVER, themselves=True)
             check_band(run, OVER_MASS, found, "1", GAIN)
@@ -414,7 +420,7 @@ def _downward(side: str, rig: Rig, read: Steps) -> Forces:
 
 def _sideways(rig: Rig, read: Steps) -> Forces:
     """Return what the lateral actuator and the cells across say (N)."""
-    return _sum(read, "lateral.force"), -_sum(read, *SHEAR_CELLS)
+    return _sum(read, "lateral.force"), -sideways_force(_series(read), rig)
 
 
 def _crosstalk(cell: str, *read: Mapping[str, float]) -> float:

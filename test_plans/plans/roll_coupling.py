@@ -5,7 +5,8 @@ from typing import Annotated, Final, Literal
 from bench_protocol.units import Hz, mrad, s
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness
-from test_plans.analysis.geometry import CELLS, Rig, cell_moment, roll_of
+from test_plans.analysis.cells import CELLS, bearing, cell_moment
+from test_plans.analysis.geometry import Rig, roll_of
 from test_plans.analysis.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
@@ -117,7 +118,7 @@ def _swing(run: Run) -> tuple[Samples, Values]:
     """Roll the bolster, free sideways; return times and samples of whole cycles at full amplitude."""
     bench = run.bench
     bench.lateral.push(0.0, rate=LATERAL_RATE)
-    with bench.capture(*HEIGHTS, *VERTICAL_CELLS, *GENERATOR) as capture:
+    with bench.capture(*HEIGHTS, *bearing(run.rig), *GENERATOR) as capture:
         bench.generator.run(
             "roll", roll_amplitude=SWING, frequency=SWING_FREQUENCY, cycles=LEAD + MEASURED + 1
         )

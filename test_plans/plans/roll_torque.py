@@ -10,7 +10,8 @@ from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, first_harmonic, without_lag
-from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, Rig, cell_moment, roll_of
+from test_plans.analysis.cells import cell_moment, sideways_force, upward_force
+from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, Rig, roll_of
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
@@ -87,7 +88,6 @@ class Law(NamedTuple):
         *POSING,
         "air.dpv",
         "spring_half_spacing",
-        "load_cell_height",
         *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS, *VERTICAL_CELLS)),
     ),
     teardown=leave_connected,
@@ -179,15 +179,13 @@ def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
     pinned = of(values["lateral.displacement"], "lateral.displacement")
     pinned -= of(values["lateral.force"], "lateral.force") / rig["lateral_frame_stiffness"]
     above = rig["centre_height"] + rig["lateral_actuator_height"]
-    force = -of(np.sum([values[cell] for cell in SHEAR_CELLS], axis=0), *SHEAR_CELLS)
     return Motion(
         pinned + above * (roll + tilt) + rig["column_height"] * tilt,
         roll,
         of(0.5 * (values["left.height"] + values["right.height"]), *HEIGHTS),
-        force,
-        of(cell_moment(values, rig), *VERTICAL_CELLS)
-        + (rig["column_height"] - rig["load_cell_height"]) * force,
-        -of(np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0), *VERTICAL_CELLS),
+        -of(sideways_force(values, rig), *SHEAR_CELLS),
+        of(cell_moment(values, rig), *VERTICAL_CELLS),
+        -of(upward_force(values, rig), *VERTICAL_CELLS),
     )
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
+from test_plans.analysis.cells import CELLS, CELLS_ACROSS, sideways_force, upward_force
 from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, shear_of
 from test_plans.analysis.readings import (
     HEIGHTS,
@@ -114,6 +115,8 @@ def take_up(run: Run, load: str) -> None:
         *FREE_SIDEWAYS,
         *(f"{axis}_setpoint" for axis in TRACK),
         *SEEING,
+        *CELLS,
+        *CELLS_ACROSS,
         *lags(("lateral.displacement", *HEIGHTS, *SHEAR_CELLS, *VERTICAL_CELLS)),
     ),
     teardown=leave_connected,
@@ -171,7 +174,7 @@ def _swings(
 def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' shear and of the force that they oppose to it."""
     y = shear_of(values, rig) - values["platform.lateral"]
-    force = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
+    force = -sideways_force(values, rig)
     late = lag_of(rig, "lateral.displacement"), lag_of(rig, *SHEAR_CELLS)
     return spectra(y[steady], force[steady], RATE, segment=SEGMENT, x_lag=late[0], y_lag=late[1])
 
@@ -179,7 +182,7 @@ def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectr
 def _upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' compression, the mean of both, and of the load on one."""
     down = -0.5 * (values["left.height"] + values["right.height"])
-    force = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    force = 0.5 * upward_force(values, rig)
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
     return spectra(down[steady], force[steady], RATE, segment=SEGMENT, x_lag=late[0], y_lag=late[1])
 

@@ -12,6 +12,7 @@ from bench_protocol.units import mbar, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import straight_line
+from test_plans.analysis.cells import CELLS, CELLS_ACROSS, sideways_force, upward_force
 from test_plans.analysis.geometry import (
     PLACING,
     POSE_SIGNALS,
@@ -88,7 +89,15 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
 
 _READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
 #: What it takes to come to a pose and to read it.
-POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint", *PLACING, *lags(BELLOWS_TEMPERATURES))
+POSING: Final = (
+    *_READ,
+    *HELD_SIDEWAYS,
+    "platform.roll_setpoint",
+    *PLACING,
+    *CELLS,
+    *CELLS_ACROSS,
+    *lags(BELLOWS_TEMPERATURES),
+)
 READ_OVER: Final = 2 * s
 #: So many samples such a mean has at least.
 POSE_SAMPLES: Final = 20
@@ -124,6 +133,7 @@ def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
 def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
     """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
     values = {name: np.array([mean[name]]) for name in (*POSE_SIGNALS, *PRESSURES)}
+    cells = {name: np.asarray(mean[name]) for name in (*VERTICAL_CELLS, *SHEAR_CELLS)}
     return PoseReading(
         shear=float(shear_of(values, rig)[0]),
         height=0.5 * (mean["left.height"] + mean["right.height"]),
@@ -131,8 +141,8 @@ def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
         stop_travel=float(stop_travel_of(values, rig)[0]),
         pressure=pressure_of(values),
         temperature=float(np.mean([mean[name] for name in BELLOWS_TEMPERATURES])),
-        vertical=0.5 * sum(mean[cell] for cell in VERTICAL_CELLS),
-        lateral=-0.5 * sum(mean[cell] for cell in SHEAR_CELLS),
+        vertical=0.5 * float(upward_force(cells, rig)),
+        lateral=-0.5 * float(sideways_force(cells, rig)),
         read=mean,
     )
 

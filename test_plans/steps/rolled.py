@@ -12,8 +12,9 @@ from bench_protocol.units import Hz, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness
+from test_plans.analysis.cells import cells_in, sideways_force
 from test_plans.analysis.geometry import Rig, roll_of, shear_of
-from test_plans.analysis.readings import PRESSURES, SHEAR_CELLS
+from test_plans.analysis.readings import PRESSURES
 from test_plans.loads import Load
 from test_plans.steps.poses import Home, restore_the_air, take_pose
 from test_plans.steps.tables import DAMPING, ROLL, SECANT, STORAGE, Quantity, keep
@@ -127,5 +128,5 @@ class RollAngle:
 
 def _secant(values: Values, rig: Rig) -> float:
     """Return F/y (N/m) of one spring, of the means of both."""
-    force = -0.5 * sum(float(values[cell].mean()) for cell in SHEAR_CELLS)
+    force = -0.5 * float(sideways_force({cell: values[cell].mean() for cell in cells_in(values)}, rig))
     return force / float(shear_of(values, rig).mean())

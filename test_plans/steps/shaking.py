@@ -22,8 +22,17 @@ from test_plans.analysis import (
     whole_cycles,
     without_drift,
 )
-from test_plans.analysis.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
-from test_plans.analysis.readings import GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.cells import (
+    CELLS,
+    CELLS_ACROSS,
+    bearing,
+    cells_under,
+    guiding,
+    load_on,
+    sideways_force,
+)
+from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
+from test_plans.analysis.readings import GENERATOR, HEIGHTS, SHEAR_CELLS
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lags
 from test_plans.loads import Band
@@ -47,17 +56,19 @@ SAMPLE_RATE: Final = 200 * Hz
 DISTORTED: Final[Mapping[Wave, float]] = {"sine": 0.02, "triangle": 0.01}
 TRIES: Final = 3
 
-#: What is read while an axis is shaken, as far as the rig has it.
-VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
-LATERAL: Final = ("lateral.displacement", *SHEAR_CELLS, *GENERATOR)
+#: What is read while an axis is shaken, as far as the rig has it, beside its load cells.
+VERTICAL: Final = (*HEIGHTS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
+LATERAL: Final = ("lateral.displacement", *GENERATOR)
 #: What moves with an axis.
 MOTION: Final = {"vertical": HEIGHTS, "lateral": ("lateral.displacement",)}
 #: What a lateral stiffness needs.
 LATERAL_NEEDS: Final = (
     *LATERAL,
+    *SHEAR_CELLS,
     "lateral.control",
     "lateral.displacement_setpoint",
     "generator.axis",
+    *CELLS_ACROSS,
     *lags(("lateral.displacement", *SHEAR_CELLS)),
 )
 
@@ -108,6 +119,7 @@ def _once(
     wave: Wave,
 ) -> tuple[Samples, dict[str, Samples]]:
     cycles = 2 + ceil(MEASURED * frequency)
+    names = (*names, *(bearing if axis == "vertical" else guiding)(run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
         run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
     return _at_full_amplitude(capture, frequency, cycles)
@@ -136,7 +148,7 @@ def spring_motion(values: Values, rig: Rig, side: str) -> tuple[Samples, Samples
 
 def lateral_motion(values: Values, rig: Rig) -> tuple[Samples, Samples]:
     """Displacement of the bolster (m) and the force that the springs oppose to it (N)."""
-    return values["lateral.displacement"], -(values["load_cell.5"] + values["load_cell.6"])
+    return values["lateral.displacement"], -sideways_force(values, rig)
 
 
 def check_band(run: Run, name: str, value: float | Measured, unit: str, band: Band) -> None:

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final, Literal
 
-import numpy as np
-
 from bench_protocol.words import SIDES
 from test_plans.analysis import (
     Samples,
@@ -17,7 +15,8 @@ from test_plans.analysis import (
     without_inertia,
     without_lag,
 )
-from test_plans.analysis.geometry import Rig, cells_under
+from test_plans.analysis.cells import CELLS, cells_under, upward_force
+from test_plans.analysis.geometry import Rig
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
@@ -97,7 +96,13 @@ STIFFNESS: Final = (
 #: Chain of measurement: load cells against actuators, each good for 1 % of the force that a shaken spring makes.
 BALANCE_TOLERANCE: Final = 0.04
 ACTUATORS: Final = tuple(f"vertical_{side}.force" for side in SIDES)
-BALANCED_BY: Final = (*VERTICAL, "bolster_mass", *lags((*HEIGHTS, *ACTUATORS, *VERTICAL_CELLS)))
+BALANCED_BY: Final = (
+    *VERTICAL,
+    *VERTICAL_CELLS,
+    "bolster_mass",
+    *CELLS,
+    *lags((*HEIGHTS, *ACTUATORS, *VERTICAL_CELLS)),
+)
 
 
 def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] = "slow") -> None:
@@ -181,7 +186,7 @@ def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> floa
     """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
-    cells = np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    cells = upward_force(values, rig)
     x = without_lag(first_harmonic(times, motion, frequency), lag_of(rig, *HEIGHTS), frequency)
     F = without_lag(first_harmonic(times, actuators, frequency), lag_of(rig, *ACTUATORS), frequency)
     S = without_lag(first_harmonic(times, cells, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)

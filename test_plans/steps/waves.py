@@ -19,7 +19,17 @@ from test_plans.analysis import (
     whole_cycles,
     without_lag,
 )
-from test_plans.analysis.geometry import CELLS, LASERS, POSE_SIGNALS, SEEING, Rig, cells_under, roll_of
+from test_plans.analysis.cells import (
+    CELLS,
+    CELLS_ACROSS,
+    bearing,
+    cells_in,
+    cells_under,
+    guiding,
+    sideways_force,
+    upward_force,
+)
+from test_plans.analysis.geometry import LASERS, POSE_SIGNALS, SEEING, Rig, roll_of
 from test_plans.analysis.readings import (
     BELLOWS_TEMPERATURES,
     GENERATOR,
@@ -45,15 +55,17 @@ COUNT_LATE: Final = 0.04 * s
 SEISMIC: Final = 3 * Hz
 
 _ACCELEROMETER: Final = "lateral.acceleration"
-_LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, _ACCELEROMETER, *PRESSURES)
-_VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+_LATERAL: Final = (*POSE_SIGNALS, _ACCELEROMETER, *PRESSURES)
+_VERTICAL: Final = (*HEIGHTS, *PRESSURES, *BELLOWS_TEMPERATURES)
 #: What sines on one axis need.
 SLOW_LATERAL_WAVES: Final = (  #: below `SEISMIC`
     *(name for name in _LATERAL if name != _ACCELEROMETER),
+    *SHEAR_CELLS,
     *GENERATOR,
     "lateral.control",
     "lateral.displacement_setpoint",
     *SEEING,
+    *CELLS_ACROSS,
     *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
 )
 LATERAL_WAVES: Final = (
@@ -63,7 +75,14 @@ LATERAL_WAVES: Final = (
     "accelerometer_height",
     "gravity",
 )
-VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR, *CELLS, *LASERS, *lags((*HEIGHTS, *VERTICAL_CELLS)))
+VERTICAL_WAVES: Final = (
+    *_VERTICAL,
+    *VERTICAL_CELLS,
+    *GENERATOR,
+    *CELLS,
+    *LASERS,
+    *lags((*HEIGHTS, *VERTICAL_CELLS)),
+)
 
 Values = dict[str, Samples]
 
@@ -91,6 +110,7 @@ def shake(
     cycles = before + count + ceil(COUNT_LATE * frequency)
     cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
     names = _VERTICAL if axis == "vertical" else _LATERAL
+    names = (*names, *(bearing if axis == "vertical" else guiding)(run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name)), *GENERATOR) as capture:
         run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
     times, values = capture.aligned(SAMPLE_RATE)
@@ -104,7 +124,7 @@ def shake(
 def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
     """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
-    loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    loads = 0.5 * upward_force(values, rig)
     X = -without_lag(first_harmonic(times, heights, frequency), lag_of(rig, *HEIGHTS), frequency)
     F = without_lag(first_harmonic(times, loads, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
     return Stiffness(F / X, frequency, abs(X))
@@ -134,7 +154,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
         centre = (rig["gravity"] * roll - of(_ACCELEROMETER)) / (tau * frequency) ** 2
         centre += rig["accelerometer_height"] * roll
         X = centre + rig["centre_height"] * roll
-    F = -0.5 * sum(of(cell) for cell in SHEAR_CELLS)
+    F = -0.5 * complex(sideways_force({cell: of(cell) for cell in cells_in(values)}, rig))
     return Stiffness(F / X, frequency, abs(X))
 
 

@@ -25,7 +25,7 @@ SEEN = {
     "bolster_mass": ("bolster mass", "kg"),
     "spring_half_spacing": ("spring half spacing", "m"),
     "actuator_half_spacing": ("vertical_left across", "m"),
-    "load_cell_y": ("places of the upright load cells", "m"),
+    "load_cell_y": ("places of the load cells", "m"),
 }
 
 

@@ -142,7 +142,7 @@ def test_springs_stand_as_the_car_has_them_and_tell_what_they_do():
 def test_forces_come_from_the_cells():
     """As the plant's cells have it, from a load on each spring and a shear force."""
     F_left, F_right, F_y, M = 60e3, 47e3, -8e3, 900.0
-    h, z = OURS["column_height"], OURS["load_cell_height"]
+    h, z = OURS["column_height"], OURS["load_cell.5 up"]
     tilt = ((F_left - F_right) + M - h * F_y + z * F_y) / 4
     cells = {
         f"load_cell.{k}": 0.25 * (F_left + F_right) + (tilt if k in (1, 3) else -tilt) for k in range(1, 5)

@@ -17,6 +17,7 @@ from bench_protocol.dimensions import (
     Dimensions,
     DimensionsError,
     across,
+    direction,
     lag,
     ordinary,
     read_dimensions,
@@ -32,7 +33,7 @@ from bench_sim.rig.rig import Rig
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import read_map
 from drivers.errors import NotAvailable
-from test_plans.analysis import geometry
+from test_plans.analysis import cells, geometry
 from test_plans.analysis.readings import VERTICAL_CELLS
 from test_plans.analysis.uncertainty import EVEN, measured
 from test_plans.description import Description, ours
@@ -168,7 +169,7 @@ def test_cells_anywhere_tell_the_load_on_each_spring(rig, left, right, front, sh
     forces = balanced + 1e4 * (front * free[0] + share * free[1])
     values = dict(zip(VERTICAL_CELLS, forces, strict=True))
     for side, load_of in zip(SIDES, (left, right), strict=True):
-        assert geometry.load_on(values, rig, side) == pytest.approx(load_of, abs=1e-6 * 4e5)
+        assert cells.load_on(values, rig, side) == pytest.approx(load_of, abs=1e-6 * 4e5)
 
 
 def test_a_pose_is_what_the_readings_then_say():
@@ -188,7 +189,7 @@ def test_a_dimension_is_uncertain_as_a_reading_is():
     values |= {cell: np.full(400, s * 50e3) for cell, s in zip(VERTICAL_CELLS, (-1, 1, -1, 1), strict=True)}
 
     def stiffness(rig, read):
-        return float(geometry.cell_moment(read, rig).mean() / geometry.roll_of(read, rig).mean())
+        return float(cells.cell_moment(read, rig).mean() / geometry.roll_of(read, rig).mean())
 
     (one,) = measured(stiffness, rig, values, instruments=ordinary_instruments())
     assert one.value == pytest.approx(4 * 50e3 / 10e-3)
@@ -294,8 +295,15 @@ def test_a_described_rig_is_simulated_as_it_is_built():
     assert built_as(ours_, dimensions_of(ours_)).digest() == ours_.digest()
     further = built_as(ours_, {"stop_gap": 0.03}).entries["bump_stop_travel"].value
     assert further - ours_.entries["bump_stop_travel"].value == pytest.approx(np.full(further.shape, 0.005))
-    for wrong in ({across("left.height"): 1.1}, {across("load_cell.3"): 1.2}):
-        with pytest.raises(ParameterError, match="both sides alike, and lasers at the springs"):
+    with pytest.raises(ParameterError, match="both sides alike, and lasers at the springs"):
+        built_as(ours_, {across("left.height"): 1.1})
+    for wrong in (
+        {across("load_cell.3"): 1.2},
+        dict(zip(direction("load_cell.2"), (0.0, 0.1, 0.99), strict=True)),
+    ):
+        with pytest.raises(
+            ParameterError, match="four load cells upright at the corners of a rectangle and two"
+        ):
             built_as(ours_, wrong)
 
 

@@ -1,0 +1,194 @@
+"""What the load cells say of the springs: force and moment on the bolster, by where each cell stands and points.
+
+``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.dimensions import LOAD_CELLS, direction, place
+from drivers.errors import NotAvailable
+from test_plans.analysis import Samples
+from test_plans.analysis.geometry import Rig, bolster_weight, share_of_spring
+from test_plans.analysis.readings import SHEAR_CELLS, VERTICAL_CELLS
+
+#: Where the upright cells stand, and which way they point.
+CELLS: Final = (
+    *(name for cell in VERTICAL_CELLS for name in (*place(cell), *direction(cell))),
+    "spring_half_spacing",
+    "column_height",
+)
+#: Which way the cells across point, and where they stand.
+CELLS_ACROSS: Final = (
+    *(name for cell in SHEAR_CELLS for name in (*place(cell), *direction(cell))),
+    "column_height",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """What one newton on a load cell says of force and moment on the bolster: its column of the wrench.
+
+    Along x ahead, y to the left and z up, and about them through the middle between the springs' top plates, where a
+    force that the springs oppose to a shear makes no moment of its own: w = Σ (d_k, r_k × d_k) f_k.
+    """
+
+    force: tuple[float, float, float]
+    moment: tuple[float, float, float]  #: m
+
+    @property
+    def column(self) -> tuple[float, ...]:
+        """Force and moment, as a column of the matrix that turns readings into a wrench."""
+        return (*self.force, *self.moment)
+
+
+def push_of(rig: Rig, cell: str) -> Push:
+    """Return what one newton on a ``cell`` says, by its place and direction."""
+    x, y, z = (rig[name] for name in place(cell))
+    d_x, d_y, d_z = pointing(rig, cell)
+    z -= rig["column_height"]
+    return Push((d_x, d_y, d_z), (y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x))
+
+
+def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
+    """Return the direction of a ``cell``, a unit vector ahead, to the left and up."""
+    ahead, left, up = direction(cell)
+    d_x, d_y, d_z = rig[ahead], rig[left], rig[up]
+    size = sqrt(d_x**2 + d_y**2 + d_z**2)
+    return d_x / size, d_y / size, d_z / size
+
+
+def rolling(rig: Rig, cell: str) -> float:
+    """Return the roll moment (m) of one newton on a ``cell``; of a height that does not matter nothing is asked."""
+    _, d_y, d_z = pointing(rig, cell)
+    _, across, up = place(cell)
+    return rig[across] * d_z - ((rig[up] - rig["column_height"]) * d_y if d_y else 0.0)
+
+
+#: The six parts of a wrench, as people call them, in the order of `Push.column`.
+PARTS: Final = (
+    "force ahead",
+    "force sideways",
+    "force upward",
+    "roll moment",
+    "pitch moment",
+    "yaw moment",
+)
+#: What is less is rounding; and what is less is no more than a cell that was not set up exactly.
+NOTHING: Final = 1e-9
+SOME: Final = 0.05
+
+
+def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
+    """Return the six `PARTS` of what springs and bump stop do to the bolster (N, N·m), by all cells in ``values``."""
+    columns = {cell: push_of(rig, cell).column for cell in cells_in(values)}
+    return tuple(
+        np.asarray(sum(column[part] * np.asarray(values[cell]) for cell, column in columns.items()))
+        for part in range(len(PARTS))
+    )
+
+
+def unseen(rig: Rig, cells: Iterable[str] = LOAD_CELLS) -> tuple[str, ...]:
+    """Return which `PARTS` of a wrench these ``cells`` do not tell, whatever they read.
+
+    Something else bears those, a guide or the cells' own stiffness across: Aᵀn = 0 for a wrench n of that part.
+    """
+    columns = [push_of(rig, cell).column for cell in cells]
+    if not columns:
+        return PARTS
+    a = np.array(columns)
+    _, sizes, ways = np.linalg.svd(a)
+    blind = ways[int(np.sum(sizes > NOTHING * sizes[0])) :]
+    return tuple(part for part, along in zip(PARTS, blind.T, strict=True) if np.linalg.norm(along) > 1e-6)
+
+
+def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the load cells of which there are ``values``, without looking at these."""
+    there = frozenset(values)
+    return tuple(cell for cell in LOAD_CELLS if cell in there)
+
+
+def described(rig: Rig) -> tuple[str, ...]:
+    """Return the load cells of which somebody has stated where they stand and which way they point."""
+    return tuple(cell for cell in LOAD_CELLS if all(name in rig for name in (*place(cell), *direction(cell))))
+
+
+def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
+    """Return the load cells that an upright force loads, by ``least`` of it or more: what has to be read.
+
+    The upright ones, where nobody says which way they point.
+    """
+    return _pointing(rig, 2, least) or VERTICAL_CELLS
+
+
+def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
+    """Return the load cells that a force sideways loads: those across, where nobody says which way they point."""
+    return _pointing(rig, 1, least) or SHEAR_CELLS
+
+
+def _pointing(rig: Rig, way: int, least: float) -> tuple[str, ...]:
+    known = (cell for cell in LOAD_CELLS if direction(cell)[way] in rig)
+    return tuple(cell for cell in known if abs(pointing(rig, cell)[way]) > least)
+
+
+def upward_force(values: Mapping[str, Any], rig: Rig) -> Samples:
+    """Return what springs and bump stop press the bolster up with (N), by all cells in ``values``."""
+    return _sum(rig, values, lambda cell: pointing(rig, cell)[2], bearing(rig, SOME))
+
+
+def sideways_force(values: Mapping[str, Any], rig: Rig) -> Samples:
+    """Return what springs and bump stop push the bolster to the left with (N), by all cells in ``values``."""
+    return _sum(rig, values, lambda cell: pointing(rig, cell)[1], guiding(rig, SOME))
+
+
+def cell_moment(values: Mapping[str, Any], rig: Rig) -> Samples:
+    """Return the moment against the roll (N·m), by all cells in ``values``."""
+    return -_sum(rig, values, lambda cell: rolling(rig, cell), bearing(rig, SOME))
+
+
+def _sum(
+    rig: Rig, values: Mapping[str, Any], share: Callable[[str], float], needed: tuple[str, ...]
+) -> Samples:
+    """Return the sum of all cells in ``values``, each by its ``share``; what has none is not looked at.
+
+    NotAvailable if one that is ``needed`` is not among them, or nobody has said how it stands: the rest would be too
+    little.
+    """
+    there = cells_in(values)
+    if lacking := [cell for cell in needed if cell not in there]:
+        raise NotAvailable(f"without {', '.join(lacking)} nobody knows what the load cells bear together")
+    known = set(described(rig))
+    shares = {cell: share(cell) for cell in there if cell in needed or cell in known}
+    return np.asarray(sum(one * np.asarray(values[cell]) for cell, one in shares.items() if one))
+
+
+def _share_of_cell(rig: Rig, side: str, cell: str) -> float:
+    return share_of_spring(rig, side, pointing(rig, cell)[2], rolling(rig, cell))
+
+
+def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
+    """Return the load cells that tell the load on one spring: where they stand below the springs, its own.
+
+    All of them, where nobody knows which stands where. What a cell says by its place being uncertain does not count.
+    """
+    if any(name not in rig for name in CELLS):
+        return VERTICAL_CELLS
+    return tuple(cell for cell in bearing(rig, SOME) if abs(_share_of_cell(rig, side, cell)) > SOME)
+
+
+def load_on(values: Mapping[str, Any], rig: Rig, side: str) -> Samples:
+    """Return the force on one spring (N, downward), by all cells in ``values``."""
+    return _sum(rig, values, lambda cell: _share_of_cell(rig, side, cell), cells_under(rig, side))
+
+
+def rest_load(rig: Rig, cell: str) -> float:
+    """Return what a cell reads (N) of the bolster alone: of equal cells that bear it without any moment."""
+    cells = bearing(rig, SOME)
+    columns = np.array([push_of(rig, one).column for one in cells])
+    upward = np.array([part == "force upward" for part in PARTS], float)
+    carried = np.linalg.lstsq(columns.T, upward, rcond=None)[0]
+    return bolster_weight(rig) * float(carried[cells.index(cell)])

@@ -1,0 +1,176 @@
+"""What load cells tell, wherever they stand and however they point: statics of a rigid body is the oracle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.dimensions import LOAD_CELLS, DimensionsError, direction, ordinary, place, read_dimensions
+from bench_records.result import Outcome
+from drivers.errors import NotAvailable
+from test_plans.analysis import cells
+from test_plans.description import Description, ours
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from test_plans.instruments import ordinary as ordinary_instruments
+from tests.foreign.virtual import VirtualPlc
+
+HEIGHT = ours()["column_height"]
+SPACING = ours()["spring_half_spacing"]
+UPRIGHT, ACROSS = LOAD_CELLS[:4], LOAD_CELLS[4:]
+
+
+def put(rig, cell, at, along):
+    """Return a rig with a cell that stands and points so."""
+    return rig | dict(zip(place(cell), at, strict=True)) | dict(zip(direction(cell), along, strict=True))
+
+
+def struts():
+    """Six inclined struts below a platform, as a hexapod has them: place (m) and direction of each."""
+    for number in range(6):
+        angle, lean = np.radians(60 * number + 20), 0.5 * (-1) ** number
+        along = np.array([-lean * np.sin(angle), lean * np.cos(angle), 0.85])
+        yield (0.9 * np.cos(angle), 1.2 * np.sin(angle), 0.05), along / np.linalg.norm(along)
+
+
+def on_struts():
+    rig = dict(ours())
+    for cell, (at, along) in zip(LOAD_CELLS, struts(), strict=True):
+        rig = put(rig, cell, at, along)
+    return rig
+
+
+def columns(rig):
+    """Force and moment about the middle between the top plates of one newton in each cell, by the cross product."""
+    found = []
+    for cell in LOAD_CELLS:
+        at, along = (np.array([rig[name] for name in names(cell)]) for names in (place, direction))
+        found.append(np.concatenate([along, np.cross(at - [0, 0, HEIGHT], along)]))
+    return np.array(found).T
+
+
+numbers = st.floats(-1.0, 1.0)
+
+
+@st.composite
+def arrangements(draw):
+    """Six cells anywhere, pointing anywhere, that tell all six parts."""
+    rig = dict(ours())
+    for cell in LOAD_CELLS:
+        along = np.array([draw(numbers), draw(numbers), draw(st.floats(0.2, 1.0))])
+        rig = put(rig, cell, [draw(numbers) for _ in range(3)], along / np.linalg.norm(along))
+    return rig
+
+
+@given(arrangements(), st.lists(st.floats(-1e5, 1e5), min_size=6, max_size=6))
+def test_a_wrench_is_what_the_cells_balance(rig, forces):
+    read = dict(zip(LOAD_CELLS, map(np.asarray, forces), strict=True))
+    expected = columns(rig) @ np.array(forces)
+    assert np.array(cells.wrench(read, rig)) == pytest.approx(expected, abs=1e-6)
+
+
+@given(st.floats(0.0, 1.5e5), st.floats(0.0, 1.5e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
+def test_struts_tell_the_load_on_each_spring_and_the_force_sideways(left, right, sheared, ahead):
+    """Springs push the bolster up and sideways at their top plates: whichever cells bear that, it is the same."""
+    forces = np.array([ahead, sheared, left + right, SPACING * (left - right), 0.0, 0.0])
+    for rig in (on_struts(), dict(ours())):
+        carried = np.linalg.lstsq(columns(rig), forces, rcond=None)[0]
+        read = dict(zip(LOAD_CELLS, carried, strict=True))
+        assert cells.load_on(read, rig, "left") == pytest.approx(left, abs=1e-4)
+        assert cells.load_on(read, rig, "right") == pytest.approx(right, abs=1e-4)
+        assert cells.sideways_force(read, rig) == pytest.approx(sheared, abs=1e-4)
+        assert cells.upward_force(read, rig) == pytest.approx(left + right, abs=1e-4)
+
+
+def test_what_an_arrangement_cannot_see_has_a_name():
+    assert cells.unseen(ours()) == ("force ahead",)
+    assert cells.unseen(ours(), UPRIGHT) == ("force ahead", "force sideways", "yaw moment")
+    assert cells.unseen(ours(), ACROSS) == cells.PARTS[:-1]  # a force sideways may be a roll moment there
+    assert cells.unseen(on_struts()) == ()
+    assert cells.unseen(ours(), ()) == cells.PARTS
+    assert set(cells.unseen(on_struts(), LOAD_CELLS[:5])) == set(cells.PARTS)
+
+
+def test_which_cells_are_read_for_what():
+    assert (cells.bearing(ours()), cells.guiding(ours())) == (UPRIGHT, ACROSS)
+    assert cells.bearing(on_struts()) == cells.guiding(on_struts()) == LOAD_CELLS
+    nobody = Description("hall", replace(ordinary(), known={}))
+    assert (cells.bearing(nobody), cells.guiding(nobody)) == (UPRIGHT, ACROSS)
+    with pytest.raises(NotAvailable, match=r"hall has no load_cell\.1"):
+        cells.upward_force(dict.fromkeys(UPRIGHT, np.zeros(3)), nobody)
+    with pytest.raises(NotAvailable, match=r"without load_cell\.2, load_cell\.3, load_cell\.4"):
+        cells.upward_force({"load_cell.1": np.zeros(3)}, ours())
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        (
+            '[load_cell.1]\nplace = { value = 1.0, unit = "m" }',
+            "its value is three numbers: ahead, to the left and up",
+        ),
+        ("[load_cell.1]\nstands = 1", "load_cell.1.stands is nothing of a load cell"),
+        ("[load_cell.7]\nplace = 1", "load_cell.7 is no table of a load cell"),
+        (
+            '[load_cell.1]\ndirection = { value = [0, 0, 0], unit = "1", provenance = "assumed", source = "x" }',
+            "load_cell.1.direction = [0, 0, 0] points nowhere",
+        ),
+        (
+            '[load_cell.1]\nplace = { value = [0, 0, 0], unit = "kg", provenance = "assumed", source = "x" }',
+            "load_cell.1.place = 0 kg is not in",
+        ),
+        ('[across]\n"load_cell.1" = 1', 'across."load_cell.1" is no dimension of a rig'),
+    ],
+)
+def test_what_a_file_says_wrong_of_a_cell_is_told(tmp_path, line, told):
+    (tmp_path / "mine.toml").write_text(line, encoding="utf-8")
+    with pytest.raises(DimensionsError) as error:
+        read_dimensions("mine.toml", tmp_path)
+    assert told in str(error.value)
+
+
+def on_a_hexapod(monkeypatch, stranger):
+    """Put the platform of a stranger on struts: each reads what it bears of the same force and moment."""
+    rig = stranger.rig
+    theirs = dict(Description("rig", stranger.bench().dimensions))
+    turn = np.linalg.solve(columns(theirs | on_struts_of(theirs)), columns(theirs))
+    read = rig.machine.read
+
+    def read_struts(name):
+        if not name.startswith("load_cell_"):
+            return read(name)
+        return float(turn[int(name[-1]) - 1] @ [read(f"load_cell_{number}") for number in range(1, 7)])
+
+    monkeypatch.setattr(rig.machine, "read", read_struts)
+
+
+def on_struts_of(rig):
+    return {
+        name: value
+        for name, value in on_struts().items()
+        if name.startswith("load_cell.") and "lag" not in name
+    }
+
+
+@pytest.mark.slow
+def test_a_rig_on_struts_is_judged_by_its_own_description_and_by_no_other(monkeypatch, tmp_path):
+    """A sound spring passes where the file says how the cells stand, and cannot where it says they are upright."""
+    verdicts = {}
+    for described in (True, False):
+        stranger = VirtualPlc()
+        on_a_hexapod(monkeypatch, stranger)
+        with stranger.bench() as bench:
+            if described:
+                known = dict(bench.dimensions.known)
+                for name, value in on_struts_of(known).items():
+                    known[name] = replace(known[name], value=float(value))
+                bench.dimensions = replace(bench.dimensions, known=known)
+            bench.instruments = ordinary_instruments()
+            result = execute(plans()["aw0"], bench, tmp_path / str(described), rig="hexapod", seed=1)
+        verdicts[described] = result
+    judged = [one for one in verdicts[True].checks if one.number == one.number]
+    assert len(judged) > 20
+    assert [one.name for one in judged if not one.passed] == []
+    assert verdicts[False].verdict is Outcome.FAIL
