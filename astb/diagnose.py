@@ -20,7 +20,7 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Cause, Estimate, Finding, Provenance, decimals
 from diagnosis.report.page import write_report
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.records import dataset_of
 from test_plans.description import Description

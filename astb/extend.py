@@ -11,8 +11,8 @@ from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.model_file import Model, Notes, write_model
 from diagnosis.finding import Z95, Finding, decimals
-from diagnosis.systems.air_spring_parameters import DRAG
-from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.air_spring.parameters import DRAG
+from diagnosis.systems.air_spring.surfaces import TERMS
 
 #: Significant digits of every number: rounding moves an output by less than a fiftieth of its sensor's noise.
 DIGITS: Final = 6

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import named_files
-from drivers.wiring.astb_keys import Can, Modbus
+from drivers.wiring.astb.keys import Can, Modbus
 
 #: The package with the files of the rigs that come with the bench, and the folder with those of whoever stands there.
 PACKAGE: Final = "rigs"

@@ -22,7 +22,7 @@ from drivers.can_port import PythonCanPort, open_can
 from drivers.commander import Commander
 from drivers.memory import Faults, FaultyCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.astb_can import AUTONOMY
+from drivers.wiring.astb.can import AUTONOMY
 from drivers.wiring.own import own_wiring
 
 SECONDS, QUICK_SECONDS = 20, 4

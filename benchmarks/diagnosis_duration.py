@@ -20,7 +20,7 @@ from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, w
 from diagnosis.contracts import Array, BatchSimulator, Dataset, Effects, Experiment, Job, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import read_records
 from test_plans.plans.screening import SCREENING
 from test_plans.programmes.perform import programme_plan

@@ -140,6 +140,6 @@ def _late(modbus: ModbusPort, seconds: float) -> tuple[float, float]:
 
 
 def _counts(modbus: ModbusPort) -> dict[str, float]:
-    from drivers.wiring.astb_modbus import AstbRegisters
+    from drivers.wiring.astb.modbus import AstbRegisters
 
     return AstbRegisters(TABLE, modbus).read([one.signal for one in LATENESS_BINS])

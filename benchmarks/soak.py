@@ -30,7 +30,7 @@ from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import BenchError
 from drivers.modbus_port import open_modbus
-from drivers.wiring.astb_modbus import AstbRegisters
+from drivers.wiring.astb.modbus import AstbRegisters
 from drivers.wiring.own import own_wiring
 
 POLLERS: Final = 4

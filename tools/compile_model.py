@@ -34,7 +34,7 @@ def compile_diagnosis() -> None:
     from diagnosis.contracts import Dataset, Experiment, MeasuredRun
     from diagnosis.engine.config import Config
     from diagnosis.engine.diagnose import diagnose
-    from diagnosis.systems.air_spring import AirSpring
+    from diagnosis.systems.air_spring.simulator import AirSpring
 
     bench = AirSpring(load(), effects=CATALOGUE)
     noise = np.array([channel.noise for channel in bench.channels])

@@ -39,14 +39,14 @@ class BenchCases:
         """What is diagnosed."""
         from bench_sim.model.effects import CATALOGUE
         from bench_sim.parameters import load
-        from diagnosis.systems.air_spring import AirSpring
+        from diagnosis.systems.air_spring.simulator import AirSpring
 
         return AirSpring(load(), effects=CATALOGUE)
 
     def measure(self, seed: int, kind: Kind, condition: Condition, directory: Path) -> Sealed:
         """Let another process hide something and measure it; read the record. Raises ScreeningFailed."""
         from astb.diagnose import with_roles
-        from diagnosis.systems.air_spring import AirSpring
+        from diagnosis.systems.air_spring.simulator import AirSpring
         from diagnosis.systems.records import read_records
 
         record, sealed = directory / "record", directory / "truth.json"

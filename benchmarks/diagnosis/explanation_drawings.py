@@ -17,7 +17,7 @@ from benchmarks.diagnosis.dense_screening import DenseScreening, dense_screening
 from benchmarks.diagnosis.rate_drawings import save
 from diagnosis.contracts import Array, Effects, MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.friction import friction_state
 from diagnosis.systems.oscillator import Oscillator
 from diagnosis.systems.oscillator_specimen import Laboratory

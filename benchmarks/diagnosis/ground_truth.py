@@ -17,7 +17,7 @@ from benchmarks.diagnosis.next_of_kin import NEAR
 from benchmarks.diagnosis.noises import Condition
 from benchmarks.diagnosis.sibling_forms import drawn as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
-from diagnosis.systems.air_spring_parameters import BOTH_SIDES, EACH_SIDE
+from diagnosis.systems.air_spring.parameters import BOTH_SIDES, EACH_SIDE
 
 Kind = Literal["null", "single", "pair", "outside", "near"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)

@@ -21,7 +21,7 @@ from benchmarks.diagnosis.noises import LOST, Condition, noise_of
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness
 from diagnosis.contracts import Effects, Experiment, Hypothesis
 from diagnosis.engine.footprints import Candidate, candidates
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import read_records
 
 TABLE: Final = Path(__file__).with_name("lambda_per_unit.json")

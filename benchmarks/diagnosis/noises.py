@@ -10,7 +10,7 @@ from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Channel
 from diagnosis.engine.noise import ChannelNoise, Noise
-from diagnosis.systems.air_spring import OUTPUTS, channels
+from diagnosis.systems.air_spring.simulator import OUTPUTS, channels
 
 Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibling"]
 #: What is measured, beside what tells the motion: these sensors have noise of a colour.

@@ -26,7 +26,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.search_state import CurrentModel, Problem
 from diagnosis.engine.trials import current_model, refit
-from diagnosis.systems.air_spring_parameters import SOUND
+from diagnosis.systems.air_spring.parameters import SOUND
 
 SEEDS: Final = 900_000
 HEADER: Final = """\

@@ -150,7 +150,7 @@ def _system(mapping: Map, where: Path) -> System:
     known = {system.name: system for system in _BUILT_IN}
     if mapping.system == "air_spring":
         # Loading the model of the bench takes a second, which the other systems are spared.
-        from diagnosis.systems.air_spring_files import air_spring_system
+        from diagnosis.systems.air_spring.files import air_spring_system
 
         name = mapping.parameters
         try:

@@ -18,7 +18,7 @@ from bench_protocol.modbus import DEVICE_FAILURE
 from bench_protocol.units import NS, ms
 from bench_protocol.words import STATES
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
-from drivers.wiring.astb import AstbTransport
+from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.contract import (
     Capabilities,
     Conduct,

@@ -18,7 +18,7 @@ from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.wires import Table
 from drivers.errors import WiringError
-from drivers.wiring.astb_keys import KIND
+from drivers.wiring.astb.keys import KIND
 from drivers.wiring.contract import Capabilities
 from drivers.wiring.conversion import Conversion, Line, conversion, quantity
 from drivers.wiring.expression import Combine, expression

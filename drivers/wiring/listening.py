@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from drivers.wiring.astb_keys import KIND
+from drivers.wiring.astb.keys import KIND
 from drivers.wiring.lines import Description, Greetings
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from drivers.errors import WiringError
-from drivers.wiring.astb_keys import KIND, AstbKeys
+from drivers.wiring.astb.keys import KIND, AstbKeys
 from drivers.wiring.contract import Transport
 from drivers.wiring.keys import AllAtOnce, convert, meant
 from drivers.wiring.points import Points
@@ -47,15 +47,15 @@ def open_transport(
         )
     opener: Any = port
     if kind == "can":
-        from drivers.wiring.can import CanTransport
+        from drivers.wiring.can.transport import CanTransport
 
         return CanTransport(name, table, where, functions=functions, port=opener, streamed=streamed)
     if kind in ("modbus", "modbus_rtu"):
-        from drivers.wiring.modbus import ModbusTransport
+        from drivers.wiring.modbus.transport import ModbusTransport
 
         return ModbusTransport(name, table, port=opener)
     if kind == "opcua":
-        from drivers.wiring.opcua import OpcUaTransport
+        from drivers.wiring.opcua.transport import OpcUaTransport
 
         return OpcUaTransport(name, table)
     return _own(name, kind, table, where)

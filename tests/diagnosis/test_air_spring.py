@@ -18,9 +18,9 @@ from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
-from diagnosis.systems.air_spring import OUTPUTS, AirSpring
-from diagnosis.systems.air_spring_parameters import SOUND
-from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.air_spring.parameters import SOUND
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
+from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.records import read_records
 from test_plans.programmes.motions import Stand, Stretch, Wave
 

@@ -11,8 +11,8 @@ from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.systems.air_spring import AirSpring
-from diagnosis.systems.air_spring_files import air_spring_system
+from diagnosis.systems.air_spring.files import air_spring_system
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.mapping import read_mapped
 
 STEP = 5e-3

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from diagnosis.contracts import Experiment, MeasuredRun
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.held_samples import held_period, of_period, readings_of
 
 STEP, SAMPLES, NOISE = 5e-3, 4000, 30.0

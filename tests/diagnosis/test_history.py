@@ -10,8 +10,7 @@ from bench_sim.model.layout import INPUTS, Input
 from bench_sim.model.replay import DIRECTIONS, Before, Gas, Motion, replay
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import with_effects
-from diagnosis.systems.air_spring_parity import CELLS
-from diagnosis.systems.history import (
+from diagnosis.systems.air_spring.history import (
     MEMORIES,
     SHEAR,
     Past,
@@ -20,6 +19,7 @@ from diagnosis.systems.history import (
     remembered_loads,
     remembered_places,
 )
+from diagnosis.systems.air_spring.parity import CELLS
 
 #: The record begins so long after the bench was switched on, and the load of each spring grows at CHANGE (s, N).
 LATE, CHANGE, LOW, HIGH = 20.0, 150.0, 50e3, 140e3

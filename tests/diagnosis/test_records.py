@@ -11,8 +11,8 @@ from bench_records.record import read
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
-from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring, _gas
-from diagnosis.systems.air_spring_parameters import CHAMBERS
+from diagnosis.systems.air_spring.parameters import CHAMBERS
+from diagnosis.systems.air_spring.simulator import GAS, OUTPUTS, AirSpring, _gas
 from diagnosis.systems.counted import at_its_steps, while_it_moves
 from diagnosis.systems.motion import sensor_noise
 from diagnosis.systems.records import (

@@ -22,8 +22,8 @@ from diagnosis.engine.fitting.point import base_point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.runs import measured_channels
-from diagnosis.systems import air_spring_batch
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring import batch
+from diagnosis.systems.air_spring.simulator import AirSpring
 
 
 def shaken(name, seconds=2.0, rate=1.0, inputs=None, **settings):
@@ -52,13 +52,13 @@ def bench():
 def integrated(monkeypatch):
     """Sides and parameter records of all springs that are integrated from here on."""
     found = []
-    integrate = air_spring_batch.integrate_springs
+    integrate = batch.integrate_springs
 
     def counted(springs):
         found.extend(springs)
         return integrate(springs)
 
-    monkeypatch.setattr(air_spring_batch, "integrate_springs", counted)
+    monkeypatch.setattr(batch, "integrate_springs", counted)
     return found
 
 

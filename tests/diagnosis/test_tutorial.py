@@ -13,7 +13,7 @@ from astb.cli import commands
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.parameters.model_file import load_effects
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 
 ROOT = Path(__file__).parents[2]
 SPEC = importlib.util.spec_from_file_location("tutorial", ROOT / "tools" / "tutorial_hidden_effect.py")

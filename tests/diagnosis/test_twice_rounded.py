@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench_sim.parameters import load
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import _twice_rounded
 from diagnosis.systems.twice_rounded import twice_rounded
 

@@ -12,7 +12,7 @@ from bench_protocol.units import mm
 from drivers.errors import WiringError
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
-from drivers.wiring.registers import read_points
+from drivers.wiring.modbus.registers import read_points
 from tests.drivers.test_description import GOOD
 
 

@@ -26,7 +26,7 @@ from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.setpoints import Setpoints
 from drivers.wire import Wire
-from drivers.wiring.astb_can import AUTONOMY
+from drivers.wiring.astb.can import AUTONOMY
 from drivers.wiring.own import own_wiring
 
 FRAMES = st.lists(

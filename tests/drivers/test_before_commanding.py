@@ -18,7 +18,7 @@ from bench_protocol.units import mm
 from drivers.bench import Bench
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.can import CanTransport
+from drivers.wiring.can.transport import CanTransport
 from drivers.wiring.described import DescribedWiring, open_described
 from drivers.wiring.description import describe
 from drivers.wiring.lines import Description

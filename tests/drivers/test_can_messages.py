@@ -15,7 +15,7 @@ from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from drivers.errors import WiringError
 from drivers.memory import InMemoryCan
-from drivers.wiring.can import CanTransport
+from drivers.wiring.can.transport import CanTransport
 from drivers.wiring.transports import open_transport
 from tests.drivers.can_stand import BUS, write_files
 

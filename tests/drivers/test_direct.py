@@ -14,7 +14,7 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.errors import LinkLost, NotAvailable, Refused, WiringError
-from drivers.wiring.astb import AstbTransport
+from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.described import DescribedWiring, open_described
 from drivers.wiring.description import describe, read_description
 from drivers.wiring.own import own_description

@@ -15,7 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from drivers.bench import Bench
 from drivers.errors import Refused
-from drivers.wiring.astb_can import AstbEar
+from drivers.wiring.astb.can import AstbEar
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
 from test_plans.execution import execute

@@ -16,7 +16,7 @@ from drivers.errors import Misuse, Stale
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
-from drivers.wiring.astb_can import AstbEar
+from drivers.wiring.astb.can import AstbEar
 from drivers.wiring.own import own_wiring
 
 HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin as Client
 
 from drivers.errors import WiringError
-from drivers.wiring.registers import RegisterPoint, read_points, spans
+from drivers.wiring.modbus.registers import RegisterPoint, read_points, spans
 
 TYPES = ("int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64")
 GROUPS = ("fast", "slow")

@@ -11,7 +11,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.astb_modbus import from_words, single, to_words
+from drivers.wiring.astb.modbus import from_words, single, to_words
 
 SETTINGS = TABLE.of_kind(Kind.SETTING)
 WRITES = (5, 6, 15, 16, 22, 23)

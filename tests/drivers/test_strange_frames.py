@@ -19,7 +19,7 @@ from drivers.can_port import has_interface
 from drivers.errors import LinkLost, WiringError
 from drivers.memory import InMemoryCan
 from drivers.stamps import UNCERTAINTY
-from drivers.wiring.can import CanTransport
+from drivers.wiring.can.transport import CanTransport
 
 MS = 1_000_000
 DBC = """VERSION ""

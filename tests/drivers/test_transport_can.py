@@ -19,7 +19,7 @@ from bench_protocol.frames import Block, frame, payload
 from drivers.can_port import has_interface
 from drivers.errors import LinkLost, WiringError
 from drivers.memory import InMemoryCan
-from drivers.wiring.can import CanTransport
+from drivers.wiring.can.transport import CanTransport
 from drivers.wiring.transports import open_transport
 from tests.drivers.can_stand import BUS, DATABASE, MS, FarEnd, InMemory, write_files
 

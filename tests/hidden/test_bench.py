@@ -16,7 +16,7 @@ from bench_sim.parameters import load
 from benchmarks.diagnosis.ground_truth import draw
 from benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
 from diagnosis.finding import Verdict
-from diagnosis.systems.air_spring import OUTPUTS
+from diagnosis.systems.air_spring.simulator import OUTPUTS
 
 ROOT = Path(__file__).parents[2]
 #: A few candidates of every family; the whole catalogue is the benchmark's.

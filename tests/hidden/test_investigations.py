@@ -22,7 +22,7 @@ from benchmarks.diagnosis.sealed import measure, parameters_of
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import read_records
 from test_plans.plans.separating import MENU
 from test_plans.programmes.perform import programme_plan

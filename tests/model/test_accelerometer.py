@@ -10,7 +10,7 @@ from bench_sim.model.layout import Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.replay import DIRECTIONS, Motion
 from bench_sim.parameters import load
-from diagnosis.systems.air_spring_runs import _of_the_centre
+from diagnosis.systems.air_spring.runs import _of_the_centre
 
 BENCH = load("astb")
 G = 9.80665

@@ -16,7 +16,7 @@ from campaigns.campaign_file import CampaignFile
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import Map, read_map
 from drivers.errors import WiringError
-from drivers.wiring.modbus_keys import read_keys
+from drivers.wiring.modbus.keys import read_keys
 
 MAP = {
     "system": "piston",

@@ -12,8 +12,8 @@ from bench_sim.rig.rig import Rig
 from bench_sim.rig.safe_position import EMPTY, Grip
 from bench_sim.rig.states import COMMAND_VALID, TRANSITIONS, Event
 from drivers.errors import Refused
-from drivers.wiring import astb_refusals
-from drivers.wiring.astb_refusals import Told, why_action
+from drivers.wiring.astb import refusals
+from drivers.wiring.astb.refusals import Told, why_action
 
 EVENTS = {
     "power_on": Event.POWER_ON,
@@ -50,9 +50,9 @@ def test_an_action_is_said_to_be_for_the_states_that_know_it(name, state):
 
 
 def test_the_pressures_are_those_of_the_rig():
-    assert (astb_refusals.EMPTY, astb_refusals.FLANGE) == (EMPTY, _FLANGE_PRESSURE)
+    assert (refusals.EMPTY, refusals.FLANGE) == (EMPTY, _FLANGE_PRESSURE)
     names = {signal.name for signal in TABLE.of_kind(Kind.MEASUREMENT) if "_pressure" in signal.name}
-    assert set(astb_refusals._CHAMBERS) == names
+    assert set(refusals._CHAMBERS) == names
 
 
 def test_power_that_cannot_come_on_names_the_mains(bench):

@@ -23,7 +23,7 @@ from bench_sim.parameters import load
 from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Shift, Verdict
-from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring.simulator import AirSpring
 from test_plans.execution import execute
 from test_plans.loads import AW0
 from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Wave

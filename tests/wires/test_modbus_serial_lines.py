@@ -4,7 +4,7 @@ import pytest
 
 from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, WiringError
-from drivers.wiring.modbus import ModbusTransport
+from drivers.wiring.modbus.transport import ModbusTransport
 from tests.foreign.quirky_modbus import on_a_line, served
 from tests.wires.test_quirky_modbus import KEYS, TRUTH, device
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bench_protocol.clock import RealClock, VirtualClock
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.modbus import ModbusTransport
+from drivers.wiring.modbus.transport import ModbusTransport
 from tests.foreign.quirky_modbus import Device, served
 
 NS = 1_000_000_000

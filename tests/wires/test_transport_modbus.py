@@ -18,7 +18,7 @@ from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.modbus import answer
 from drivers.errors import LinkLost, Refused, WiringError
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.modbus import ModbusTransport
+from drivers.wiring.modbus.transport import ModbusTransport
 from drivers.wiring.transports import open_transport
 
 HOLDING, INPUT = range(2)

@@ -18,7 +18,7 @@ from asyncua.common.subscription import Subscription
 from acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
-from drivers.wiring.opcua import OpcUaTransport
+from drivers.wiring.opcua.transport import OpcUaTransport
 from drivers.wiring.transports import open_transport
 
 VARIABLES = {

@@ -8,7 +8,7 @@ from typing import Final
 
 from bench_protocol import j1939
 from bench_protocol.units import NS
-from drivers.wiring.can_message import Message
+from drivers.wiring.can.message import Message
 from drivers.wiring.contract import Remark
 
 #: How many identifiers of others are told.

@@ -9,7 +9,7 @@ actuator was taken to give way for it; ``platform.vertical``, ``.lateral`` and `
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
 ``start``, the s since the bench was switched on, from when sensors drift, and what the springs went through before it
-begins (`diagnosis.systems.history`). Only the bellows' pressures are required. One that is only planned has
+begins (`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. One that is only planned has
 ``conditioned``, from when on (s) a record of it would count.
 """
 
@@ -47,9 +47,9 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
-from diagnosis.systems import history
-from diagnosis.systems.air_spring_batch import Replayed, read_all
-from diagnosis.systems.air_spring_parameters import (
+from diagnosis.systems.air_spring import history
+from diagnosis.systems.air_spring.batch import Replayed, read_all
+from diagnosis.systems.air_spring.parameters import (
     CHAMBERS,
     DRAG,
     SEAT,
@@ -61,9 +61,9 @@ from diagnosis.systems.air_spring_parameters import (
     nuisances,
     zeros_of_heights,
 )
-from diagnosis.systems.air_spring_parity import parity
-from diagnosis.systems.air_spring_runs import PreparedRun, given
-from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.air_spring.parity import parity
+from diagnosis.systems.air_spring.runs import PreparedRun, given
+from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.counted import counted_if_recorded
 from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
 from diagnosis.systems.system import KINDS
@@ -160,7 +160,7 @@ class AirSpring:
         )
         self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in self._terms.values())
         self.unseen_errors: tuple[Mapping[str, float], ...] = zeros_of_heights(parameters)
-        #: What `run_many` has done so far (`diagnosis.systems.air_spring_batch.read_all`), and for how many ``jobs``.
+        #: What `run_many` has done so far (`diagnosis.systems.air_spring.batch.read_all`), and for how many ``jobs``.
         self.effort: Counter[str] = Counter()
         self._lock = Lock()
         self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()

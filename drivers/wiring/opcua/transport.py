@@ -44,7 +44,7 @@ from drivers.wiring.contract import OnLost, OnPoints, Refusal
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
-from drivers.wiring.opcua_values import NEVER, NodeKeys, said_of
+from drivers.wiring.opcua.values import NEVER, NodeKeys, said_of
 
 if TYPE_CHECKING:
     from asyncua import Client, ua

@@ -9,7 +9,7 @@ from bench_protocol.units import NS, ms, s
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from drivers.wiring.astb_modbus import AstbRegisters
+    from drivers.wiring.astb.modbus import AstbRegisters
 
 #: The rig holds the bench when it has heard no write for so long.
 WATCHDOG: Final = 1 * s

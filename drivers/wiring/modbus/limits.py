@@ -7,7 +7,7 @@ from typing import Final
 
 from bench_protocol.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE
 from drivers.errors import BenchError, LinkLost, Refused
-from drivers.wiring.registers import Span
+from drivers.wiring.modbus.registers import Span
 
 Read = Callable[[Span], Sequence[int]]
 #: How many points are asked for one by one.

@@ -17,10 +17,10 @@ from bench_protocol.frames import EXTENDED_ID_MAX, LENGTH_MAX, STANDARD_ID_MAX
 from bench_protocol.units import ms
 from drivers.can_fd import FD_LENGTH_MAX
 from drivers.errors import WiringError
-from drivers.wiring.can_keys import DBC_SAYS, CommonKeys, MessageKeys, SignalKeys
-from drivers.wiring.can_message import Message
+from drivers.wiring.can.keys import DBC_SAYS, CommonKeys, MessageKeys, SignalKeys
+from drivers.wiring.can.message import Message
+from drivers.wiring.can.protection import E2E_COUNTER_PERIOD, ChecksumKeys, checksum
 from drivers.wiring.keys import convert, duration, meant
-from drivers.wiring.protection import E2E_COUNTER_PERIOD, ChecksumKeys, checksum
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding

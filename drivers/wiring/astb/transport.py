@@ -23,10 +23,10 @@ from bench_protocol.messages import TOKEN
 from bench_protocol.rates import PACE
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, NotCommander
-from drivers.wiring.astb_can import AstbEar, AstbOutlet, stale_limits
-from drivers.wiring.astb_keys import AstbKeys
-from drivers.wiring.astb_modbus import AstbRegisters, other_map
-from drivers.wiring.astb_watchdog import WatchdogFeeder
+from drivers.wiring.astb.can import AstbEar, AstbOutlet, stale_limits
+from drivers.wiring.astb.keys import AstbKeys
+from drivers.wiring.astb.modbus import AstbRegisters, other_map
+from drivers.wiring.astb.watchdog import WatchdogFeeder
 from drivers.wiring.contract import Capabilities, Hear, Ints, OnLost
 from drivers.wiring.keys import convert
 

@@ -65,10 +65,10 @@ from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
-from drivers.wiring.modbus_keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
-from drivers.wiring.modbus_limits import explained
-from drivers.wiring.modbus_writing import Writer
-from drivers.wiring.registers import Span, read_points, spans
+from drivers.wiring.modbus.keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
+from drivers.wiring.modbus.limits import explained
+from drivers.wiring.modbus.registers import Span, read_points, spans
+from drivers.wiring.modbus.writing import Writer
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort

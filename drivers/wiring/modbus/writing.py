@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.modbus import BITS_WRITE_MAX, ILLEGAL_FUNCTION, REGISTERS_READ_WRITE_MAX
 from drivers.errors import Refused
-from drivers.wiring.modbus_keys import IN_PARTS, Writes
-from drivers.wiring.registers import BITS_PER_REGISTER, RegisterPoint
+from drivers.wiring.modbus.keys import IN_PARTS, Writes
+from drivers.wiring.modbus.registers import BITS_PER_REGISTER, RegisterPoint
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort

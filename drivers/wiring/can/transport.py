@@ -60,10 +60,10 @@ from bench_protocol.units import NS, ms, s
 from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.errors import LinkLost, WiringError
 from drivers.stamps import UNCERTAINTY
-from drivers.wiring.can_hearing import Hearing
-from drivers.wiring.can_keys import CanKeys
-from drivers.wiring.can_message import Message
-from drivers.wiring.can_messages import read_messages
+from drivers.wiring.can.hearing import Hearing
+from drivers.wiring.can.keys import CanKeys
+from drivers.wiring.can.message import Message
+from drivers.wiring.can.messages import read_messages
 from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant
 from drivers.wiring.keys import convert, duration, meant

@@ -12,7 +12,7 @@ from msgspec import Meta
 from bench_protocol.modbus import REGISTERS_READ_MAX
 from drivers.errors import WiringError
 from drivers.wiring.keys import convert
-from drivers.wiring.registers import ByteOrder, WordOrder
+from drivers.wiring.modbus.registers import ByteOrder, WordOrder
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort

@@ -30,7 +30,7 @@ from bench_sim.model.layout import LATERAL
 from bench_sim.model.replay import Before
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array
-from diagnosis.systems.air_spring_parity import CELLS, spring_forces
+from diagnosis.systems.air_spring.parity import CELLS, spring_forces
 from diagnosis.systems.motion import SENSORS, sheared
 
 #: Memories in s at which the past is told, half a decade apart.

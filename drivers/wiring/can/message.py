@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from bench_protocol.account import Account
 from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.frames import LENGTH_MAX
-from drivers.wiring.can_keys import MessageKeys
-from drivers.wiring.protection import Checksum
+from drivers.wiring.can.keys import MessageKeys
+from drivers.wiring.can.protection import Checksum
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding

@@ -25,7 +25,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.astb_refusals import Told, why_action, why_settings
+from drivers.wiring.astb.refusals import Told, why_action, why_settings
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort

@@ -13,7 +13,7 @@ from bench_sim.model.layout import INPUTS, LATERAL, Input
 from bench_sim.model.replay import Motion
 from bench_sim.model.traces import TracedReplay, feeds
 from diagnosis.contracts import Array, DiagnosisError, Experiment
-from diagnosis.systems.air_spring_batch import KeptTraces
+from diagnosis.systems.air_spring.batch import KeptTraces
 from diagnosis.systems.motion import GIVE
 
 _VALVES: Final = {

@@ -1,0 +1,1 @@
+"""The bench of two air springs as a system to be diagnosed."""
