@@ -11,6 +11,7 @@ from bench_sim.rig.controls import TICK_NS
 from test_plans import steps
 from test_plans.analysis import Stiffness, dynamic_stiffness
 from test_plans.analysis.cells import cells_under
+from test_plans.analysis.readings import VERTICAL_CELLS
 from test_plans.description import lag_of
 from test_plans.instruments import ordinary
 from test_plans.loads import AW0
@@ -98,7 +99,7 @@ class Rigs:
 
     def _sine(self):
         """Return times, readings and the truth of the whole cycles of a sine."""
-        with self.bench.capture(*VERTICAL, PISTON) as capture:
+        with self.bench.capture(*VERTICAL, *VERTICAL_CELLS, PISTON) as capture:
             self.bench.generator.run("vertical", amplitude=AMPLITUDE, frequency=FREQUENCY, cycles=CYCLES)
         times, values = capture.aligned(SAMPLE_RATE)
         steady = generator_cycles(times, values, 1, CYCLES - 2, FREQUENCY)
