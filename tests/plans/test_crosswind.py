@@ -13,6 +13,7 @@ from bench_sim.model import wind as oracle
 from bench_sim.parameters import load
 from paper_study.parameters import load_paper
 from test_plans.analysis import NotMeasured
+from test_plans.analysis.readings import SHEAR_CELLS
 from test_plans.analysis.spectra import SIGMAS_OF_95, spectra
 from test_plans.description import ours
 from test_plans.discovery import plans
@@ -242,6 +243,8 @@ def test_more_wind_than_the_bench_should_push_with_is_refused_before_anything_mo
 
 def test_a_gust_with_gaps_is_not_blamed_on_the_specimens_file():
     at = np.arange(-2.0, 23.0, 1 / SAMPLE_RATE)
-    values = dict.fromkeys(READ, np.zeros_like(at)) | {"left.height": np.full_like(at, np.nan)}
+    values = dict.fromkeys((*READ, *SHEAR_CELLS), np.zeros_like(at)) | {
+        "left.height": np.full_like(at, np.nan)
+    }
     with pytest.raises(NotMeasured, match="samples of the gust are missing"):
         _judge(SimpleNamespace(specimen=ordinary(), instruments=UNKNOWN, rig=OURS), "AW0", at, values)
