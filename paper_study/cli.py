@@ -9,7 +9,7 @@ from astb.exit_codes import blocked, misuse
 
 
 @click.command("paper")
-@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: under a minute.")
+@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: a minute or two.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
 @click.option(
     "--out",
