@@ -236,9 +236,10 @@ def _known_cells(cells: Any, wrong: list[str]) -> dict[str, Dimension]:
             if told:
                 wrong.append(told)
                 continue
-            size = hypot(*entry["value"]) if names is direction else 1.0
-            for name, value in zip(names(cell), entry["value"], strict=True):
-                known[name] = _dimension({**entry, "value": value / size})
+            three = [_dimension({**entry, "value": value}) for value in entry["value"]]
+            size = hypot(*(one.value for one in three)) if names is direction else 1.0
+            for name, one in zip(names(cell), three, strict=True):
+                known[name] = replace(one, value=one.value / size, uncertainty=one.uncertainty / size)
     return known
 
 

@@ -104,6 +104,17 @@ def test_which_cells_are_read_for_what():
         cells.upward_force({"load_cell.1": np.zeros(3)}, ours())
 
 
+def test_a_direction_of_any_length_and_unit_is_a_unit_vector(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        "[load_cell.5]\ndirection = { value = [0, 120, 160], uncertainty = 2, "
+        'unit = "%", provenance = "assumed", source = "x" }',
+        encoding="utf-8",
+    )
+    known = read_dimensions("mine.toml", tmp_path).known
+    assert [known[name].value for name in direction("load_cell.5")] == pytest.approx([0.0, 0.6, 0.8])
+    assert [known[name].uncertainty for name in direction("load_cell.5")] == pytest.approx([0.01] * 3)
+
+
 @pytest.mark.parametrize(
     ("line", "told"),
     [
