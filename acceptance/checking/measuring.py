@@ -14,10 +14,10 @@ from acceptance.checking.report import MoveLine, Verdict
 from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, first_harmonic, without_inertia, without_lag
+from test_plans.analysis import Samples, first_harmonic, without_inertia
 from test_plans.analysis.cells import CELLS, bearing, cell_moment, described, unseen, upward_force
 from test_plans.analysis.geometry import actuator_moment, roll_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS
+from test_plans.analysis.readings import GENERATOR, HEIGHTS, harmonic
 from test_plans.analysis.uncertainty import Measured, Readings, measured
 from test_plans.description import Description
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
@@ -234,9 +234,7 @@ class Measuring:
         times: Samples, frequency: float, rig: Mapping[str, float], read: Mapping[str, Samples]
     ) -> Callable[[str], complex]:
         """Return how to ask for the amplitude of a signal, free of its stated lag."""
-        return lambda name: without_lag(
-            first_harmonic(times, read[name], frequency), rig[lag(name)], frequency
-        )
+        return lambda name: harmonic(rig, times, read[name], frequency, name)
 
     def _has(self, name: str, signals: tuple[str, ...], dimensions: tuple[str, ...]) -> bool:
         lacking = self._bench.lacks(*signals) or self._rig.lacks(*dimensions)

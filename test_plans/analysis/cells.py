@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from math import sqrt
 from typing import Any, Final
 
@@ -29,29 +28,16 @@ CELLS_ACROSS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Push:
-    """What one newton on a load cell says of force and moment on the bolster: its column of the wrench.
+def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
+    """Return what one newton on a ``cell`` says of force and moment on the bolster: its column of the wrench.
 
     Along x ahead, y to the left and z up, and about them through the middle between the springs' top plates, where a
-    force that the springs oppose to a shear makes no moment of its own: w = Σ (d_k, r_k × d_k) f_k.
+    force that the springs oppose to a shear makes no moment of its own: w = Σ (d_k, r_k × d_k) f_k; moments in m.
     """
-
-    force: tuple[float, float, float]
-    moment: tuple[float, float, float]  #: m
-
-    @property
-    def column(self) -> tuple[float, ...]:
-        """Force and moment, as a column of the matrix that turns readings into a wrench."""
-        return (*self.force, *self.moment)
-
-
-def push_of(rig: Rig, cell: str) -> Push:
-    """Return what one newton on a ``cell`` says, by its place and direction."""
     x, y, z = (rig[name] for name in place(cell))
     d_x, d_y, d_z = pointing(rig, cell)
     z -= rig["column_height"]
-    return Push((d_x, d_y, d_z), (y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x))
+    return d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
 
 
 def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
@@ -69,7 +55,7 @@ def rolling(rig: Rig, cell: str) -> float:
     return rig[across] * d_z - ((rig[up] - rig["column_height"]) * d_y if d_y else 0.0)
 
 
-#: The six parts of a wrench, as people call them, in the order of `Push.column`.
+#: The six parts of a wrench, as people call them, in the order of `column_of`.
 PARTS: Final = (
     "force ahead",
     "force sideways",
@@ -85,7 +71,7 @@ SOME: Final = 0.05
 
 def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
     """Return the six `PARTS` of what springs and bump stop do to the bolster (N, N·m), by all cells in ``values``."""
-    columns = {cell: push_of(rig, cell).column for cell in cells_in(values)}
+    columns = {cell: column_of(rig, cell) for cell in cells_in(values)}
     return tuple(
         np.asarray(sum(column[part] * np.asarray(values[cell]) for cell, column in columns.items()))
         for part in range(len(PARTS))
@@ -97,7 +83,7 @@ def unseen(rig: Rig, cells: Iterable[str] = LOAD_CELLS) -> tuple[str, ...]:
 
     Something else bears those, a guide or the cells' own stiffness across: Aᵀn = 0 for a wrench n of that part.
     """
-    columns = [push_of(rig, cell).column for cell in cells]
+    columns = [column_of(rig, cell) for cell in cells]
     if not columns:
         return PARTS
     a = np.array(columns)
@@ -114,7 +100,11 @@ def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
 
 def described(rig: Rig) -> tuple[str, ...]:
     """Return the load cells of which somebody has stated where they stand and which way they point."""
-    return tuple(cell for cell in LOAD_CELLS if all(name in rig for name in (*place(cell), *direction(cell))))
+    return tuple(cell for cell in LOAD_CELLS if _is_described(rig, cell))
+
+
+def _is_described(rig: Rig, cell: str) -> bool:
+    return all(name in rig for name in (*place(cell), *direction(cell)))
 
 
 def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
@@ -128,6 +118,10 @@ def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
 def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
     """Return the load cells that a force sideways loads: those across, where nobody says which way they point."""
     return _pointing(rig, 1, least) or SHEAR_CELLS
+
+
+#: Which cells a motion along an axis loads.
+LOADED: Final = {"vertical": bearing, "lateral": guiding}
 
 
 def _pointing(rig: Rig, way: int, least: float) -> tuple[str, ...]:
@@ -161,8 +155,7 @@ def _sum(
     there = cells_in(values)
     if lacking := [cell for cell in needed if cell not in there]:
         raise NotAvailable(f"without {', '.join(lacking)} nobody knows what the load cells bear together")
-    known = set(described(rig))
-    shares = {cell: share(cell) for cell in there if cell in needed or cell in known}
+    shares = {cell: share(cell) for cell in there if cell in needed or _is_described(rig, cell)}
     return np.asarray(sum(one * np.asarray(values[cell]) for cell, one in shares.items() if one))
 
 
@@ -188,7 +181,7 @@ def load_on(values: Mapping[str, Any], rig: Rig, side: str) -> Samples:
 def rest_load(rig: Rig, cell: str) -> float:
     """Return what a cell reads (N) of the bolster alone: of equal cells that bear it without any moment."""
     cells = bearing(rig, SOME)
-    columns = np.array([push_of(rig, one).column for one in cells])
+    columns = np.array([column_of(rig, one) for one in cells])
     upward = np.array([part == "force upward" for part in PARTS], float)
     carried = np.linalg.lstsq(columns.T, upward, rcond=None)[0]
     return bolster_weight(rig) * float(carried[cells.index(cell)])

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, Hz, kN, mm, mrad, ms, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import NotMeasured, Samples, Stiffness, first_harmonic, without_lag
+from test_plans.analysis import NotMeasured, Samples, Stiffness
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
 from test_plans.analysis.geometry import (
     ACTUATORS,
@@ -26,10 +26,10 @@ from test_plans.analysis.geometry import (
     shear_of,
     stop_travel_of,
 )
-from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS
+from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS, harmonic
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
-from test_plans.description import lag_of, lags
+from test_plans.description import lags
 from test_plans.loads import AW0, AW3, Band, Load
 from test_plans.parameters import Range
 from test_plans.plan import plan_under
@@ -218,8 +218,7 @@ class Seen:
         """Return the complex lateral stiffness of the pair (N/m): first harmonics of force and shear."""
 
         def of(series: Samples, *names: str) -> complex:
-            found = first_harmonic(self.at[which], series[which], self.frequency)
-            return without_lag(found, lag_of(rig, *names), self.frequency)
+            return harmonic(rig, self.at[which], series[which], self.frequency, *names)
 
         moved = of(values["lateral.displacement"], "lateral.displacement")
         moved -= of(values["lateral.force"], "lateral.force") / rig["lateral_frame_stiffness"]

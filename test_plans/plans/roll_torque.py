@@ -9,13 +9,13 @@ import numpy as np
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Samples, first_harmonic, without_lag
+from test_plans.analysis import Samples
 from test_plans.analysis.cells import cell_moment, sideways_force, upward_force
 from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, Rig, roll_of
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, harmonic
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
-from test_plans.description import lag_of, lags
+from test_plans.description import lags
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
@@ -172,7 +172,7 @@ def _move(run: Run, amplitudes: Mapping[str, float]) -> tuple[Samples, dict[str,
 
 def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
     def of(series: Samples, *names: str) -> complex:
-        return without_lag(first_harmonic(times, series, FREQUENCY), lag_of(rig, *names), FREQUENCY)
+        return harmonic(rig, times, series, FREQUENCY, *names)
 
     roll = of(roll_of(values, rig), *HEIGHTS)
     tilt = of(np.asarray(values["platform.roll"]), "lateral.displacement")  # a transducer of its kind

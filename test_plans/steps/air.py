@@ -84,8 +84,9 @@ def check_air(run: Run, load: Load) -> None:
     with run.phase("static pressure"):
         states = [f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure")]
         cells = [cell for cell in bearing(run.rig) if run.bench.has(cell)]
-        pushed = [name for name in ("lateral.force",) if run.bench.has(name)]
-        mean = run.bench.averages(*cells, *states, *pushed, over=AVERAGE_OVER)
+        if run.bench.has("lateral.force"):
+            states.append("lateral.force")
+        mean = run.bench.averages(*cells, *states, over=AVERAGE_OVER)
         for side in SIDES:
             name = LOAD.of(side=side)
             if run.can(name, needs=(*cells_under(run.rig, side), *CELLS)):

@@ -25,9 +25,8 @@ from test_plans.analysis import (
 from test_plans.analysis.cells import (
     CELLS,
     CELLS_ACROSS,
-    bearing,
+    LOADED,
     cells_under,
-    guiding,
     load_on,
     sideways_force,
 )
@@ -119,7 +118,7 @@ def _once(
     wave: Wave,
 ) -> tuple[Samples, dict[str, Samples]]:
     cycles = 2 + ceil(MEASURED * frequency)
-    names = (*names, *(bearing if axis == "vertical" else guiding)(run.rig))
+    names = (*names, *LOADED[axis](run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
         run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
     return _at_full_amplitude(capture, frequency, cycles)

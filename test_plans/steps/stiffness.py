@@ -11,13 +11,11 @@ from test_plans.analysis import (
     Samples,
     Stiffness,
     dynamic_stiffness,
-    first_harmonic,
     without_inertia,
-    without_lag,
 )
 from test_plans.analysis.cells import CELLS, cells_under, upward_force
 from test_plans.analysis.geometry import Rig
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, harmonic
 from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
@@ -187,9 +185,9 @@ def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> floa
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
     cells = upward_force(values, rig)
-    x = without_lag(first_harmonic(times, motion, frequency), lag_of(rig, *HEIGHTS), frequency)
-    F = without_lag(first_harmonic(times, actuators, frequency), lag_of(rig, *ACTUATORS), frequency)
-    S = without_lag(first_harmonic(times, cells, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
+    x = harmonic(rig, times, motion, frequency, *HEIGHTS)
+    F = harmonic(rig, times, actuators, frequency, *ACTUATORS)
+    S = harmonic(rig, times, cells, frequency, *VERTICAL_CELLS)
     return abs(without_inertia(F, x, rig["bolster_mass"], frequency) / S)
 
 

@@ -15,17 +15,14 @@ from test_plans.analysis import (
     Samples,
     Stiffness,
     dynamic_stiffness,
-    first_harmonic,
     whole_cycles,
-    without_lag,
 )
 from test_plans.analysis.cells import (
     CELLS,
     CELLS_ACROSS,
-    bearing,
+    LOADED,
     cells_in,
     cells_under,
-    guiding,
     sideways_force,
     upward_force,
 )
@@ -37,6 +34,7 @@ from test_plans.analysis.readings import (
     PRESSURES,
     SHEAR_CELLS,
     VERTICAL_CELLS,
+    harmonic,
 )
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lag_of, lags
@@ -110,7 +108,7 @@ def shake(
     cycles = before + count + ceil(COUNT_LATE * frequency)
     cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
     names = _VERTICAL if axis == "vertical" else _LATERAL
-    names = (*names, *(bearing if axis == "vertical" else guiding)(run.rig))
+    names = (*names, *LOADED[axis](run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name)), *GENERATOR) as capture:
         run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
     times, values = capture.aligned(SAMPLE_RATE)
@@ -125,8 +123,8 @@ def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: floa
     """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
     loads = 0.5 * upward_force(values, rig)
-    X = -without_lag(first_harmonic(times, heights, frequency), lag_of(rig, *HEIGHTS), frequency)
-    F = without_lag(first_harmonic(times, loads, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
+    X = -harmonic(rig, times, heights, frequency, *HEIGHTS)
+    F = harmonic(rig, times, loads, frequency, *VERTICAL_CELLS)
     return Stiffness(F / X, frequency, abs(X))
 
 
@@ -140,11 +138,9 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
     """Complex lateral stiffness per spring (half of the pair's), free of what frame and bolster give way."""
 
     def of(name: str) -> complex:
-        return without_lag(first_harmonic(times, values[name], frequency), lag_of(rig, name), frequency)
+        return harmonic(rig, times, values[name], frequency, name)
 
-    roll = without_lag(
-        first_harmonic(times, roll_of(values, rig), frequency), lag_of(rig, *HEIGHTS), frequency
-    )
+    roll = harmonic(rig, times, roll_of(values, rig), frequency, *HEIGHTS)
     if frequency < SEISMIC:
         pinned = of("lateral.displacement")
         pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
