@@ -50,6 +50,7 @@ _SIDE = (SIDES,)
 _ACTUATOR = (ACTUATORS,)
 _SENSOR = (SENSORS,)
 _SPAN = (2,)
+_UPRIGHT_CELLS = (4,)
 
 #: Every parameter that the equations read, except those of the sensors.
 PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
@@ -138,6 +139,10 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("m", "load_cell_x", "load_cell_y", "load_cell_height"),
     *_each("1", "load_cell_crosstalk", shape=(6, 6)),
     *_off("kg", "platen_mass", low=0.0, high=1e4),
+    *_off("m", "seat_ahead", low=-0.5, high=0.5, shape=_SIDE),
+    *_off("m", "load_ahead", low=-0.5, high=0.5),
+    *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS),
+    *_off("N", "platform_twist", low=-5e4, high=5e4),
     # acquisition: how late the readings of a group of sensors arrive
     *_off("s", "force_latency", "pressure_latency", low=0.0, high=0.25),
     *_off("1", "pressure_clock_skew", low=0.0, high=0.01),

@@ -17,33 +17,61 @@ from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.layout import ACTUATORS, HISTORY, SENSORS, TINY, Sensor, State
 from bench_sim.model.noise import normal
 
+#: Which of the vertical cells carry more and which less where the platform is twisted.
+DIAGONAL = (1.0, -1.0, -1.0, 1.0)
+
 
 @compiled
 def load_cell_term(par: Any, out: Any, values: Any) -> None:
-    """Reactions in the six load cells that carry the platform, from the force and moment of both springs.
+    """Reactions in the six load cells that carry the platform, from forces and moments of springs and actuators.
 
     F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force that springs and bump stop do to the
     bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring
-    Σ (M_i + s_i b F_z,i − h F_y,i); M_y = M_z = 0. The platform's own weight is tared; of its inertia the cells see
-    m z̈_P and m ÿ_P of what lies on them (``platen_mass``, 0 in a rig that compensates it).
+    Σ (M_i + s_i b F_z,i − h F_y,i). A seat that stands x_i ahead of the middle, and actuators that press x_l ahead of
+    it, bring Σ x_k F_k = Σ x_i F_z,i + x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The platform's
+    own weight is tared; of its inertia the cells see m z̈_P and m ÿ_P of what lies on them (``platen_mass``, 0 in a rig
+    that compensates it).
+
+    What four supports bear against each other, a (1, −1, −1, 1), no balance tells. The least energy does: a rigid
+    platform on supports whose compliance is (1 + δ_k) of the common one, of which that under cell k is cut too short
+    for its plane by as much as bears the twist w on equal supports: a = (4w − Σ ±_k δ_k F_k) / (4 + Σδ_k).
     """
-    F_z = out[Algebraic.VERTICAL_FORCE] + out[Algebraic.VERTICAL_FORCE + 1]
+    left = out[Algebraic.VERTICAL_FORCE]
+    right = out[Algebraic.VERTICAL_FORCE + 1]
+    F_z = left + right
     F_y = out[Algebraic.LATERAL_FORCE] + out[Algebraic.LATERAL_FORCE + 1]
     M_x = (
         out[Algebraic.ROLL_MOMENT]
         + out[Algebraic.ROLL_MOMENT + 1]
-        + par.spring_half_spacing * (out[Algebraic.VERTICAL_FORCE] - out[Algebraic.VERTICAL_FORCE + 1])
+        + par.spring_half_spacing * (left - right)
         - par.column_height * F_y
     )
     F_y += out[Algebraic.BUMP_STOP] + par.platen_mass * out[Algebraic.PLATFORM_ACCELERATION]
     F_z += par.platen_mass * out[Algebraic.PLATFORM_ACCELERATION + 1]
     tilt = (M_x + par.load_cell_height * F_y) / (4.0 * par.load_cell_y)
-    values[Sensor.LOAD_CELL_1] = 0.25 * F_z + tilt
-    values[Sensor.LOAD_CELL_2] = 0.25 * F_z - tilt
-    values[Sensor.LOAD_CELL_3] = 0.25 * F_z + tilt
-    values[Sensor.LOAD_CELL_4] = 0.25 * F_z - tilt
-    values[Sensor.LOAD_CELL_5] = 0.5 * F_y
-    values[Sensor.LOAD_CELL_6] = 0.5 * F_y
+    pressed = out[Algebraic.ACTUATOR_FORCE] + out[Algebraic.ACTUATOR_FORCE + 1]
+    ahead = par.seat_ahead[0] * left + par.seat_ahead[1] * right + par.load_ahead * pressed
+    turn = (
+        par.seat_ahead[0] * out[Algebraic.LATERAL_FORCE]
+        + par.seat_ahead[1] * out[Algebraic.LATERAL_FORCE + 1]
+    )
+    pitch = ahead / (4.0 * par.load_cell_x)
+    yaw = turn / (2.0 * par.load_cell_x)
+    values[Sensor.LOAD_CELL_1] = 0.25 * F_z + tilt + pitch
+    values[Sensor.LOAD_CELL_2] = 0.25 * F_z - tilt + pitch
+    values[Sensor.LOAD_CELL_3] = 0.25 * F_z + tilt - pitch
+    values[Sensor.LOAD_CELL_4] = 0.25 * F_z - tilt - pitch
+    values[Sensor.LOAD_CELL_5] = 0.5 * F_y + yaw
+    values[Sensor.LOAD_CELL_6] = 0.5 * F_y - yaw
+    softer = 0.0
+    twist = 4.0 * par.platform_twist
+    for k in range(4):
+        delta = par.support_softness[k]
+        softer += delta
+        twist -= DIAGONAL[k] * delta * values[Sensor.LOAD_CELL_1 + k]
+    twist /= 4.0 + softer
+    for k in range(4):
+        values[Sensor.LOAD_CELL_1 + k] += DIAGONAL[k] * twist
 
 
 @compiled

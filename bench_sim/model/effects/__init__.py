@@ -11,6 +11,7 @@ from bench_sim.model.effects import (
     auxiliary_volume,
     bellows_volume,
     bump_stop,
+    cell_loads,
     clock_skew,
     compliance,
     coupling,
@@ -87,6 +88,7 @@ CATALOGUE: Final[Mapping[str, Effect]] = MappingProxyType(
             actuator_tracking,
             frame_compliance,
             platen_inertia,
+            cell_loads,
             coupling,
             emergency_compliance,
         )
