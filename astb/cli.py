@@ -15,7 +15,7 @@ from typing import Final, NoReturn
 import click
 
 from astb.commands.completion import completion_command
-from astb.commands.diagnosis import diagnose_command, investigate_command
+from astb.commands.diagnosis import diagnose_command, identify_command, investigate_command
 from astb.commands.doctor import doctor_command
 from astb.commands.exchange import export_command, import_command
 from astb.commands.fault import fault_command
@@ -131,6 +131,7 @@ for _command in (
     import_command,
     diagnose_command,
     investigate_command,
+    identify_command,
     doctor_command,
     completion_command,
 ):

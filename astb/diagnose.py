@@ -96,7 +96,7 @@ def conclude(
     Of a bench the finding ranks the menu of separating runs.
     """
     bench = isinstance(simulator, AirSpring)
-    further = experiments(MENU, rig=_rig_of(simulator.parameters)) if isinstance(simulator, AirSpring) else ()
+    further = experiments(MENU, rig=rig_of(simulator.parameters)) if isinstance(simulator, AirSpring) else ()
     finding = diagnose(dataset, simulator, config, progress, further)
     (out / FINDING).write_bytes(finding.to_json())
     write_report(finding, out / REPORT)
@@ -105,7 +105,7 @@ def conclude(
     return finding
 
 
-def _rig_of(parameters: "Parameters") -> "Description":
+def rig_of(parameters: "Parameters") -> "Description":
     """Return what plans would know of a rig that is built with a set of parameters."""
     return Description("the rig", ordinary().built(dimensions_of(parameters)))
 

@@ -26,7 +26,7 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     """
     parameters = load(based_on)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
-    changes = _changes(finding.models.after, parameters) | _surfaces(finding, parameters)
+    changes = changes_of(finding.models.after, parameters) | _surfaces(finding, parameters)
     write_model(
         path,
         Model(base, changes, _effects(finding), _provenance(finding)),
@@ -35,7 +35,7 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     )
 
 
-def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
+def changes_of(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
     """Parameters in the shape that the set has them: by side, for both sides alike, and offsets by sensor."""
     changes: dict[str, Any] = {}
     for name, value in values.items():
@@ -88,7 +88,7 @@ def _notes(finding: Finding, parameters: Parameters) -> Notes:
             notes["change"][name] = f"{before}; {own}" if before else own
     for cause in finding.causes:
         notes[cause.effect] = {
-            one.name: _interval(one.low, one.high, one.unit)
+            one.name: interval(one.low, one.high, one.unit)
             for one in cause.parameters
             if one.low is not None and one.high is not None
         }
@@ -105,12 +105,12 @@ def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
         if shift is None or shift.after is None or shift.sd_after is None:
             continue
         width = Z95 * shift.sd_after
-        text = _interval(shift.after - width, shift.after + width, shift.unit)
+        text = interval(shift.after - width, shift.after + width, shift.unit)
         side, _, quantity = name.partition(".")
         yield (quantity, side, text) if side in SIDES and not name.endswith(_OFFSET) else (name, "", text)
 
 
-def _interval(low: float, high: float, unit: str) -> str:
+def interval(low: float, high: float, unit: str) -> str:
     digits = decimals(low, high)
     return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 

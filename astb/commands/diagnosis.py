@@ -1,11 +1,11 @@
-"""`astb diagnose` and `astb investigate`: what a model gets wrong, from records or on a rig."""
+"""`astb diagnose`, `astb investigate` and `astb identify`: what a model gets wrong, and what springs are."""
 
 from pathlib import Path
 from typing import Final
 
 import click
 
-from astb.commands.options import RIG_OPTION, SEED, effect_options, read_rig, simulated
+from astb.commands.options import JSON_OPTION, RIG_OPTION, SEED, effect_options, read_rig, read_specimen, simulated
 from astb.exit_codes import BLOCKED, blocked, misuse
 
 _MODEL_OPTION: Final = click.option(
@@ -113,6 +113,61 @@ def investigate_command(
         blocked(error)
     if not done:
         raise click.exceptions.Exit(BLOCKED)
+
+
+@click.command("identify")
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path), metavar="[RUN]...")
+@click.option(
+    "--map",
+    "map_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
+)
+@click.option("--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model.")
+@click.option(
+    "--model",
+    default="astb",
+    show_default=True,
+    help="What is believed beforehand: a parameter set, or path of a parameter or model file.",
+)
+@click.option("--expect", metavar="PLAN", help="Say what is known after this plan, too, before it is run.")
+@JSON_OPTION
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Model file for what was identified (TOML)."
+)
+def identify_command(
+    data: tuple[Path, ...],
+    map_path: Path | None,
+    specimen_name: str | None,
+    model: str,
+    expect: str | None,
+    as_json: bool,
+    out: Path | None,
+) -> None:
+    """Identify springs: every parameter from records, with its uncertainty.
+
+    RUN are records of `astb run identification`, or of any plan that a model can replay, from whatever rig; other files
+    need --map. --out writes a model that `astb run`, `rehearse` and `diagnose` take as --model. Without a RUN it says
+    how well the plan of --expect would tell each parameter, before it is run. Ends with 0, or 2 for misuse.
+    """
+    if out is not None and not data:
+        misuse(f"--out {out}: without a record nothing is identified; name a RUN, or leave --out out")
+    _keep_algebra_to_one_core()
+    from astb.identify import Request, identify_data, show
+    from astb.tables import open_console, plain_console, print_json
+    from bench_records.layout import RecordError
+
+    specimen = read_specimen(specimen_name) if specimen_name else None
+    try:
+        answer = identify_data(
+            Request(data, map_path, model, specimen, expect), out, plain_console(stderr=True)
+        )
+    except (ValueError, RecordError) as error:
+        misuse(error)
+    if as_json:
+        print_json(answer)
+    else:
+        show(answer, out, open_console())
 
 
 def _keep_algebra_to_one_core() -> None:

@@ -53,7 +53,7 @@ def predict(
     What the fit knows of the shared numbers is their prior now; those of each new record are found and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
     """
-    point, prior = _transferred(fitted, fitted.replay.of(runs), fixed)
+    point, prior = transferred(fitted, fitted.replay.of(runs), fixed)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, prior=prior)
     information = again.linearisation.information / fitted.noise.dispersion
     occam = np.linalg.slogdet(prior.precision)[1] - np.linalg.slogdet(information)[1]
@@ -61,7 +61,7 @@ def predict(
     return Prediction(again.replay, lpd, again.predictions, again.linearisation)
 
 
-def _transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
+def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
     """Return the fitted point with the new records' own nuisances, and what is known of all its numbers.
 
     The shared ones, among which are those of a record of which parts were fitted, are held if they are ``fixed``.

@@ -35,6 +35,7 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 VALVES: Final[Mapping[str, float]] = MappingProxyType({"fill_conductance": 0.05, "exhaust_conductance": 0.05})
 LEVER: Final = "lever_offset"
 LEVER_ADJUSTMENT: Final = 0.5e-3
+_OF_VALVES: Final = frozenset({*VALVES, LEVER})
 #: The signal of the gauge whose zero is one more thing that is not known of what the valves let in.
 SUPPLY: Final = "supply.pressure"
 #: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
@@ -205,6 +206,16 @@ def _shear_accuracy(parameters: Parameters) -> float:
 
 
 def _tolerance(parameters: Parameters, name: str, label: str, place: int, share: float) -> Nuisance:
+    return tolerance(parameters, name, label, place, share, _STEP * share)
+
+
+def tolerance(
+    parameters: Parameters, name: str, label: str, place: int, share: float, step: float
+) -> Nuisance:
+    """Return what is believed of a parameter of a set, in one place of it: within a ``share`` of its value.
+
+    ``step`` is that of finite differences, relative as well.
+    """
     entry = parameters.entries[name]
     value = float(entry.value[place])
     return Nuisance(
@@ -214,21 +225,25 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
         share * abs(value),
         float(entry.low[place]),
         float(entry.high[place]),
-        _STEP * share * abs(value),
+        step * abs(value),
         display=entry.unit,
         scale=entry.scale,
     )
 
 
 def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None:
-    """Write the springs' own values among ``values`` into a parameter record, and if they are fed, their valves'."""
-    for name in (*EACH_SIDE, *((*VALVES, LEVER) if leveling else ())):
-        for place, side in enumerate(_SIDES):
-            if f"{side}.{name}" in values:
-                record[name][place] = values[f"{side}.{name}"]
-    for name in BOTH_SIDES:
-        if name in values:
-            record[name][:] = values[name]
+    """Write the springs' own values among ``values`` into a parameter record, and if they are fed, their valves'.
+
+    One with a side before it is that side's, one without both sides'. What is no quantity of the record is left out.
+    """
+    for label, value in values.items():
+        side, _, name = label.rpartition(".")
+        if name not in _UNITS or (name in _OF_VALVES and not leveling):
+            continue
+        if not side:
+            record[name][:] = value
+        elif side in _SIDES:
+            record[name][_SIDES.index(side)] = value
 
 
 def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bool]) -> dict[str, Hypothesis]:

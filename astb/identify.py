@@ -1,0 +1,244 @@
+"""`astb identify`: from records of unknown springs to a set of parameters, each with how well the records tell it."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from astb.diagnose import progress_bar, read_data, rig_of
+from astb.extend import DIGITS, changes_of, interval
+from astb.menu import experiments
+from astb.tables import open_table
+from bench_sim.parameters import load
+from bench_sim.parameters.model_file import Model, write_model
+from diagnosis.contracts import DiagnosisError
+from diagnosis.engine.identify import Identification, Identified, believed, expected, identify
+from diagnosis.finding import Z95, decimals
+from diagnosis.systems.air_spring.identified import ASKED, UnknownSpring, quantity
+from diagnosis.systems.air_spring.simulator import AirSpring
+from test_plans.plans.identification import IDENTIFICATION
+from test_plans.plans.screening import SCREENING
+from test_plans.plans.separating import MENU
+from test_plans.specimen import DRAWING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench_sim.parameters import Parameters
+    from diagnosis.contracts import Dataset
+    from test_plans.programmes.motions import Programme
+    from test_plans.specimen import Specimen
+
+#: Runs that are data, so that what they will tell can be computed.
+PROGRAMMES: Final[dict[str, "Programme"]] = {
+    one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is to be identified: records, the map of foreign files, what is believed, and a plan to look ahead to.
+
+    ``specimen`` is the drawing of the springs, which goes over the ``model``.
+    """
+
+    data: Sequence[Path]
+    map_path: Path | None
+    model: str
+    specimen: "Specimen | None"
+    expect: str | None
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One quantity as it is shown: in its unit, with its 95 % interval and that which was believed."""
+
+    name: str
+    title: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    believed_low: float
+    believed_high: float
+    left: float  #: part of the believed standard deviation that is left
+    told: bool
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of an identification, or of looking ahead to a run: ``after`` is that run's plan."""
+
+    rows: list[Row]
+    doubts: list[str] = []
+    readings: list[str] = []
+    further: list[str] = []
+    after: str = ""
+
+
+def identify_data(request: Request, out: Path | None, console: "Console") -> Answer:
+    """Identify what is asked and write it to ``out``, if there is one; or look ahead to a run.
+
+    DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
+    """
+    parameters = _drawn(load(request.model), request.specimen)
+    ahead = _programme(request.expect) if request.expect else None
+    if not request.data:
+        return _looked_ahead(parameters, ahead or IDENTIFICATION, console)
+    for path in request.data:
+        if not path.exists():
+            raise DiagnosisError(f"{path} does not exist")
+    with progress_bar(console) as progress:
+        progress("read the data", 0.0)
+        simulator, dataset = read_data(request.data, request.map_path, parameters)
+        if not isinstance(simulator, AirSpring):
+            raise DiagnosisError(
+                f"{request.map_path} is about {simulator.name}; what is identified are air springs, with "
+                'system = "air_spring"'
+            )
+        unknown = UnknownSpring(simulator.parameters, tuple(channel.name for channel in simulator.channels))
+        found = identify(dataset, unknown, progress=progress)
+        further: list[str] = []
+        answer = found
+        if ahead:
+            progress(f"looking ahead to {ahead.name}", 0.9)
+            answer = expected(found, experiments({ahead.name: ahead}, rig=rig_of(unknown.parameters)))
+        elif untold := [one for one in _asked(found) if not one.told]:
+            progress("looking for the run that would tell more", 0.9)
+            further = list(_further(found, untold, unknown.parameters))
+    if out is not None:
+        _write(out, found, dataset, unknown.parameters, request.model)
+    return Answer(
+        rows=[_row(one) for one in _asked(answer)],
+        doubts=list(found.doubts),
+        readings=list(dataset.readings),
+        further=further,
+        after=ahead.name if ahead else "",
+    )
+
+
+def _drawn(parameters: "Parameters", specimen: "Specimen | None") -> "Parameters":
+    """Return a set with what a drawing states of its springs."""
+    if specimen is None:
+        return parameters
+    return parameters.with_values(**{name: getattr(specimen, name) for name in DRAWING})
+
+
+def _programme(name: str) -> "Programme":
+    if name not in PROGRAMMES:
+        raise DiagnosisError(
+            f"--expect: what {name!r} would tell cannot be computed; it can of {', '.join(PROGRAMMES)}"
+        )
+    return PROGRAMMES[name]
+
+
+def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Console") -> Answer:
+    """Say what a run would tell of springs of which nothing but a set is known."""
+    with progress_bar(console) as progress:
+        progress(f"looking ahead to {ahead.name}", 0.0)
+        simulator = UnknownSpring(parameters)
+        found = believed(simulator, experiments({ahead.name: ahead}, rig=rig_of(parameters)))
+    return Answer(rows=[_row(one) for one in _asked(found)], after=ahead.name)
+
+
+def _asked(found: Identification) -> list[Identified]:
+    return [one for one in found.parameters if quantity(one.parameter.name) in ASKED]
+
+
+def _further(
+    found: Identification, untold: Sequence[Identified], parameters: "Parameters"
+) -> Iterator[str]:
+    """Yield what would tell what the records do not."""
+    runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
+    after = {one.parameter.name: one for one in _asked(expected(found, runs))}
+    for one in untold:
+        there = after[one.parameter.name]
+        what = f"{one.parameter.name} is not told by these records: {one.share:.0%} of what was believed is left"
+        yield what + (
+            f"; after astb run {IDENTIFICATION.name} it would be {there.share:.1%}"
+            if there.told
+            else f"; nor would astb run {IDENTIFICATION.name} tell it, with {there.share:.0%}"
+        )
+
+
+def _row(one: Identified) -> Row:
+    parameter, scale = one.parameter, one.parameter.scale
+    width, wide = Z95 * one.deviation, Z95 * parameter.spread
+    return Row(
+        name=parameter.name,
+        title=ASKED[quantity(parameter.name)].title,
+        unit=parameter.display or parameter.unit,
+        value=one.value / scale,
+        low=(one.value - width) / scale,
+        high=(one.value + width) / scale,
+        believed_low=(parameter.nominal - wide) / scale,
+        believed_high=(parameter.nominal + wide) / scale,
+        left=one.share,
+        told=one.told,
+    )
+
+
+def _write(
+    path: Path, found: Identification, dataset: "Dataset", parameters: "Parameters", based_on: str
+) -> None:
+    """Write the model that was identified, with the interval of each parameter above it. DiagnosisError."""
+    asked = _asked(found)
+    base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
+    changes = changes_of({one.parameter.name: one.value for one in asked}, parameters)
+    model = Model(base, changes, {}, _provenance(asked, found, dataset))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_model(path, model, {"change": _notes(asked)}, DIGITS)
+    except OSError as error:
+        raise DiagnosisError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def _notes(asked: Sequence[Identified]) -> dict[str, str]:
+    notes: dict[str, str] = {}
+    for one in asked:
+        row, name = _row(one), quantity(one.parameter.name)
+        side = one.parameter.name.removesuffix(name).rstrip(".")
+        text = f"{side} {interval(row.low, row.high, row.unit)}".strip()
+        text += "" if one.told else ", hardly told by the records"
+        notes[name] = f"{notes[name]}; {text}" if name in notes else text
+    return notes
+
+
+def _provenance(
+    asked: Sequence[Identified], found: Identification, dataset: "Dataset"
+) -> dict[str, Any]:
+    return {
+        "kind": "identification",
+        "data": dataset.digest,
+        "runs": [run.experiment.name for run in found.model.replay.runs],
+        "deviations": {one.parameter.name: float(f"{one.deviation:.3g}") for one in asked},
+        "not_told": [one.parameter.name for one in asked if not one.told],
+        "versions": {package: version(package) for package in ("astb", "numpy", "scipy")},
+    }
+
+
+def show(answer: Answer, out: Path | None, console: "Console") -> None:
+    """Print doubts, the table of parameters, what is not told, and where the model is."""
+    for text in answer.readings:
+        console.print(text, soft_wrap=True)
+    for doubt in answer.doubts:
+        console.print(f"doubtful: {doubt}", style="yellow", soft_wrap=True)
+    title = f"What is known after {answer.after}" if answer.after else "What the records tell"
+    table = open_table(title, "parameter", "value", "95 %", "unit", "left", "what it is", whole=("parameter",))
+    for row in answer.rows:
+        digits = max(decimals(row.low, row.high), 0)
+        table.add_row(
+            row.name,
+            f"{row.value:.{digits}f}",
+            f"{row.low:.{digits}f} to {row.high:.{digits}f}",
+            row.unit.removesuffix("1") if row.unit == "1" else row.unit,
+            f"{row.left:.1%}" if row.told else f"{row.left:.0%}, not told",
+            row.title,
+        )
+    console.print(table)
+    for text in answer.further:
+        console.print(text, soft_wrap=True)
+    if out is not None:
+        console.print(f"  model: {out}", soft_wrap=True)

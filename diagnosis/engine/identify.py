@@ -1,0 +1,171 @@
+"""Identification: all parameters of a simulator as runs tell them, each beside what was believed, and what others would.
+
+Theory of operation
+-------------------
+It is the first half of a diagnosis with nothing to look for: the base model is fitted (step 2) under the noise that it
+leaves (step 3), with priors so wide that the data speak. The surfaces of step 7 tell by how much the form of the model
+is wrong, and widen the intervals by it (`model_error.py`). What comes out much narrower than it was believed is told by
+these runs; what does not is not, and its value is the belief.
+
+How well runs would tell that nobody has made follows from the same linear model: their columns, under the noise of the
+runs there are or of the data sheets, add their information to what is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Dataset, Experiment, HasRecords, MeasuredRun, Parameter, Simulator
+from diagnosis.engine.base_model import fit_base_model
+from diagnosis.engine.belief import contradicted
+from diagnosis.engine.config import UNKEPT_SURFACE_P
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.linear import Prior, prior_of
+from diagnosis.engine.fitting.linearise import linearise
+from diagnosis.engine.fitting.point import Point, base_point
+from diagnosis.engine.fitting.predict import transferred
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import footprints, with_surfaces
+from diagnosis.engine.memory import share_heap
+from diagnosis.engine.model_error import widened
+from diagnosis.engine.noise import Noise, white
+from diagnosis.engine.runs import measured_channels
+from diagnosis.engine.screening import ScreenedModel, fit_and_screen
+from diagnosis.engine.whitening import filters
+
+#: A parameter is told by runs that leave less than this part of the standard deviation with which it was believed.
+TOLD: Final = 0.5
+_ALPHA: Final = 0.003
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """A parameter as runs tell it: its value and standard deviation, in SI."""
+
+    parameter: Parameter
+    value: float
+    deviation: float
+
+    @property
+    def share(self) -> float:
+        """Which part of the believed standard deviation is left."""
+        return self.deviation / self.parameter.spread
+
+    @property
+    def told(self) -> bool:
+        """Whether the runs tell it."""
+        return self.share < TOLD
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """A model at its best fit, and the covariance (k, k) of its numbers with the errors of the model in it.
+
+    ``doubts`` are sentences on what the data and what was believed of them do not agree in.
+    """
+
+    model: FittedModel
+    covariance: Array
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[Identified, ...]:
+        """Every parameter that all runs share, in the order of the simulator."""
+        point = self.model.point
+        return tuple(
+            Identified(
+                c.parameter,
+                c.to_value(float(number)),
+                c.scale * sqrt(max(float(self.covariance[k, k]), 0.0)),
+            )
+            for k, (c, number) in enumerate(zip(point.coordinates, point.numbers, strict=True))
+            if not c.record
+        )
+
+
+def identify(
+    dataset: Dataset,
+    simulator: Simulator,
+    *,
+    seed: int = 1,
+    workers: int = 2,
+    progress: Progress = lambda _text, _part: None,
+) -> Identification:
+    """Return all parameters of a simulator as the runs of a dataset tell them, whatever the role of each.
+
+    Raises ``DiagnosisError`` for data that cannot be replayed.
+    """
+    share_heap()
+    data, model = measured_channels(dataset, simulator)
+    replay = Replay(model, data.runs, workers)
+    progress("fitting all parameters", 0.0)
+    point = fit_base_model(replay)
+    progress("estimating the noise, and the errors of the model", 0.5)
+    around = with_surfaces(replay, footprints(replay, point, ()))
+    screened = fit_and_screen(replay, around, alpha=_ALPHA, seed=seed, last=True)
+    doubts = (*data.doubts, *contradicted(screened.model), *_of_form(screened))
+    return Identification(screened.model, widened(screened.model, screened.tests), doubts)
+
+
+def _of_form(screened: ScreenedModel) -> Iterator[str]:
+    """Yield what speaks against the model itself."""
+    if not screened.model.converged:
+        yield "the fit did not come to rest: its intervals are not reliable"
+    clearest = min(screened.tests, key=lambda test: test.p, default=None)
+    if clearest is not None and clearest.p < UNKEPT_SURFACE_P:
+        yield (
+            f"the model lacks something: what is left looks like an {clearest.surface.title}; intervals are wider by "
+            "it, and a diagnosis with the identified model looks for its name"
+        )
+
+
+def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers: int = 2) -> Identification:
+    """Return what would be known after ``experiments`` of which nobody has made any, with sensors by their data sheets.
+
+    Values are those that are believed.
+    """
+    blank = Replay(simulator, tuple(_blank(one, simulator) for one in experiments), workers)
+    point = base_point(simulator.nuisances, blank.records)
+    noise = white([sqrt(c.noise**2 + c.resolution**2 / 12.0) for c in simulator.channels])
+    model = _linear(_foreseen(blank, point), noise, point, prior_of(point))
+    return Identification(model, widened(model, ()))
+
+
+def expected(known: Identification, experiments: Sequence[Experiment]) -> Identification:
+    """Return what would be known after ``experiments`` beside the runs of an identification."""
+    fitted = known.model
+    blank = fitted.replay.of(_blank(one, fitted.replay.simulator) for one in experiments)
+    point, prior = transferred(fitted, blank, fixed=False)
+    model = _linear(_foreseen(blank, point), fitted.noise, point, prior)
+    return Identification(model, widened(model, ()))
+
+
+def _linear(replay: Replay, noise: Noise, point: Point, prior: Prior) -> FittedModel:
+    """Return a model at a point as if it were its best fit to runs that read what it predicts."""
+    predictions = replay.predictions(point)
+    whiten = filters(noise, replay.runs)
+    linear = linearise(replay, whiten, point, predictions, prior.times(noise.dispersion))
+    return FittedModel(replay, noise, linear, tuple(predictions), converged=True)
+
+
+def _foreseen(replay: Replay, point: Point) -> Replay:
+    """Return runs that read what a model predicts; NaN where their record would not count it."""
+    simulator = replay.simulator
+    runs = []
+    for run, outputs in zip(replay.runs, replay.predictions(point), strict=True):
+        counts = simulator.counted(run.experiment, outputs) if isinstance(simulator, HasRecords) else True
+        runs.append(replace(run, outputs=np.where(counts, outputs, np.nan)))
+    return replay.of(runs)
+
+
+def _blank(experiment: Experiment, simulator: Simulator) -> MeasuredRun:
+    always = np.ones(experiment.time.size, dtype=bool)
+    outputs = np.zeros((experiment.time.size, len(simulator.channels)))
+    return MeasuredRun(experiment, outputs, always, ~always)

@@ -1,0 +1,84 @@
+"""The bench with springs of which only the drawing is known: everything that is identified, with how little is believed.
+
+A diagnosis refits what differs between good springs of one delivery, within a hundredth or a tenth. Whoever identifies
+a spring does not know it: priors are as wide as drawings of its kind lie apart, and friction, emergency spring, heat
+and the stiffness in roll are asked for as well. What is not here is taken from the parameter set: how the shell's
+stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Nuisance
+from diagnosis.systems.air_spring.parameters import BOTH_SIDES, EACH_SIDE, tolerance
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One quantity of the springs: what it is called, and the standard deviation of what is believed of it, relative.
+
+    ``each``: load cells and pressures tell it of each side, else both springs have the same.
+    """
+
+    title: str
+    spread: float
+    each: bool
+
+
+#: By the name of the parameter, in the order in which they are told.
+ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
+    {
+        "effective_area": Asked("effective area at design height", 0.05, True),
+        "effective_area_slope": Asked("effective area by height", 0.5, True),
+        "bellows_volume": Asked("volume of the bellows at design height", 0.1, True),
+        "auxiliary_volume": Asked("auxiliary volume", 0.1, True),
+        "membrane_length": Asked("volume by lateral displacement, κ₀", 0.3, False),
+        "membrane_length_slope": Asked("area by lateral displacement, κ₁", 0.3, False),
+        "membrane_travel": Asked("lateral displacement over which both soften", 0.3, False),
+        "discharge_coefficient": Asked("discharge coefficient of the orifice", 0.15, True),
+        "bellows_heat_transfer": Asked("heat from the bellows' air to its wall", 0.3, True),
+        "auxiliary_heat_transfer": Asked("heat from the auxiliary chamber's air to its wall", 0.3, True),
+        "shell_stiffness_vertical": Asked("stiffness of the shell, vertical", 0.3, True),
+        "shell_stiffness_lateral": Asked("stiffness of the shell, lateral", 0.3, False),
+        "friction_vertical": Asked("friction, vertical", 0.3, True),
+        "friction_vertical_travel": Asked("displacement to half the friction, vertical", 0.3, False),
+        "friction_lateral": Asked("friction, lateral, without pressure", 0.3, False),
+        "friction_lateral_slope": Asked("friction, lateral, by pressure", 0.3, False),
+        "friction_lateral_travel": Asked("displacement to half the friction, lateral", 0.3, False),
+        "emergency_stiffness_vertical": Asked("stiffness of the emergency spring, vertical", 0.3, True),
+        "emergency_stiffness_lateral": Asked("stiffness of the emergency spring, lateral", 0.3, False),
+        "torsional_stiffness": Asked("stiffness in roll without pressure, K_φ0", 0.3, False),
+        "torsional_stiffness_slope": Asked("stiffness in roll by pressure, K_φp", 0.3, False),
+    }
+)
+#: Steps of finite differences, relative: what is known to a percent or ten moves by a tenth of that.
+_STEPS: Final = {name: 0.1 * share for name, share in (EACH_SIDE | BOTH_SIDES).items()}
+_OTHER_STEP: Final = 0.03
+_TOLERANCES: Final = frozenset({*EACH_SIDE, *BOTH_SIDES})
+
+
+class UnknownSpring(AirSpring):
+    """The bench with springs that are to be identified; effects of the set stay as they are, no others are tried."""
+
+    def __init__(self, parameters: Parameters, only: tuple[str, ...] = tuple(OUTPUTS)) -> None:
+        super().__init__(parameters, effects={}, only=only)
+        kept = (one for one in self.nuisances if one.name.rpartition(".")[2] not in _TOLERANCES)
+        self.nuisances: tuple[Nuisance, ...] = (*kept, *unknowns(parameters))
+
+
+def unknowns(parameters: Parameters) -> tuple[Nuisance, ...]:
+    """Return what is identified, around the values of a parameter set."""
+    return tuple(
+        tolerance(parameters, name, label, place, asked.spread, _STEPS.get(name, _OTHER_STEP))
+        for name, asked in ASKED.items()
+        for label, place in ((("left." + name, 0), ("right." + name, 1)) if asked.each else ((name, 0),))
+    )
+
+
+def quantity(label: str) -> str:
+    """Return the parameter that a label, such as ``left.effective_area``, is about."""
+    return label.rpartition(".")[2]
