@@ -9,42 +9,51 @@ from test_plans.loads import AW0, AW3
 from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
-#: Orifice and volumes by amplitude and frequency, then heat and area by height.
-UPRIGHT: Final = Stretch(
+#: Orifice, volumes and friction by amplitude and frequency; heat and area by height; membrane and shell up to before
+#: the bump stop. Small motions come before large ones of their axis, so that friction does not remember these.
+WIDE: Final = Stretch(
     (
-        Wave("vertical", 10 * mm, 0.5 * Hz, 3),
-        Wave("vertical", 5 * mm, 1.25 * Hz, 5),
         Wave("vertical", 2 * mm, 3.125 * Hz, 9),
-        Wave("vertical", 0.8 * mm, 8 * Hz, 16),
-        Stand(12 * mm, rest=8 * s),
-        Stand(-12 * mm, rest=8 * s),
+        Wave("vertical", 5 * mm, 1.25 * Hz, 5),
+        Wave("vertical", 10 * mm, 0.5 * Hz, 3),
+        Stand(12 * mm, rest=6 * s),
+        Stand(-12 * mm, rest=6 * s),
+        Stand(),
+        Wave("lateral", 5 * mm, 1 * Hz, 4),
+        Wave("lateral", 20 * mm, 0.5 * Hz, 3),
+        Wave("roll", 12 * mrad, 0.5 * Hz, 3),
     )
 )
-#: Membrane, shell and friction by shear, up to before the bump stop; the area while sheared; then roll.
-SIDEWAYS: Final = Stretch(
+#: The same about a place to the side and higher up.
+ASIDE: Final = Stretch(
     (
-        Wave("lateral", 20 * mm, 0.25 * Hz, 3),
-        Wave("lateral", 5 * mm, 1 * Hz, 4),
-        Stand(shear=20 * mm),
-        Wave("vertical", 4 * mm, 0.5 * Hz, 3),
-        Stand(),
-        Wave("roll", 15 * mrad, 0.25 * Hz, 3),
-    )
+        Wave("vertical", 0.8 * mm, 8 * Hz, 16),
+        Wave("vertical", 6 * mm, 1 * Hz, 4),
+        Wave("lateral", 8 * mm, 0.5 * Hz, 3),
+        Wave("roll", 8 * mrad, 0.75 * Hz, 3),
+    ),
+    Stand(height=5 * mm, shear=12 * mm),
 )
 #: The bellows alone, which no auxiliary volume hides.
 ALONE: Final = Stretch(
-    (Wave("vertical", 6 * mm, 0.25 * Hz, 3), Wave("vertical", 3 * mm, 1.25 * Hz, 5)),
+    (
+        Wave("vertical", 3 * mm, 1.25 * Hz, 5),
+        Wave("vertical", 5 * mm, 0.5 * Hz, 3),
+        Wave("lateral", 14 * mm, 0.5 * Hz, 3),
+        Wave("roll", 10 * mrad, 0.5 * Hz, 3),
+    ),
     valves=Valves(air="hold", reservoirs="off", dpv="off"),
 )
+STRETCHES: Final = (WIDE, ASIDE, ALONE)
 
 IDENTIFICATION: Final = Programme(
     "identification",
     "Identification: what tells the parameters of unknown springs, in a few minutes.",
-    (Part(AW0, (UPRIGHT, SIDEWAYS, ALONE)), Part(AW3, (UPRIGHT, SIDEWAYS))),
+    (Part(AW0, STRETCHES), Part(AW3, STRETCHES)),
     """
     Under the empty and under the full car, and so at two pressures, the bench moves the springs up and down by several
-    amplitudes and frequencies, holds them high and low, shears and rolls them; under the empty car also with the
-    auxiliary chambers shut off. No motion reaches the bump stop.
+    amplitudes and frequencies, holds them high and low, shears and rolls them; once about a place to the side, once
+    with the auxiliary chambers shut off. No motion reaches the bump stop.
 
     Nothing is judged here: `astb identify` makes a set of parameters of the record. How well each of them will be known
     is told beforehand by `astb identify --expect identification`.
