@@ -111,6 +111,7 @@ def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
 
 
 def interval(low: float, high: float, unit: str) -> str:
+    """Return a 95 % interval in words, with the digits that it deserves."""
     digits = decimals(low, high)
     return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 

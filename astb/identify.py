@@ -83,13 +83,15 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
 
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
     """
-    parameters = _drawn(load(request.model), request.specimen)
+    parameters = drawn_as(load(request.model), request.specimen)
     ahead = _programme(request.expect) if request.expect else None
     if not request.data:
         return _looked_ahead(parameters, ahead or IDENTIFICATION, console)
     for path in request.data:
         if not path.exists():
             raise DiagnosisError(f"{path} does not exist")
+    if out is not None:
+        _make_room(out, request.model)
     with progress_bar(console) as progress:
         progress("read the data", 0.0)
         simulator, dataset = read_data(request.data, request.map_path, parameters)
@@ -119,7 +121,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
     )
 
 
-def _drawn(parameters: "Parameters", specimen: "Specimen | None") -> "Parameters":
+def drawn_as(parameters: "Parameters", specimen: "Specimen | None") -> "Parameters":
     """Return a set with what a drawing states of its springs."""
     if specimen is None:
         return parameters
@@ -143,19 +145,31 @@ def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Consol
     return Answer(rows=[_row(one) for one in _asked(found)], after=ahead.name)
 
 
+def _make_room(out: Path, model: str) -> None:
+    """Make the folder of the model, and refuse before anything is computed what cannot be written after it."""
+    if out.exists() and Path(model).exists() and out.samefile(model):
+        raise DiagnosisError(f"--out {out} is the --model on which it would be based; give it another name")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DiagnosisError(f"{out} cannot be written: {error.strerror}") from None
+    if not os.access(out if out.exists() else out.parent, os.W_OK):
+        raise DiagnosisError(f"{out} cannot be written: permission denied")
+
+
 def _asked(found: Identification) -> list[Identified]:
     return [one for one in found.parameters if quantity(one.parameter.name) in ASKED]
 
 
-def _further(
-    found: Identification, untold: Sequence[Identified], parameters: "Parameters"
-) -> Iterator[str]:
+def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
     """Yield what would tell what the records do not."""
     runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
     after = {one.parameter.name: one for one in _asked(expected(found, runs))}
     for one in untold:
         there = after[one.parameter.name]
-        what = f"{one.parameter.name} is not told by these records: {one.share:.0%} of what was believed is left"
+        what = (
+            f"{one.parameter.name} is not told by these records: {one.share:.0%} of what was believed is left"
+        )
         yield what + (
             f"; after astb run {IDENTIFICATION.name} it would be {there.share:.1%}"
             if there.told
@@ -189,7 +203,6 @@ def _write(
     changes = changes_of({one.parameter.name: one.value for one in asked}, parameters)
     model = Model(base, changes, {}, _provenance(asked, found, dataset))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_model(path, model, {"change": _notes(asked)}, DIGITS)
     except OSError as error:
         raise DiagnosisError(f"{path} cannot be written: {error.strerror}") from None
@@ -206,9 +219,7 @@ def _notes(asked: Sequence[Identified]) -> dict[str, str]:
     return notes
 
 
-def _provenance(
-    asked: Sequence[Identified], found: Identification, dataset: "Dataset"
-) -> dict[str, Any]:
+def _provenance(asked: Sequence[Identified], found: Identification, dataset: "Dataset") -> dict[str, Any]:
     return {
         "kind": "identification",
         "data": dataset.digest,
@@ -226,7 +237,9 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
     for doubt in answer.doubts:
         console.print(f"doubtful: {doubt}", style="yellow", soft_wrap=True)
     title = f"What is known after {answer.after}" if answer.after else "What the records tell"
-    table = open_table(title, "parameter", "value", "95 %", "unit", "left", "what it is", whole=("parameter",))
+    table = open_table(
+        title, "parameter", "value", "95 %", "unit", "left", "what it is", whole=("parameter",)
+    )
     for row in answer.rows:
         digits = max(decimals(row.low, row.high), 0)
         table.add_row(

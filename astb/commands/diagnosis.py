@@ -5,7 +5,15 @@ from typing import Final
 
 import click
 
-from astb.commands.options import JSON_OPTION, RIG_OPTION, SEED, effect_options, read_rig, read_specimen, simulated
+from astb.commands.options import (
+    JSON_OPTION,
+    RIG_OPTION,
+    SEED,
+    effect_options,
+    read_rig,
+    read_specimen,
+    simulated,
+)
 from astb.exit_codes import BLOCKED, blocked, misuse
 
 _MODEL_OPTION: Final = click.option(
@@ -123,7 +131,9 @@ def investigate_command(
     type=click.Path(path_type=Path, dir_okay=False),
     help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
 )
-@click.option("--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model.")
+@click.option(
+    "--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model."
+)
 @click.option(
     "--model",
     default="astb",
@@ -133,7 +143,9 @@ def investigate_command(
 @click.option("--expect", metavar="PLAN", help="Say what is known after this plan, too, before it is run.")
 @JSON_OPTION
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Model file for what was identified (TOML)."
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Model file for what was identified (TOML).",
 )
 def identify_command(
     data: tuple[Path, ...],

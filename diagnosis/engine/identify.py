@@ -1,11 +1,12 @@
-"""Identification: all parameters of a simulator as runs tell them, each beside what was believed, and what others would.
+"""Identification: all parameters of a simulator as runs tell them, beside what was believed, and as others would.
 
 Theory of operation
 -------------------
 It is the first half of a diagnosis with nothing to look for: the base model is fitted (step 2) under the noise that it
 leaves (step 3), with priors so wide that the data speak. The surfaces of step 7 tell by how much the form of the model
-is wrong, and widen the intervals by it (`model_error.py`). What comes out much narrower than it was believed is told by
-these runs; what does not is not, and its value is the belief.
+is wrong, and the scatter between runs how far the rest of its errors goes; both widen the intervals
+(`model_error.py`). What comes out much narrower than it was believed is told by these runs; what does not is not, and
+its value is the belief.
 
 How well runs would tell that nobody has made follows from the same linear model: their columns, under the noise of the
 runs there are or of the data sheets, add their information to what is known.
@@ -23,7 +24,7 @@ import numpy as np
 from diagnosis.contracts import Array, Dataset, Experiment, HasRecords, MeasuredRun, Parameter, Simulator
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.belief import contradicted
-from diagnosis.engine.config import UNKEPT_SURFACE_P
+from diagnosis.engine.config import LEAST_REPEATS, UNKEPT_SURFACE_P
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
@@ -115,7 +116,13 @@ def identify(
 
 
 def _of_form(screened: ScreenedModel) -> Iterator[str]:
-    """Yield what speaks against the model itself."""
+    """Yield what speaks against the model itself, or against its intervals."""
+    runs = len(screened.model.replay.runs)
+    if runs < LEAST_REPEATS:
+        yield (
+            f"{runs} run{'' if runs == 1 else 's'}: {LEAST_REPEATS} or more would show by their scatter how far errors "
+            "of the model and of its inputs go; without that, intervals are too narrow where noise is not all there is"
+        )
     if not screened.model.converged:
         yield "the fit did not come to rest: its intervals are not reliable"
     clearest = min(screened.tests, key=lambda test: test.p, default=None)

@@ -1,4 +1,4 @@
-"""The bench with springs of which only the drawing is known: everything that is identified, with how little is believed.
+"""The bench with springs of which only the drawing is known: what is identified, and how little of it is believed.
 
 A diagnosis refits what differs between good springs of one delivery, within a hundredth or a tenth. Whoever identifies
 a spring does not know it: priors are as wide as drawings of its kind lie apart, and friction, emergency spring, heat
@@ -56,7 +56,7 @@ ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
     }
 )
 #: Steps of finite differences, relative: what is known to a percent or ten moves by a tenth of that.
-_STEPS: Final = {name: 0.1 * share for name, share in (EACH_SIDE | BOTH_SIDES).items()}
+_STEPS: Final = {name: 0.1 * share for name, share in {**EACH_SIDE, **BOTH_SIDES}.items()}
 _OTHER_STEP: Final = 0.03
 _TOLERANCES: Final = frozenset({*EACH_SIDE, *BOTH_SIDES})
 

@@ -1,0 +1,147 @@
+"""Identification: unknown springs are told from their records, as well as is said; what is not told is said, too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from astb.identify import Request, drawn_as, identify_data, show
+from astb.rig_file import Simulation
+from astb.session import simulated_parameters
+from astb.tables import plain_console
+from bench_protocol.units import Hz, mm, mrad
+from bench_sim.parameters import load
+from bench_sim.parameters.model_file import load_model
+from diagnosis.contracts import Experiment
+from diagnosis.engine.identify import believed, expected, identify
+from diagnosis.finding import Z95
+from diagnosis.systems.air_spring.identified import ASKED, UnknownSpring, quantity
+from test_plans.loads import AW3
+from test_plans.programmes.motions import Part, Programme, Stretch, Wave
+from test_plans.specimen import DRAWING, ordinary
+
+UPRIGHT = (Wave("vertical", 3 * mm, 2.5 * Hz, 6), Wave("vertical", 8 * mm, 0.5 * Hz, 3))
+SIDEWAYS = (Wave("lateral", 12 * mm, 0.5 * Hz, 3), Wave("roll", 8 * mrad, 0.5 * Hz, 3))
+LATERAL = {name for name in ASKED if "lateral" in name or "membrane" in name}
+
+
+def drawn(seed):
+    """Values of springs that nobody knows, each within two standard deviations of what is believed."""
+    chance, parameters, values = np.random.default_rng(seed), load("astb"), {}
+    for name, asked in ASKED.items():
+        away = np.clip(chance.standard_normal(2), -2.0, 2.0)
+        value = parameters.entries[name].value
+        values[name] = value * (1.0 + asked.spread * (away if asked.each else away[0]))
+    return values
+
+
+def truth(values, name):
+    return float(values[quantity(name)][int(name.startswith("right."))])
+
+
+def motion(name, lateral):
+    """Both springs go up and down by 6 mm at 1 Hz, and sideways by as much if ``lateral``."""
+    time = 5e-3 * np.arange(300)
+    way = 6 * mm * np.sin(2 * np.pi * time) * np.clip(time, 0.0, 1.0)
+    begin = {f"{side}.bellows_pressure": 2.06e5 for side in ("left", "right")}
+    inputs = {"left.height": way, "right.height": way, "shear": way if lateral else 0.0 * way}
+    return Experiment(name, time, inputs, begin, minutes=1.0)
+
+
+def shares(found):
+    return {
+        one.parameter.name: one.share for one in found.parameters if quantity(one.parameter.name) in ASKED
+    }
+
+
+def test_what_is_foretold_of_runs_is_what_they_tell(laboratory):
+    here = laboratory(samples=400)
+    first, *others = here.experiments()[:3]
+    data = here.measure(3)
+    found = identify(replace(data, runs=data.runs[:3]), here.simulator, workers=1)
+    alone = believed(here.simulator, [first], workers=1)
+    foretold = believed(here.simulator, [first, *others], workers=1)
+    later = expected(alone, others)
+    for one, before, then, all_at_once in zip(
+        *(which.parameters for which in (found, alone, later, foretold)), strict=True
+    ):
+        assert then.deviation <= 1.001 * before.deviation <= 1.002 * before.parameter.spread
+        assert then.deviation == pytest.approx(all_at_once.deviation, rel=0.02)
+        assert one.deviation == pytest.approx(all_at_once.deviation, rel=0.5)
+        assert one.parameter.name == then.parameter.name
+
+
+@pytest.mark.slow
+def test_what_does_not_move_is_not_told_and_the_run_that_would_tell_is_known_beforehand():
+    upright = believed(UnknownSpring(load("astb")), [motion("up and down", lateral=False)])
+    before, after = shares(upright), shares(expected(upright, [motion("sideways", lateral=True)]))
+    assert all(before[name] > 0.9 for name in LATERAL)
+    assert before["left.effective_area"] < 0.1
+    assert all(after[name] < 1.01 * before[name] for name in before)
+    assert after["shell_stiffness_lateral"] < 0.5 < before["shell_stiffness_lateral"]
+
+
+@pytest.mark.slow
+def test_whatever_is_known_of_an_oscillator_holds_as_often_as_is_said(laboratory):
+    """Of specimens whose parameters are drawn from what is believed, 95 % of the intervals hold; noise is AR(1)."""
+    here, held = laboratory(samples=400), []
+    for seed in range(16):
+        data = here.measure(seed, colour=0.5)
+        known = dict(here._drawn(np.random.default_rng(seed), per_run=False))
+        for one in identify(data, here.simulator, workers=1).parameters:
+            held.append(abs(one.value - known[one.parameter.name]) < Z95 * one.deviation)
+    assert len(held) > 100
+    assert 0.89 < np.mean(held) < 0.99
+
+
+@pytest.fixture(scope="module")
+def unknown(bench_record):
+    """A record of springs that are drawn, and their values."""
+    values = drawn(5)
+    return bench_record("unknown springs", [Stretch(UPRIGHT), Stretch(SIDEWAYS)], **values).directory, values
+
+
+@pytest.mark.slow
+def test_springs_that_were_drawn_are_identified_and_their_file_is_a_model(
+    unknown, tmp_path, capsys, monkeypatch
+):
+    directory, values = unknown
+    further = Programme(
+        "further", "Further", (Part(AW3, (Stretch(SIDEWAYS, condition=()),)),), "Another load."
+    )
+    monkeypatch.setattr("astb.identify.IDENTIFICATION", further)
+    path = tmp_path / "identified.toml"
+    answer = identify_data(Request([directory], None, "astb", None, None), path, plain_console(stderr=True))
+    told = [row for row in answer.rows if row.told]
+    assert len(told) > 20
+    assert [doubt.partition(":")[0] for doubt in answer.doubts] == ["2 runs"]
+    scale = {one.name: one.scale for one in UnknownSpring(load("astb")).nuisances}
+    held = [row.low <= truth(values, row.name) / scale[row.name] <= row.high for row in answer.rows]
+    assert sum(held) >= len(held) - 5, [r.name for r, one in zip(answer.rows, held, strict=True) if not one]
+    # Told is what was found, not what was believed.
+    assert np.mean([row.left for row in told]) < 0.15
+
+    model = load_model(path)
+    assert model.finding["kind"] == "identification"
+    assert set(model.finding["deviations"]) == {row.name for row in answer.rows}
+    run = simulated_parameters(Simulation(parameters=str(path)))
+    for row in answer.rows:
+        found = float(run.entries[quantity(row.name)].value[int(row.name.startswith("right."))])
+        assert found / scale[row.name] == pytest.approx(row.value, rel=1e-5)
+    assert {"torsional_stiffness", "torsional_stiffness_slope"} & {
+        one.name for one in answer.rows if not one.told
+    }
+    for (
+        one
+    ) in answer.rows:  # under one load nobody parts what is there without pressure from what comes with it
+        assert one.told or any(
+            one.name in text and "after astb run further" in text for text in answer.further
+        )
+    show(answer, path, plain_console())
+    assert "left.effective_area" in capsys.readouterr().out
+
+
+def test_a_drawing_goes_over_the_model_that_is_believed():
+    other = replace(ordinary(), bellows_volume=0.026)
+    assert drawn_as(load("astb"), other).entries["bellows_volume"].value == pytest.approx([0.026, 0.026])
+    assert set(DRAWING) <= set(ASKED), "what a drawing states is identified"
