@@ -47,6 +47,28 @@ def springs_are_empty(bench: Bench) -> bool:
     return _empty(_know(bench))
 
 
+def zeros_off(bench: Bench) -> str:
+    """Return in words which transducers are off: they read air in a chamber whose neighbour, joined with it, has none.
+
+    To be asked where air has long been let off, so that both chambers have one pressure; "" where no neighbour speaks
+    against a reading, or a spring is not known to be empty for another reason.
+    """
+    known = _know(bench)
+    found = []
+    for of_side in known.pressures.values():
+        lowest = min(of_side, key=lambda name: of_side[name], default="")
+        for name, pressure in of_side.items():
+            if pressure < LIFTS:
+                continue
+            if of_side[lowest] >= RESIDUAL_PRESSURE:
+                return ""
+            found.append(
+                f"{name} reads {pressure / bar:.2f} bar beside {of_side[lowest] / bar:.2f} bar of {lowest}, which is "
+                "joined with it: the zero of one of them is off, and has to be mended before anybody trusts them"
+            )
+    return "" if known.silent else "; ".join(found)
+
+
 def air_left(bench: Bench) -> str:
     """Return in words what the springs hold; where that may be air, first what to do, then what becomes of it."""
     known = _know(bench)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.units import Hz, s
+from drivers.errors import Refused
 from test_plans import steps
+from test_plans.air_left import zeros_off
 from test_plans.analysis import Samples
 from test_plans.analysis.geometry import PLACING, POSE_SIGNALS, Rig, shear_of
 from test_plans.analysis.readings import GENERATOR, HEIGHTS
@@ -26,6 +28,7 @@ from test_plans.programmes.motions import (
     REST_AFTER,
     REST_BEFORE,
     REST_BETWEEN,
+    Part,
     Programme,
     Segment,
     Stand,
@@ -106,9 +109,8 @@ def perform(run: Run, programme: Programme) -> None:
     """Do what ``programme`` says; its first load is carried already."""
     number = 0
     for part in programme.parts:
-        if part is not programme.parts[0]:
-            put_down(run)
-            steps.carry(part.load)(run)
+        if part is not programme.parts[0] and not _taken_up(run, programme, part, number):
+            return
         home = go_home(run)
         with run.phase("cool"):
             run.bench.wait(COOL)
@@ -125,6 +127,27 @@ def perform(run: Run, programme: Programme) -> None:
                 _check(run, name, stretch, capture)
         with run.phase("back"):  # the next load is taken up level and centred
             _go(run, home, Stand())
+
+
+def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
+    """Put one load down and take up that of ``part``; what a rig does not let anybody change leaves the rest undone.
+
+    What has been moved until then is worth replaying all the same: it may tell why.
+    """
+    put_down(run)
+    try:
+        steps.carry(part.load)(run)
+    except Refused as refused:
+        if not (off := zeros_off(run.bench)):
+            raise
+        rest = programme.parts[programme.parts.index(part) :]
+        names = [str(one.load) for one in rest for _ in one.stretches]
+        missing = [
+            SAMPLES.of(name=f"{programme.name} {k} {load}") for k, load in enumerate(names, number + 1)
+        ]
+        run.lack(missing, f"{part.load} is not taken up: {refused}; {off}")
+        return False
+    return True
 
 
 def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:

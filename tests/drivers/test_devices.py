@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench_protocol.units import Hz, bar, kN, mm, mrad, ms, s
+from bench_protocol.units import Hz, bar, kN, mbar, mm, mrad, ms, s
 from drivers.errors import BenchTimeout, Misuse, RigFault
 
 # -- moving ------------------------------------------------------------------------------------------------------
@@ -164,7 +164,8 @@ def test_a_pressure_that_has_long_stopped_falling_is_told_from_one_that_has_not(
 
     def never_below_half_a_bar():
         step()
-        values["left.bellows_pressure"] = max(values["left.bellows_pressure"], 0.5 * bar)
+        for chamber in ("bellows", "auxiliary"):
+            values[f"left.{chamber}_pressure"] = max(values["left.bellows_pressure"], 0.5 * bar)
 
     world.peer._step = never_below_half_a_bar
     values["left.bellows_pressure"] = starts * bar
@@ -177,6 +178,24 @@ def test_a_pressure_that_has_long_stopped_falling_is_told_from_one_that_has_not(
     words = f"left.bellows_pressure has not fallen for {since:.0f} s: the zero of its transducer may be off"
     assert (words in str(late.value)) == told
     assert str(late.value).count("has not fallen") == told
+
+
+def test_a_zero_that_is_far_off_does_not_hold_up_what_the_chamber_beside_it_knows(world, armed):
+    values, step = world.peer.values, world.peer._step
+    values["left.bellows_pressure"] = 2.0 * bar
+
+    def half_a_bar_too_much():
+        values["left.bellows_pressure"] -= 0.5 * bar
+        step()
+        values["left.auxiliary_pressure"] = values["left.bellows_pressure"]
+        values["left.bellows_pressure"] += 0.5 * bar
+
+    world.peer._step = half_a_bar_too_much
+    armed.wait(100 * ms)
+    start = armed.now
+    armed.air.vent(within=40 * s)
+    assert values["left.auxiliary_pressure"] < 60 * mbar
+    assert armed.now - start > 20 * s, "not before it has long stopped falling"
 
 
 # -- generator ---------------------------------------------------------------------------------------------------
