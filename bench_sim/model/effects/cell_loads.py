@@ -36,7 +36,7 @@ EFFECTS: Final = (
         title="seat of a spring off the middle, lengthwise",
         plain="the seat of the {side} spring stands off the middle, lengthwise",
         amplitude=EffectParameter(
-            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=5e-3, low=-50e-3, high=50e-3
+            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
         ),
         change=_change_seat,
         places=PLACES,
@@ -52,7 +52,7 @@ EFFECTS: Final = (
         title="vertical actuators off the middle, lengthwise",
         plain="the vertical actuators press off the middle, lengthwise",
         amplitude=EffectParameter(
-            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=5e-3, low=-50e-3, high=50e-3
+            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
         ),
         change=_change_load,
         touches=frozenset({"sensor"}),
