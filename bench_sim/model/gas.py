@@ -48,14 +48,38 @@ def mass_of(pressure: float, volume: float, T: float, R: float) -> float:
 def density_factor(density: float, known_density: float, known_factor: float, par: Any) -> float:
     """(ρ/ρ_ref)^n, the exponent being that of turbulent natural convection, a guess.
 
-    Within a step the density hardly leaves the ``known_density`` at its start, and the binomial series
-    f (1+ε)^n = f (1 + nε + n(n−1)/2 ε² + n(n−1)(n−2)/6 ε³), 1e-9 close, costs a fifth of the power.
+    Within a step the density hardly leaves the ``known_density`` at its start, and its series costs a fifth of the
+    power.
     """
     n = par.heat_density_exponent
     if abs(density - known_density) < 0.01 * known_density:
-        e = density / known_density - 1.0
-        return known_factor * (1.0 + n * e * (1.0 + 0.5 * (n - 1.0) * e * (1.0 + (n - 2.0) / 3.0 * e)))
+        return density_series(density / known_density, known_factor, n)
     return (density / par.heat_reference_density) ** n
+
+
+@compiled
+def density_series(ratio: float, factor: float, n: float) -> float:
+    """``factor`` f (1+ε)^n = f (1 + nε + n(n−1)/2 ε² + n(n−1)(n−2)/6 ε³), 1e-9 close where ``ratio`` is 1+ε."""
+    e = ratio - 1.0
+    return factor * (1.0 + n * e * (1.0 + 0.5 * (n - 1.0) * e * (1.0 + (n - 2.0) / 3.0 * e)))
+
+
+@compiled
+def upstream_enthalpy(flow: float, T_1: float, T_2: float, c_p: float) -> float:
+    """c_p T in J/kg of the side that a ``flow`` from 1 to 2 leaves."""
+    return c_p * (T_1 if flow > 0.0 else T_2)
+
+
+@compiled
+def heat_inward(hS: float, wall: float, T: float) -> float:
+    """hS (T_w − T) in W from the wall into the gas."""
+    return hS * (wall - T)
+
+
+@compiled
+def wall_speed(heat: float, wall: float, outer: float, ambient: float, per_capacity: float) -> float:
+    """dT_w/dt in K/s: C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w); ``per_capacity`` is 1/C_w."""
+    return per_capacity * (outer * (ambient - wall) - heat)
 
 
 @compiled
@@ -74,16 +98,16 @@ def transfer(dx: Any, source: int, sink: int, flow: float, enthalpy: float) -> N
 def wall_heat(
     x: Any, par: Any, side: int, mass_state: int, wall_state: int, T: float, hS: float, dx: Any
 ) -> float:
-    """Heat from the wall into the gas in W; the wall follows C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w).
+    """Heat from the wall into the gas in W, and what it does to the wall (`wall_speed`).
 
     A wall without heat capacity (0 J/K) stays at the temperature at which it began (`bench_sim.model.rest`).
     """
-    heat = hS * (x[wall_state] - T)
+    heat = heat_inward(hS, x[wall_state], T)
     dx[mass_state + 2] += heat
     capacity = par.wall_heat_capacity[side]
     if capacity > 0.0:
-        outer = par.wall_outer_heat_transfer[side] * (par.ambient_temperature - x[wall_state])
-        dx[wall_state] += (outer - heat) / capacity
+        outer = par.wall_outer_heat_transfer[side]
+        dx[wall_state] += wall_speed(heat, x[wall_state], outer, par.ambient_temperature, 1.0 / capacity)
     return heat
 
 

@@ -13,11 +13,11 @@ flow now and the flow at the start of the step; of what the inertia of 1 m does,
 2.5 ms. The loss is that of the orifice: `bench_sim.model.pipe` has that of a long pipe beside it, for shorter steps.
 """
 
-from math import exp, expm1, sqrt
+from math import exp, expm1
 from typing import Any
 
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.orifice import nozzle_function
+from bench_sim.model.orifice import mass_flow, nozzle_function
 
 
 @compiled
@@ -34,8 +34,8 @@ def loss_secant(
     p_up = max(p_b, p_a)
     T_up = T_b if p_b > p_a else T_a
     # the orifice is linear up to this flow
-    edge = area * p_up / sqrt(par.gas_constant * T_up)
-    edge *= nozzle_function(par.laminar_limit, par.heat_capacity_ratio)
+    psi = nozzle_function(par.laminar_limit, par.heat_capacity_ratio)
+    edge = mass_flow(area, p_up, T_up, par.gas_constant, psi)
     laminar = p_up * (1.0 - par.laminar_limit) / edge
     k = laminar / edge
     if abs(steady) > edge:

@@ -85,7 +85,7 @@ class Lane(_Rows):
     MORE_Y = auto()
     STIFFER_Z = auto()
     STIFFER_Y = auto()
-    PULL_Z = auto()  #: Σ r w in m and Σ r w/τ in m/s over all dash-pots
+    PULL_Z = auto()  #: Σ r w in m and Σ r dw/dt in m/s over all dash-pots
     PULL_Y = auto()
     RATE_Z = auto()
     RATE_Y = auto()
@@ -141,7 +141,6 @@ class Lane(_Rows):
     SPEED = auto()  #: 1/τ
     SPEED_2 = auto()
     SPEED_3 = auto()
-    SPEEDS = auto()  #: sum of r/τ
     FRICTION_Z = auto()
     FRICTION_Z_SLOPE = auto()
     FRICTION_Z_TRAVEL = auto()

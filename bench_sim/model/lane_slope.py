@@ -8,17 +8,28 @@ is decided by a branch there is selected by a condition here, what a spring does
 the nozzle is a polynomial, 3e-15 close over the ratios at which it is not choked.
 """
 
-from math import sqrt
 from typing import Any, NamedTuple
 
+from bench_sim.model.bellows import bellows_speeds
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.gas import enthalpy_per_kelvin
+from bench_sim.model.gas import density_series, heat_inward, upstream_enthalpy, wall_speed
 from bench_sim.model.inertance import missing_flow
-from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
-from bench_sim.model.lane_algebra import lane_algebra
-from bench_sim.model.lane_layout import EXTRA_SPEED, LANES, PER_LANE, SLOPE, STAGE, Lane, LaneState
+from bench_sim.model.lane_algebra import lane_algebra, tangent_of
+from bench_sim.model.lane_layout import (
+    EXTRA_RATIO,
+    EXTRA_SPEED,
+    LANES,
+    PER_LANE,
+    SLOPE,
+    STAGE,
+    Lane,
+    LaneState,
+)
 from bench_sim.model.lane_valves import feed, join
-from bench_sim.model.surface import surface
+from bench_sim.model.orifice import mass_flow, nozzle_root, one_way, reynolds_factor, upstream
+from bench_sim.model.rubber import creep_speed, dashpot_speed
+from bench_sim.model.surface import surface_flow, surface_heat
+from bench_sim.model.valves import leak_flow
 
 
 class Having(NamedTuple):
@@ -67,20 +78,19 @@ def orifice(w: Any) -> None:
         p_a = w[Lane.AUXILIARY_PRESSURE + i]
         T_b = w[Lane.TEMPERATURE + i]
         T_a = w[Lane.AUXILIARY_TEMPERATURE + i]
-        sense = 1.0 if p_b > p_a else -1.0
-        p_up = max(p_b, p_a)
-        T_up = T_b if p_b >= p_a else T_a
-        r = min(p_b, p_a) / p_up
+        sense, p_up, T_up, p_down = upstream(p_b, T_b, p_a, T_a)
+        r = p_down / p_up
         low = w[Lane.CRITICAL + i]
         inside = max(r, low)
         q = _power(w, i, (inside - 0.5 * (1.0 + low)) / (0.5 * (1.0 - low)))
-        psi = sqrt(w[Lane.PSI_FACTOR + i] * max(q * (q - inside), 0.0))
+        psi = nozzle_root(q, inside, w[Lane.PSI_FACTOR + i])
         psi = w[Lane.PSI_LAMINAR + i] * (1.0 - r) if r > w[Lane.LAMINAR + i] else psi
-        area = w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i])
+        area = w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * one_way(w[Lane.ASYMMETRY + i], p_b - p_a)
         w[Lane.PASSAGE + i] = area
-        G = area * p_up / sqrt(R * T_up) * psi
-        root = sqrt(max(w[Lane.REYNOLDS_PER_FLOW + i] * G, 1.0))
-        w[Lane.FLOW + i] = G * (sense * root / (root + w[Lane.REYNOLDS + i]))
+        G = mass_flow(area, p_up, T_up, R, psi)
+        w[Lane.FLOW + i] = (
+            sense * G * reynolds_factor(w[Lane.REYNOLDS_PER_FLOW + i] * G, w[Lane.REYNOLDS + i])
+        )
 
 
 @compiled
@@ -111,7 +121,7 @@ def carry(w: Any) -> None:
     for i in range(LANES):
         c_p = w[Lane.HEAT_CAPACITY + i]
         G = w[Lane.FLOW + i]
-        h = G * c_p * (w[Lane.TEMPERATURE + i] if G > 0.0 else w[Lane.AUXILIARY_TEMPERATURE + i])
+        h = G * upstream_enthalpy(G, w[Lane.TEMPERATURE + i], w[Lane.AUXILIARY_TEMPERATURE + i], c_p)
         w[SLOPE + LaneState.MASS + i] = -G
         w[SLOPE + LaneState.AUXILIARY_MASS + i] = G
         w[Lane.HEATING + i] = -h
@@ -120,34 +130,21 @@ def carry(w: Any) -> None:
 
 @compiled
 def leak(w: Any) -> None:
-    """Leaks of the bellows to the atmosphere, as an orifice (ISO 6358) and as a laminar crack."""
+    """Leaks of the bellows to the atmosphere."""
     for i in range(LANES):
-        c_p = w[Lane.HEAT_CAPACITY + i]
-        p = w[Lane.PRESSURE + i]
-        T = w[Lane.TEMPERATURE + i]
-        outside = w[Lane.ATMOSPHERE + i]
-        p_up = max(p, outside)
-        T_up = T if p >= outside else w[Lane.AMBIENT + i]
-        r = min(p, outside) / p_up
-        b = w[Lane.LEAK_CRITICAL + i]
-        laminar = w[Lane.LAMINAR + i]
-        s = (min(max(r, b), laminar) - b) / (1.0 - b)
-        iso = sqrt(1.0 - s * s)
-        iso = iso * (1.0 - r) / (1.0 - laminar) if r > laminar else iso
-        G = w[Lane.LEAK + i] * ISO_DENSITY * p_up * sqrt(ISO_TEMPERATURE / T_up) * iso
-        G = G if p >= outside else -G
-        G += w[Lane.LEAK_LAMINAR + i] * (p * p - outside * outside)
+        G, power = leak_flow(
+            w[Lane.PRESSURE + i],
+            w[Lane.TEMPERATURE + i],
+            w[Lane.ATMOSPHERE + i],
+            w[Lane.AMBIENT + i],
+            w[Lane.LEAK + i],
+            w[Lane.LEAK_CRITICAL + i],
+            w[Lane.LEAK_LAMINAR + i],
+            w[Lane.LAMINAR + i],
+            w[Lane.HEAT_CAPACITY + i],
+        )
         w[SLOPE + LaneState.MASS + i] -= G
-        w[Lane.HEATING + i] -= G * c_p * (T if G > 0.0 else w[Lane.AMBIENT + i])
-
-
-@compiled
-def _density_factor(mass: float, known_mass: float, known_factor: float, exponent: float) -> float:
-    """(ρ/ρ_ref)^n by its series (`bench_sim.model.gas.density_factor`), masses being those in the present volume."""
-    e = mass / known_mass - 1.0
-    return known_factor * (
-        1.0 + exponent * e * (1.0 + 0.5 * (exponent - 1.0) * e * (1.0 + (exponent - 2.0) / 3.0 * e))
-    )
+        w[Lane.HEATING + i] -= power
 
 
 @compiled
@@ -156,125 +153,104 @@ def heat(w: Any) -> None:
     for i in range(LANES):
         exponent = w[Lane.HEAT_EXPONENT + i]
         known = w[Lane.DENSITY + i] * w[Lane.VOLUME + i]
-        factor = _density_factor(w[STAGE + LaneState.MASS + i], known, w[Lane.DENSITY_FACTOR + i], exponent)
-        wall = w[STAGE + LaneState.WALL + i]
-        inward = w[Lane.HEAT + i] * factor * (wall - w[Lane.TEMPERATURE + i])
+        ratio = w[STAGE + LaneState.MASS + i] / known
+        factor = density_series(ratio, w[Lane.DENSITY_FACTOR + i], exponent)
+        wall, outer, per_C = w[STAGE + LaneState.WALL + i], w[Lane.WALL_OUTER + i], w[Lane.WALL_RATE + i]
+        inward = heat_inward(w[Lane.HEAT + i] * factor, wall, w[Lane.TEMPERATURE + i])
         w[Lane.HEATING + i] += inward
-        outer = w[Lane.WALL_OUTER + i] * (w[Lane.AMBIENT + i] - wall)
-        w[SLOPE + LaneState.WALL + i] = w[Lane.WALL_RATE + i] * (outer - inward)
+        w[SLOPE + LaneState.WALL + i] = wall_speed(inward, wall, outer, w[Lane.AMBIENT + i], per_C)
         known = w[Lane.AUXILIARY_DENSITY + i] * w[Lane.AUXILIARY_VOLUME + i]
-        factor = _density_factor(
-            w[STAGE + LaneState.AUXILIARY_MASS + i], known, w[Lane.AUXILIARY_DENSITY_FACTOR + i], exponent
-        )
+        ratio = w[STAGE + LaneState.AUXILIARY_MASS + i] / known
+        factor = density_series(ratio, w[Lane.AUXILIARY_DENSITY_FACTOR + i], exponent)
         wall = w[STAGE + LaneState.AUXILIARY_WALL + i]
-        inward = w[Lane.AUXILIARY_HEAT + i] * factor * (wall - w[Lane.AUXILIARY_TEMPERATURE + i])
+        inward = heat_inward(w[Lane.AUXILIARY_HEAT + i] * factor, wall, w[Lane.AUXILIARY_TEMPERATURE + i])
         w[SLOPE + LaneState.AUXILIARY_ENERGY + i] += inward
-        outer = w[Lane.WALL_OUTER + i] * (w[Lane.AMBIENT + i] - wall)
-        w[SLOPE + LaneState.AUXILIARY_WALL + i] = w[Lane.WALL_RATE + i] * (outer - inward)
+        w[SLOPE + LaneState.AUXILIARY_WALL + i] = wall_speed(inward, wall, outer, w[Lane.AMBIENT + i], per_C)
 
 
 @compiled
 def gas_surfaces(w: Any, parameters: Any) -> None:
-    """Flow and heat by the surfaces that have no name, lane by lane (`bench_sim.model.surface.gas_surface_term`)."""
+    """Flow and heat by the surfaces that have no name, lane by lane."""
     for i in range(LANES):
         par = parameters[i]
-        p = w[Lane.PRESSURE + i]
-        T = w[Lane.TEMPERATURE + i]
-        if par.flow_surface_difference[1] > par.flow_surface_difference[0]:
-            flow = w[Lane.OPENING + i] * surface(
-                par.flow_surface,
-                p - w[Lane.AUXILIARY_PRESSURE + i],
-                par.flow_surface_difference,
-                p,
-                par.flow_surface_pressure[0],
-                par.flow_surface_pressure[1],
-            )
-            enthalpy = (
-                flow * enthalpy_per_kelvin(par) * (T if flow > 0.0 else w[Lane.AUXILIARY_TEMPERATURE + i])
-            )
-            w[SLOPE + LaneState.MASS + i] -= flow
-            w[SLOPE + LaneState.AUXILIARY_MASS + i] += flow
-            w[SLOPE + LaneState.AUXILIARY_ENERGY + i] += enthalpy
-            w[Lane.HEATING + i] -= enthalpy
-        if par.heat_surface_pressure[1] > par.heat_surface_pressure[0]:
-            w[Lane.HEATING + i] += surface(
-                par.heat_surface,
-                p,
-                par.heat_surface_pressure,
-                T - par.ambient_temperature,
-                par.heat_surface_temperature[0],
-                par.heat_surface_temperature[1],
-            )
+        p, T = w[Lane.PRESSURE + i], w[Lane.TEMPERATURE + i]
+        flow = surface_flow(par, w[Lane.OPENING + i], p, w[Lane.AUXILIARY_PRESSURE + i])
+        h = flow * upstream_enthalpy(flow, T, w[Lane.AUXILIARY_TEMPERATURE + i], w[Lane.HEAT_CAPACITY + i])
+        w[SLOPE + LaneState.MASS + i] -= flow
+        w[SLOPE + LaneState.AUXILIARY_MASS + i] += flow
+        w[SLOPE + LaneState.AUXILIARY_ENERGY + i] += h
+        w[Lane.HEATING + i] += surface_heat(par, p, T) - h
 
 
 @compiled
 def relax(w: Any, extra: int) -> None:
-    """Dash-pots of the rubber and creep of the emergency spring: dw/dt = (x_b − w)/τ."""
+    """Dash-pots of the rubber, what they do to the forces, and creep of the emergency spring."""
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
-        z = w[Lane.BELLOWS_Z + i]
-        y = w[Lane.BELLOWS_Y + i]
-        w[SLOPE + LaneState.DASHPOT_Z + i] = (z - w[STAGE + LaneState.DASHPOT_Z + i]) * w[Lane.SPEED + i]
-        w[SLOPE + LaneState.DASHPOT_Z_2 + i] = (z - w[STAGE + LaneState.DASHPOT_Z_2 + i]) * w[
-            Lane.SPEED_2 + i
-        ]
-        w[SLOPE + LaneState.DASHPOT_Z_3 + i] = (z - w[STAGE + LaneState.DASHPOT_Z_3 + i]) * w[
-            Lane.SPEED_3 + i
-        ]
-        w[SLOPE + LaneState.DASHPOT_Y + i] = (y - w[STAGE + LaneState.DASHPOT_Y + i]) * w[Lane.SPEED + i]
-        w[SLOPE + LaneState.DASHPOT_Y_2 + i] = (y - w[STAGE + LaneState.DASHPOT_Y_2 + i]) * w[
-            Lane.SPEED_2 + i
-        ]
-        w[SLOPE + LaneState.DASHPOT_Y_3 + i] = (y - w[STAGE + LaneState.DASHPOT_Y_3 + i]) * w[
-            Lane.SPEED_3 + i
-        ]
-        w[SLOPE + LaneState.CREEP + i] = w[Lane.CREEP_RATE + i] * (
-            w[Lane.CREEP_GAIN + i] * w[Lane.STACK_Z + i] - w[STAGE + LaneState.CREEP + i]
+        z, y = w[Lane.BELLOWS_Z + i], w[Lane.BELLOWS_Y + i]
+        r_1, r_2, r_3 = w[Lane.RATIO + i], w[Lane.RATIO_2 + i], w[Lane.RATIO_3 + i]
+        rate_1, rate_2, rate_3 = w[Lane.SPEED + i], w[Lane.SPEED_2 + i], w[Lane.SPEED_3 + i]
+        a = dashpot_speed(z, w[STAGE + LaneState.DASHPOT_Z + i], rate_1)
+        b = dashpot_speed(z, w[STAGE + LaneState.DASHPOT_Z_2 + i], rate_2)
+        c = dashpot_speed(z, w[STAGE + LaneState.DASHPOT_Z_3 + i], rate_3)
+        w[SLOPE + LaneState.DASHPOT_Z + i] = a
+        w[SLOPE + LaneState.DASHPOT_Z_2 + i] = b
+        w[SLOPE + LaneState.DASHPOT_Z_3 + i] = c
+        w[Lane.RATE_Z + i] = r_1 * a + r_2 * b + r_3 * c
+        a = dashpot_speed(y, w[STAGE + LaneState.DASHPOT_Y + i], rate_1)
+        b = dashpot_speed(y, w[STAGE + LaneState.DASHPOT_Y_2 + i], rate_2)
+        c = dashpot_speed(y, w[STAGE + LaneState.DASHPOT_Y_3 + i], rate_3)
+        w[SLOPE + LaneState.DASHPOT_Y + i] = a
+        w[SLOPE + LaneState.DASHPOT_Y_2 + i] = b
+        w[SLOPE + LaneState.DASHPOT_Y_3 + i] = c
+        w[Lane.RATE_Y + i] = r_1 * a + r_2 * b + r_3 * c
+        w[SLOPE + LaneState.CREEP + i] = creep_speed(
+            w[Lane.STACK_Z + i],
+            w[STAGE + LaneState.CREEP + i],
+            w[Lane.CREEP_GAIN + i],
+            w[Lane.CREEP_RATE + i],
         )
     for e in range(extra):
         first = LaneState.EXTRA + 2 * LANES * e
         for i in range(lanes):
-            rate = w[EXTRA_SPEED + LANES * e + i]
-            w[SLOPE + first + i] = (w[Lane.BELLOWS_Z + i] - w[STAGE + first + i]) * rate
-            w[SLOPE + first + LANES + i] = (w[Lane.BELLOWS_Y + i] - w[STAGE + first + LANES + i]) * rate
+            r, rate = w[EXTRA_RATIO + LANES * e + i], w[EXTRA_SPEED + LANES * e + i]
+            a = dashpot_speed(w[Lane.BELLOWS_Z + i], w[STAGE + first + i], rate)
+            b = dashpot_speed(w[Lane.BELLOWS_Y + i], w[STAGE + first + LANES + i], rate)
+            w[SLOPE + first + i] = a
+            w[SLOPE + first + LANES + i] = b
+            w[Lane.RATE_Z + i] += r * a
+            w[Lane.RATE_Y + i] += r * b
 
 
 @compiled
 def work(w: Any) -> None:
-    """−p dV/dt of the bellows, whose speed follows as in `bench_sim.model.spring.work_term`; it comes last."""
+    """−p dV/dt of the bellows, whose speed follows from all that went before; it comes last."""
     for i in range(LANES):
-        z = w[Lane.BELLOWS_Z + i]
-        y = w[Lane.BELLOWS_Y + i]
-        speeds = w[Lane.SPEEDS + i]
-        relax_z = w[Lane.SHELL_Z + i] * (speeds * z - w[Lane.RATE_Z + i])
-        relax_y = w[Lane.SHELL_Y + i] * (speeds * y - w[Lane.RATE_Y + i])
+        A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(w, i)
         kappa = w[Lane.HEAT_RATIO + i]
         p = w[Lane.PRESSURE + i]
-        C = w[Lane.STRETCH + i]
-        per_V = 1.0 / (w[Lane.VOLUME + i] + kappa * C * p)
-        heating = (kappa - 1.0) * w[Lane.HEATING + i]
-        A = w[Lane.AREA + i]
-        B = w[Lane.LATERAL_AREA + i]
-        per_z = w[Lane.Z_PER_PRESSURE + i]
-        per_y = w[Lane.Y_PER_PRESSURE + i]
-        cross = w[Lane.STIFFNESS_ZY + i]
-        c_z = w[Lane.GIVE_Z + i]
-        c_y = w[Lane.GIVE_Y + i]
-        p_V = kappa * p * per_V
-        a = 1.0 - c_z * (w[Lane.STIFFNESS_ZZ + i] - per_z * p_V * A)
-        b = -c_z * (cross - per_z * p_V * B)
-        c = -c_y * (cross - per_y * p_V * A)
-        d = 1.0 - c_y * (w[Lane.STIFFNESS_YY + i] - per_y * p_V * B)
-        p_rate = heating * per_V
-        dz = w[Lane.HEIGHT_SPEED + i] + w[SLOPE + LaneState.CREEP + i] + c_z * (per_z * p_rate + relax_z)
-        dy = w[Lane.LATERAL_SPEED + i] + c_y * (per_y * p_rate + relax_y)
-        inverse = 1.0 / (a * d - b * c)
-        z_speed = (d * dz - b * dy) * inverse
-        y_speed = (a * dy - c * dz) * inverse
+        z_speed, y_speed, V_rate = bellows_speeds(
+            w[Lane.HEIGHT_SPEED + i] + w[SLOPE + LaneState.CREEP + i],
+            w[Lane.LATERAL_SPEED + i],
+            w[Lane.SHELL_Z + i] * w[Lane.RATE_Z + i],
+            w[Lane.SHELL_Y + i] * w[Lane.RATE_Y + i],
+            (kappa - 1.0) * w[Lane.HEATING + i],
+            p,
+            w[Lane.VOLUME + i],
+            w[Lane.STRETCH + i],
+            kappa,
+            A,
+            B,
+            per_z,
+            per_y,
+            K_zz,
+            K_zy,
+            K_yy,
+            w[Lane.GIVE_Z + i],
+            w[Lane.GIVE_Y + i],
+        )
         w[Lane.BELLOWS_Z_SPEED + i] = z_speed
         w[Lane.BELLOWS_Y_SPEED + i] = y_speed
-        V_rate = A * z_speed + B * y_speed
-        V_rate += C * (heating - kappa * p * V_rate) * per_V
         w[SLOPE + LaneState.ENERGY + i] = w[Lane.HEATING + i] - p * V_rate
 
 

@@ -6,7 +6,6 @@ surfaces and valves, quantities of its parameter record: which, `bench_sim.model
 
 from collections.abc import Iterable
 from functools import lru_cache
-from math import pi
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +28,7 @@ from bench_sim.model.lane_layout import (
     LaneState,
 )
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, SIDES, State
-from bench_sim.model.orifice import AIR_VISCOSITY, effective_flow_area, nozzle_function
+from bench_sim.model.orifice import effective_flow_area, nozzle_constant, nozzle_slope, reynolds_per_flow
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import settle
 
@@ -258,17 +257,14 @@ def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
 def _fill_rubber(w: Any, i: int, par: Any) -> None:
     """Stiffnesses, relaxation and friction of the rubber, emergency spring and contact."""
     w[Lane.RATIOS] = 0.0
-    w[Lane.SPEEDS] = 0.0
     for j in range(BRANCHES):
         w[Lane.RATIO + LANES * j] = par.maxwell_ratio[j]
         w[Lane.SPEED + LANES * j] = 1.0 / par.maxwell_time[j]
         w[Lane.RATIOS] += par.maxwell_ratio[j]
-        w[Lane.SPEEDS] += par.maxwell_ratio[j] / par.maxwell_time[j]
     for j in range(EXTRA_BRANCHES):
         w[EXTRA_RATIO + LANES * j] = par.extra_branch_ratio[j]
         w[EXTRA_SPEED + LANES * j] = 1.0 / par.extra_branch_time[j]
         w[Lane.RATIOS] += par.extra_branch_ratio[j]
-        w[Lane.SPEEDS] += par.extra_branch_ratio[j] / par.extra_branch_time[j]
     for e in range(LANE_FRICTIONS):
         w[EXTRA_FRICTION + LANES * e] = par.extra_friction[e]
         w[EXTRA_TRAVEL + LANES * e] = par.extra_friction_travel[e]
@@ -326,10 +322,10 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
     w[Lane.ASYMMETRY] = par.orifice_asymmetry[i]
     w[Lane.REYNOLDS] = par.orifice_reynolds[i]
     w[Lane.INERTANCE] = par.flow_inertance[i]
-    w[Lane.REYNOLDS_PER_FLOW] = 4.0 / (pi * par.orifice_diameter[i] * AIR_VISCOSITY)
+    w[Lane.REYNOLDS_PER_FLOW] = reynolds_per_flow(par.orifice_diameter[i])
     w[Lane.LAMINAR] = par.laminar_limit
-    w[Lane.PSI_LAMINAR] = nozzle_function(par.laminar_limit, kappa) / (1.0 - par.laminar_limit)
-    w[Lane.PSI_FACTOR] = 2.0 * kappa / (kappa - 1.0)
+    w[Lane.PSI_LAMINAR] = nozzle_slope(par.laminar_limit, kappa)
+    w[Lane.PSI_FACTOR] = nozzle_constant(kappa)
     w[Lane.CRITICAL] = critical_ratio(kappa)
     w[Lane.LEAK] = par.leak_conductance[i]
     w[Lane.LEAK_CRITICAL] = par.leak_critical_ratio

@@ -21,7 +21,38 @@ def nozzle_function(r: float, kappa: float) -> float:
     if q > 0.5 * (kappa + 1.0) * r:
         q = (2.0 / (kappa + 1.0)) ** (1.0 / (kappa - 1.0))
         r = 2.0 * q / (kappa + 1.0)
-    return sqrt(2.0 * kappa / (kappa - 1.0) * max(q * (q - r), 0.0))
+    return nozzle_root(q, r, nozzle_constant(kappa))
+
+
+@compiled
+def nozzle_constant(kappa: float) -> float:
+    """2κ/(κ−1)."""
+    return 2.0 * kappa / (kappa - 1.0)
+
+
+@compiled
+def nozzle_root(q: float, r: float, constant: float) -> float:
+    """ψ from q = r^{1/κ} and `nozzle_constant`, where the nozzle is not choked."""
+    return sqrt(constant * max(q * (q - r), 0.0))
+
+
+@compiled
+def nozzle_slope(laminar: float, kappa: float) -> float:
+    """ψ/(1−r) above the pressure ratio ``laminar``, where the flow is linear in 1−r."""
+    return nozzle_function(laminar, kappa) / (1.0 - laminar)
+
+
+@compiled
+def mass_flow(area: float, p_up: float, T_up: float, R: float, psi: float) -> float:
+    """G = C_d A p₁/√(R T₁) · ψ in kg/s."""
+    return area * p_up / sqrt(R * T_up) * psi
+
+
+@compiled
+def upstream(p_1: float, T_1: float, p_2: float, T_2: float) -> tuple[float, float, float, float]:
+    """Sense of a flow from 1 to 2 (1 or −1), pressure and temperature of the side that it leaves, and p_down."""
+    forward = p_1 >= p_2
+    return 1.0 if forward else -1.0, max(p_1, p_2), T_1 if forward else T_2, min(p_1, p_2)
 
 
 @compiled
@@ -34,22 +65,18 @@ def nozzle_flow(
     """
     r = p_down / p_up
     if r > laminar:
-        psi = nozzle_function(laminar, kappa) * (1.0 - r) / (1.0 - laminar)
+        psi = nozzle_slope(laminar, kappa) * (1.0 - r)
     else:
         psi = nozzle_function(r, kappa)
-    return area * p_up / sqrt(R * T_up) * psi
+    return mass_flow(area, p_up, T_up, R, psi)
 
 
 @compiled
 def iso_function(r: float, b: float, laminar: float) -> float:
     """√(1 − ((r−b)/(1−b))²): 1 at and below the critical ratio ``b``, linear above ``laminar``."""
-    if r <= b:
-        return 1.0
-    if r > laminar:
-        s = (laminar - b) / (1.0 - b)
-        return sqrt(1.0 - s * s) * (1.0 - r) / (1.0 - laminar)
-    s = (r - b) / (1.0 - b)
-    return sqrt(1.0 - s * s)
+    s = (min(max(r, b), laminar) - b) / (1.0 - b)
+    root = sqrt(1.0 - s * s)
+    return root * (1.0 - r) / (1.0 - laminar) if r > laminar else root
 
 
 @compiled
@@ -69,9 +96,8 @@ def orifice_between(
     p_1: float, T_1: float, p_2: float, T_2: float, area: float, R: float, kappa: float, laminar: float
 ) -> float:
     """Nozzle flow from 1 to 2 in kg/s; negative when 2 is the upstream side."""
-    if p_1 >= p_2:
-        return nozzle_flow(p_1, T_1, p_2, area, R, kappa, laminar)
-    return -nozzle_flow(p_2, T_2, p_1, area, R, kappa, laminar)
+    sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
+    return sense * nozzle_flow(p_up, T_up, p_down, area, R, kappa, laminar)
 
 
 @compiled
@@ -79,9 +105,8 @@ def valve_between(
     p_1: float, T_1: float, p_2: float, T_2: float, conductance: float, b: float, laminar: float
 ) -> float:
     """ISO 6358 flow from 1 to 2 in kg/s; negative when 2 is the upstream side."""
-    if p_1 >= p_2:
-        return iso_flow(p_1, T_1, p_2, conductance, b, laminar)
-    return -iso_flow(p_2, T_2, p_1, conductance, b, laminar)
+    sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
+    return sense * iso_flow(p_up, T_up, p_down, conductance, b, laminar)
 
 
 @compiled
@@ -91,10 +116,22 @@ def laminar_between(p_1: float, p_2: float, coefficient: float) -> float:
 
 
 @compiled
-def reynolds_factor(flow: float, diameter: float, k: float) -> float:
-    """C_d/C_d∞ = 1/(1 + k/√Re), Re = 4|G|/(π d μ): 1 − k/√Re where that is close to 1, and above 0 at reversal."""
-    root = sqrt(max(4.0 * abs(flow) / (pi * diameter * AIR_VISCOSITY), 1.0))
+def reynolds_per_flow(diameter: float) -> float:
+    """Re/|G| = 4/(π d μ) in s/kg."""
+    return 4.0 / (pi * diameter * AIR_VISCOSITY)
+
+
+@compiled
+def reynolds_factor(Re: float, k: float) -> float:
+    """C_d/C_d∞ = 1/(1 + k/√Re): 1 − k/√Re where that is close to 1, and above 0 at reversal."""
+    root = sqrt(max(Re, 1.0))
     return root / (root + k)
+
+
+@compiled
+def one_way(asymmetry: float, outward: float) -> float:
+    """By how much an orifice passes more air out of the bellows than on average, or less into it."""
+    return 1.0 + asymmetry * (1.0 if outward > 0.0 else -1.0)
 
 
 @compiled

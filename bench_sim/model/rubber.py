@@ -19,15 +19,11 @@ def friction_curve(x: float, origin: float, level: float, travel: float) -> tupl
     x > x_s: f = α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α); x < x_s the same with the signs turned.
     """
     s = x - origin
-    if s >= 0.0:
-        rest = 1.0 - level
-        d = max(travel * rest, 1e-12)
-        n = d + s
-        return level + s / n * rest, rest * d / (n * n)
-    rest = 1.0 + level
+    sense = 1.0 if s >= 0.0 else -1.0
+    rest = 1.0 - sense * level
     d = max(travel * rest, 1e-12)
-    n = d - s
-    return level + s / n * rest, rest * d / (n * n)
+    per_n = 1.0 / (d + abs(s))
+    return level + s * per_n * rest, rest * d * per_n * per_n
 
 
 @compiled
@@ -37,15 +33,32 @@ def friction_limit(constant: float, slope: float, gauge: float) -> float:
 
 
 @compiled
+def relaxing(stiffness: float, ratios: float, held: float, displacement: float) -> float:
+    """Σ k_j (x − w_j) in N, k_j = r_j k: ``ratios`` is Σ r_j, ``held`` Σ r_j w_j in m."""
+    return stiffness * (ratios * displacement - held)
+
+
+@compiled
+def dashpot_speed(displacement: float, dashpot: float, per_time: float) -> float:
+    """dw/dt = (x − w)/τ in m/s; ``per_time`` is 1/τ."""
+    return (displacement - dashpot) * per_time
+
+
+@compiled
+def creep_speed(force: float, creep: float, gain: float, per_time: float) -> float:
+    """dq/dt = (r F_z/k_es − q)/τ in m/s; ``gain`` is r/k_es."""
+    return per_time * (gain * force - creep)
+
+
+@compiled
 def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: float) -> tuple[float, float]:
     """Force of all branches in N and their common stiffness in N/m; ``first`` is the place of the first dash-pot."""
-    force = 0.0
-    total = 0.0
+    ratios = 0.0
+    held = 0.0
     for j in range(BRANCHES):
-        k = stiffness * par.maxwell_ratio[j]
-        force += k * (displacement - x[first + j])
-        total += k
-    return force, total
+        ratios += par.maxwell_ratio[j]
+        held += par.maxwell_ratio[j] * x[first + j]
+    return relaxing(stiffness, ratios, held, displacement), stiffness * ratios
 
 
 @compiled
@@ -56,15 +69,16 @@ def extra_pull(
 
     ``direction`` is 0 vertical, 1 lateral. All elements turn where the spring's own friction turns.
     """
-    force = 0.0
-    total = 0.0
+    ratios = 0.0
+    held = 0.0
     first = State.EXTRA_VERTICAL_DASHPOT + 2 * direction + side
     for j in range(EXTRA_BRANCHES):
         if par.extra_branch_ratio[j] == 0.0:
             break
-        k = stiffness * par.extra_branch_ratio[j]
-        force += k * (displacement - x[first + EXTRA_DASHPOTS * j])
-        total += k
+        ratios += par.extra_branch_ratio[j]
+        held += par.extra_branch_ratio[j] * x[first + EXTRA_DASHPOTS * j]
+    force = relaxing(stiffness, ratios, held, displacement)
+    total = stiffness * ratios
     for e in range(EXTRA_FRICTIONS):
         if par.extra_friction[e] == 0.0:
             break
@@ -89,8 +103,8 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
             vertical = State.VERTICAL_DASHPOT + i * BRANCHES + j
             lateral = State.LATERAL_DASHPOT + i * BRANCHES + j
             speed = 1.0 / par.maxwell_time[j]
-            z_speed = (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) * speed
-            y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed
+            z_speed = dashpot_speed(out[Algebraic.BELLOWS_VERTICAL + i], x[vertical], speed)
+            y_speed = dashpot_speed(out[Algebraic.BELLOWS_LATERAL + i], x[lateral], speed)
             vertical_rate += par.maxwell_ratio[j] * z_speed
             lateral_rate += par.maxwell_ratio[j] * y_speed
             dx[vertical] += z_speed
@@ -102,8 +116,8 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
                 vertical = State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + i
                 lateral = State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + i
                 speed = 1.0 / par.extra_branch_time[j]
-                z_speed = (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) * speed
-                y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed
+                z_speed = dashpot_speed(out[Algebraic.BELLOWS_VERTICAL + i], x[vertical], speed)
+                y_speed = dashpot_speed(out[Algebraic.BELLOWS_LATERAL + i], x[lateral], speed)
                 vertical_rate += par.extra_branch_ratio[j] * z_speed
                 lateral_rate += par.extra_branch_ratio[j] * y_speed
                 dx[vertical] = z_speed
@@ -114,13 +128,12 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """dq/dt = (r F_z/k_es − q)/τ: the emergency spring creeps together by q under the force that it carries."""
+    """The emergency spring creeps together by q under the force that it carries (`creep_speed`)."""
     for i in range(2):
         if par.creep_ratio[i] != 0.0:
-            settled = (
-                par.creep_ratio[i] * out[Algebraic.STACK_VERTICAL + i] / par.emergency_stiffness_vertical[i]
-            )
-            dx[State.CREEP + i] += (settled - x[State.CREEP + i]) / par.creep_time[i]
+            gain = par.creep_ratio[i] / par.emergency_stiffness_vertical[i]
+            F_z = out[Algebraic.STACK_VERTICAL + i]
+            dx[State.CREEP + i] += creep_speed(F_z, x[State.CREEP + i], gain, 1.0 / par.creep_time[i])
 
 
 @compiled

@@ -11,41 +11,56 @@ the pressure; p_ref is that of the load case. Below ``contact_height`` the top p
 Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
 """
 
-from math import sqrt, tanh
+from math import tanh
 from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.bellows import (
+    ITERATIONS,
+    LONGEST_STEP,
+    bellows_speeds,
+    compliance_matrix,
+    envelope,
+    lateral_loads,
+    lateral_shape,
+    newton_step,
+    pressure_per_volume,
+    pressure_that_stretches,
+    tangents,
+    vertical_loads,
+)
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import pressure, temperature
 from bench_sim.model.layout import BRANCHES, State
-from bench_sim.model.rubber import extra_pull, friction_curve, friction_limit, maxwell_pull
+from bench_sim.model.rubber import extra_pull, friction_curve, maxwell_pull
 from bench_sim.model.surface import force_surface
-
-#: A bellows is never empty: keeps the pressure finite while Newton's method looks around.
-SMALLEST_VOLUME = 1e-3
 
 #: Below this step (m) the tangents carry every quantity over; what they miss is of second order, 1e-6 N.
 _CLOSE = 3e-7
-_LONGEST_STEP = 0.02
-_ITERATIONS = 40
-
-
-@compiled
-def lateral_shape(y: float, scale: float) -> tuple[float, float, float]:
-    """Y, Y′ and Y″ of Y = y²/(1+(y/y_s)²) in m², m, 1."""
-    s = 1.0 + (y / scale) ** 2
-    return y * y / s, 2.0 * y / (s * s), 2.0 * (4.0 - 3.0 * s) / (s * s * s)
 
 
 @compiled
 def volume(par: Any, side: int, zeta: float, y: float) -> float:
     """Bellows volume V(ζ, y) in m³, at the pressure of the load case if it depends on that."""
-    Y, _, _ = lateral_shape(y, par.membrane_travel[side])
-    return (
-        par.bellows_volume[side]
-        + (par.effective_area[side] + 0.5 * par.effective_area_slope[side] * zeta) * zeta
-        - 0.5 * (par.membrane_length[side] + par.membrane_length_slope[side] * zeta) * Y
+    V, _, _, _, _, _ = shape(par, side, zeta, y)
+    return V
+
+
+@compiled
+def shape(par: Any, side: int, zeta: float, y: float) -> tuple[float, float, float, float, float, float]:
+    """V, ∂V/∂ζ, ∂V/∂y, κ₀+κ₁ζ (`envelope`), and Y′ and Y″ (`lateral_shape`)."""
+    Y, Y1, Y2 = lateral_shape(y, 1.0 / par.membrane_travel[side])
+    V, A, B, length = envelope(
+        zeta,
+        Y,
+        Y1,
+        par.bellows_volume[side],
+        par.effective_area[side],
+        par.effective_area_slope[side],
+        par.membrane_length[side],
+        par.membrane_length_slope[side],
     )
+    return V, A, B, length, Y1, Y2
 
 
 @compiled
@@ -58,21 +73,13 @@ def stretch(par: Any, side: int, p: float) -> float:
 @compiled
 def stretched_pressure(par: Any, side: int, content: float, V: float) -> float:
     """p in Pa that solves p (V + C_V (p − p_ref)) = ``content`` (J), V being the volume at p_ref."""
-    b = V + stretch(par, side, 0.0)
-    return 2.0 * content / (b + sqrt(b * b + 4.0 * par.bellows_compliance[side] * content))
+    return pressure_that_stretches(content, V + stretch(par, side, 0.0), par.bellows_compliance[side])
 
 
 @compiled
 def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, out: Any) -> None:
     """Pressure, force and tangent stiffness of one bellows at its own displacement (ζ_b, y_b), into ``out``."""
-    Y, Y1, Y2 = lateral_shape(y, par.membrane_travel[side])
-    A1 = par.effective_area_slope[side]
-    kappa_1 = par.membrane_length_slope[side]
-    length = par.membrane_length[side] + kappa_1 * zeta
-    V = par.bellows_volume[side] + (par.effective_area[side] + 0.5 * A1 * zeta) * zeta - 0.5 * length * Y
-    V = max(V, SMALLEST_VOLUME)
-    A = par.effective_area[side] + A1 * zeta - 0.5 * kappa_1 * Y
-    B = -0.5 * length * Y1
+    V, A, B, length, Y1, Y2 = shape(par, side, zeta, y)
     p = pressure(x[State.BELLOWS_ENERGY + side], V, par.heat_capacity_ratio)
     if par.bellows_compliance[side] > 0.0:
         p = stretched_pressure(par, side, p * V, V)
@@ -98,38 +105,68 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
     f_y, slope_y = friction_curve(
         y, mem.friction_origin[1, side], mem.friction_level[1, side], par.friction_lateral_travel[side]
     )
-    limit_z = friction_limit(par.friction_vertical[side], par.friction_vertical_slope[side], gauge)
-    limit_y = friction_limit(par.friction_lateral[side], par.friction_lateral_slope[side], gauge)
-    grip = 1.0 if gauge > 0.0 else 0.0
-
-    contact = max(par.contact_height - zeta, 0.0)
-    K_contact = par.contact_stiffness if contact > 0.0 else 0.0
-
-    cross = -0.5 * kappa_1 * Y1 * gauge
+    contact, F_z, K_zz, per_z = vertical_loads(
+        zeta,
+        gauge,
+        A,
+        par.effective_area_slope[side],
+        k_z,
+        branch_z,
+        stiff_z,
+        f_z,
+        slope_z,
+        par.friction_vertical[side],
+        par.friction_vertical_slope[side],
+        par.contact_height,
+        par.contact_stiffness,
+    )
+    F_y, K_yy, per_y = lateral_loads(
+        y,
+        gauge,
+        B,
+        -0.5 * length * Y2,
+        k_y,
+        branch_y,
+        stiff_y,
+        f_y,
+        slope_y,
+        par.friction_lateral[side],
+        par.friction_lateral_slope[side],
+    )
     out[Algebraic.VOLUME + side] = V
     out[Algebraic.AREA + side] = A
     out[Algebraic.LATERAL_AREA + side] = B
     out[Algebraic.PRESSURE + side] = p
     out[Algebraic.CONTACT + side] = contact
-    out[Algebraic.STACK_VERTICAL + side] = (
-        gauge * A - k_z * zeta - branch_z - limit_z * f_z + K_contact * contact
+    out[Algebraic.STACK_VERTICAL + side] = F_z
+    out[Algebraic.STACK_LATERAL + side] = F_y
+    out[Algebraic.STIFFNESS_ZZ + side] = K_zz
+    out[Algebraic.STIFFNESS_ZY + side] = -0.5 * par.membrane_length_slope[side] * Y1 * gauge
+    out[Algebraic.STIFFNESS_YY + side] = K_yy
+    out[Algebraic.VERTICAL_PER_PRESSURE + side] = per_z
+    out[Algebraic.LATERAL_PER_PRESSURE + side] = per_y
+
+
+@compiled
+def tangent_of(side: int, out: Any) -> tuple[float, float, float, float, float, float, float]:
+    """∂V/∂ζ, ∂V/∂y, ∂F_z/∂p, ∂F_y/∂p, ∂F_z/∂ζ, ∂F_z/∂y, ∂F_y/∂y of one bellows, as its laws are given them."""
+    return (
+        out[Algebraic.AREA + side],
+        out[Algebraic.LATERAL_AREA + side],
+        out[Algebraic.VERTICAL_PER_PRESSURE + side],
+        out[Algebraic.LATERAL_PER_PRESSURE + side],
+        out[Algebraic.STIFFNESS_ZZ + side],
+        out[Algebraic.STIFFNESS_ZY + side],
+        out[Algebraic.STIFFNESS_YY + side],
     )
-    out[Algebraic.STACK_LATERAL + side] = gauge * B - k_y * y - branch_y - limit_y * f_y
-    out[Algebraic.STIFFNESS_ZZ + side] = gauge * A1 - k_z - stiff_z - limit_z * slope_z - K_contact
-    out[Algebraic.STIFFNESS_ZY + side] = cross
-    out[Algebraic.STIFFNESS_YY + side] = -0.5 * gauge * length * Y2 - k_y - stiff_y - limit_y * slope_y
-    out[Algebraic.VERTICAL_PER_PRESSURE + side] = A - grip * par.friction_vertical_slope[side] * f_z
-    out[Algebraic.LATERAL_PER_PRESSURE + side] = B - grip * par.friction_lateral_slope[side] * f_y
 
 
 @compiled
 def energy_kept(par: Any, side: int, out: Any) -> float:
-    """−dp/dV = p/(V + C_V p) in Pa/m³ at constant internal energy."""
-    p = out[Algebraic.PRESSURE + side]
-    V = out[Algebraic.VOLUME + side]
-    if par.bellows_compliance[side] > 0.0:
-        V += par.bellows_compliance[side] * p
-    return p / V
+    """−dp/dV in Pa/m³ of one bellows at constant internal energy."""
+    return pressure_per_volume(
+        out[Algebraic.PRESSURE + side], out[Algebraic.VOLUME + side], par.bellows_compliance[side]
+    )
 
 
 @compiled
@@ -146,17 +183,16 @@ def share_with_emergency_spring(
         c_y = 1.0 / par.emergency_stiffness_lateral[side]
         z_b = guess_z
         y_b = guess_y
-        step_z = _LONGEST_STEP
-        step_y = _LONGEST_STEP
-        for _ in range(_ITERATIONS):
+        step_z = LONGEST_STEP
+        step_y = LONGEST_STEP
+        for _ in range(ITERATIONS):
             load_bellows(x, mem, par, side, z_b, y_b, out)
             miss_z = zeta - z_b + c_z * (out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side])
             miss_y = y - y_b + c_y * out[Algebraic.STACK_LATERAL + side]
+            A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(side, out)
             p_V = energy_kept(par, side, out)
-            a, b, c, d = compliance_matrix(side, c_z, c_y, p_V, out)
-            determinant = a * d - b * c
-            step_z = min(max((d * miss_z - b * miss_y) / determinant, -_LONGEST_STEP), _LONGEST_STEP)
-            step_y = min(max((a * miss_y - c * miss_z) / determinant, -_LONGEST_STEP), _LONGEST_STEP)
+            a, b, c, d = compliance_matrix(A, B, per_z, per_y, K_zz, K_zy, K_yy, c_z, c_y, p_V)
+            step_z, step_y = newton_step(a, b, c, d, miss_z, miss_y)
             z_b += step_z
             y_b += step_y
             if abs(step_z) + abs(step_y) < _CLOSE:
@@ -169,42 +205,14 @@ def share_with_emergency_spring(
 @compiled
 def carry_over(par: Any, side: int, step_z: float, step_y: float, out: Any) -> None:
     """Move the loads of one bellows by a last small step along their tangents."""
-    V_step = out[Algebraic.AREA + side] * step_z + out[Algebraic.LATERAL_AREA + side] * step_y
-    p_step = -energy_kept(par, side, out) * V_step
-    cross = out[Algebraic.STIFFNESS_ZY + side]
-    out[Algebraic.STACK_VERTICAL + side] += (
-        out[Algebraic.STIFFNESS_ZZ + side] * step_z
-        + cross * step_y
-        + out[Algebraic.VERTICAL_PER_PRESSURE + side] * p_step
-    )
-    out[Algebraic.STACK_LATERAL + side] += (
-        cross * step_z
-        + out[Algebraic.STIFFNESS_YY + side] * step_y
-        + out[Algebraic.LATERAL_PER_PRESSURE + side] * p_step
-    )
-    if par.bellows_compliance[side] > 0.0:
-        V_step += par.bellows_compliance[side] * p_step
-    out[Algebraic.VOLUME + side] += V_step
-    out[Algebraic.PRESSURE + side] += p_step
+    A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(side, out)
+    p_V = energy_kept(par, side, out)
+    F_z, F_y, V, p = tangents(step_z, step_y, A, B, per_z, per_y, K_zz, K_zy, K_yy, p_V)
+    out[Algebraic.STACK_VERTICAL + side] += F_z
+    out[Algebraic.STACK_LATERAL + side] += F_y
+    out[Algebraic.VOLUME + side] += V + par.bellows_compliance[side] * p
+    out[Algebraic.PRESSURE + side] += p
     out[Algebraic.AREA + side] += par.effective_area_slope[side] * step_z
-
-
-@compiled
-def compliance_matrix(
-    side: int, c_z: float, c_y: float, p_V: float, out: Any
-) -> tuple[float, float, float, float]:
-    """1 − C·K of the series connection, row by row; ``p_V`` = −dp/dV in Pa/m³ for the change of state at hand."""
-    A = out[Algebraic.AREA + side]
-    B = out[Algebraic.LATERAL_AREA + side]
-    per_z = out[Algebraic.VERTICAL_PER_PRESSURE + side]
-    per_y = out[Algebraic.LATERAL_PER_PRESSURE + side]
-    cross = out[Algebraic.STIFFNESS_ZY + side]
-    return (
-        1.0 - c_z * (out[Algebraic.STIFFNESS_ZZ + side] - per_z * p_V * A),
-        -c_z * (cross - per_z * p_V * B),
-        -c_y * (cross - per_y * p_V * A),
-        1.0 - c_y * (out[Algebraic.STIFFNESS_YY + side] - per_y * p_V * B),
-    )
 
 
 @compiled
@@ -270,41 +278,38 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
 
 @compiled
 def work_term(par: Any, out: Any, dx: Any) -> None:
-    """−p dV/dt of both bellows, after all enthalpy and heat have been added to ``dx``.
-
-    The bellows' speed follows from differentiating the series connection in time, with
-    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p), where Ḣ is what has been added so far.
-    """
+    """−p dV/dt of both bellows (`bellows_speeds`), after all enthalpy and heat have been added to ``dx``."""
     kappa = par.heat_capacity_ratio
     for i in range(2):
-        p = out[Algebraic.PRESSURE + i]
-        V = out[Algebraic.VOLUME + i]
-        if par.bellows_compliance[i] > 0.0:
-            V += kappa * par.bellows_compliance[i] * p
-        heating = (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i]
-        z_speed = out[Algebraic.HEIGHT_SPEED + i] + dx[State.CREEP + i]
-        y_speed = out[Algebraic.LATERAL_SPEED + i]
+        c_z = 0.0
+        c_y = 0.0
         if par.emergency_spring != 0.0:
             c_z = 1.0 / par.emergency_stiffness_vertical[i]
             c_y = 1.0 / par.emergency_stiffness_lateral[i]
-            a, b, c, d = compliance_matrix(i, c_z, c_y, kappa * p / V, out)
-            p_rate = heating / V
-            z_speed += c_z * (
-                out[Algebraic.VERTICAL_PER_PRESSURE + i] * p_rate + out[Algebraic.DASHPOT_VERTICAL + i]
-            )
-            y_speed += c_y * (
-                out[Algebraic.LATERAL_PER_PRESSURE + i] * p_rate + out[Algebraic.DASHPOT_LATERAL + i]
-            )
-            determinant = a * d - b * c
-            z_speed, y_speed = (
-                (d * z_speed - b * y_speed) / determinant,
-                (a * y_speed - c * z_speed) / determinant,
-            )
+        A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(i, out)
+        p = out[Algebraic.PRESSURE + i]
+        z_speed, y_speed, V_rate = bellows_speeds(
+            out[Algebraic.HEIGHT_SPEED + i] + dx[State.CREEP + i],
+            out[Algebraic.LATERAL_SPEED + i],
+            out[Algebraic.DASHPOT_VERTICAL + i],
+            out[Algebraic.DASHPOT_LATERAL + i],
+            (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i],
+            p,
+            out[Algebraic.VOLUME + i],
+            par.bellows_compliance[i],
+            kappa,
+            A,
+            B,
+            per_z,
+            per_y,
+            K_zz,
+            K_zy,
+            K_yy,
+            c_z,
+            c_y,
+        )
         out[Algebraic.BELLOWS_VERTICAL_SPEED + i] = z_speed
         out[Algebraic.BELLOWS_LATERAL_SPEED + i] = y_speed
-        V_rate = out[Algebraic.AREA + i] * z_speed + out[Algebraic.LATERAL_AREA + i] * y_speed
-        if par.bellows_compliance[i] > 0.0:
-            V_rate += par.bellows_compliance[i] * (heating - kappa * p * V_rate) / V
         dx[State.BELLOWS_ENERGY + i] -= p * V_rate
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.gas import enthalpy_per_kelvin, transfer
+from bench_sim.model.gas import enthalpy_per_kelvin, transfer, upstream_enthalpy
 from bench_sim.model.layout import Input, State
 
 
@@ -54,32 +54,38 @@ def force_surface(par: Any, displacement: float, speed: float) -> float:
 
 
 @compiled
+def surface_flow(par: Any, opening: float, p: float, p_a: float) -> float:
+    """Extra flow in kg/s from a bellows to its chamber, over (p_b − p_a, p_b)."""
+    if par.flow_surface_difference[1] <= par.flow_surface_difference[0]:
+        return 0.0
+    low, high = par.flow_surface_pressure[0], par.flow_surface_pressure[1]
+    return opening * surface(par.flow_surface, p - p_a, par.flow_surface_difference, p, low, high)
+
+
+@compiled
+def surface_heat(par: Any, p: float, T: float) -> float:
+    """Extra heat in W into a bellows, over (p_b, T_b − T_amb)."""
+    if par.heat_surface_pressure[1] <= par.heat_surface_pressure[0]:
+        return 0.0
+    low, high = par.heat_surface_temperature[0], par.heat_surface_temperature[1]
+    return surface(par.heat_surface, p, par.heat_surface_pressure, T - par.ambient_temperature, low, high)
+
+
+@compiled
 def gas_surface_term(u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Extra flow from each bellows to its chamber over (p_b − p_a, p_b), extra heat into it over (p_b, T_b − T_amb)."""
+    """Flow from each bellows to its chamber and heat into it that no named effect explains."""
     c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         p = out[Algebraic.PRESSURE + i]
         T = out[Algebraic.TEMPERATURE + i]
-        if par.flow_surface_difference[1] > par.flow_surface_difference[0]:
-            flow = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0) * surface(
-                par.flow_surface,
-                p - out[Algebraic.AUXILIARY_PRESSURE + i],
-                par.flow_surface_difference,
-                p,
-                par.flow_surface_pressure[0],
-                par.flow_surface_pressure[1],
-            )
-            enthalpy = c_p * (T if flow > 0.0 else out[Algebraic.AUXILIARY_TEMPERATURE + i])
+        T_a = out[Algebraic.AUXILIARY_TEMPERATURE + i]
+        opening = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0)
+        flow = surface_flow(par, opening, p, out[Algebraic.AUXILIARY_PRESSURE + i])
+        if flow != 0.0:
+            enthalpy = upstream_enthalpy(flow, T, T_a, c_p)
             transfer(dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, enthalpy)
             out[Algebraic.ORIFICE_FLOW + i] += flow
-        if par.heat_surface_pressure[1] > par.heat_surface_pressure[0]:
-            heat = surface(
-                par.heat_surface,
-                p,
-                par.heat_surface_pressure,
-                T - par.ambient_temperature,
-                par.heat_surface_temperature[0],
-                par.heat_surface_temperature[1],
-            )
+        heat = surface_heat(par, p, T)
+        if heat != 0.0:
             dx[State.BELLOWS_ENERGY + i] += heat
             out[Algebraic.HEAT + i] += heat

@@ -4,15 +4,17 @@ from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
-from bench_sim.model.gas import enthalpy_per_kelvin, pressure, transfer
+from bench_sim.model.gas import enthalpy_per_kelvin, pressure, transfer, upstream_enthalpy
 from bench_sim.model.inertance import missing_flow
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import (
     effective_flow_area,
     iso_flow,
     laminar_between,
+    one_way,
     orifice_between,
     reynolds_factor,
+    reynolds_per_flow,
     valve_between,
 )
 from bench_sim.model.pipe import PIPE_RATE, pipe_acceleration
@@ -45,23 +47,24 @@ def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any
             area = opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
             if par.orifice_asymmetry[i] != 0.0:
                 outward = x[State.PIPE_FLOW + i] if piped else p_b - p_a
-                area *= 1.0 + par.orifice_asymmetry[i] * (1.0 if outward > 0.0 else -1.0)
+                area *= one_way(par.orifice_asymmetry[i], outward)
             if piped:
                 flow = x[State.PIPE_FLOW + i]
-                area *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
+                Re = reynolds_per_flow(par.orifice_diameter[i]) * abs(flow)
+                area *= reynolds_factor(Re, par.orifice_reynolds[i])
                 dx[State.PIPE_FLOW + i] += pipe_acceleration(flow, p_b, T_b, p_a, T_a, area, i, par)
             else:
                 flow = orifice_between(p_b, T_b, p_a, T_a, area, par.gas_constant, kappa, par.laminar_limit)
                 if par.orifice_reynolds[i] != 0.0:
-                    flow *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
+                    Re = reynolds_per_flow(par.orifice_diameter[i]) * abs(flow)
+                    flow *= reynolds_factor(Re, par.orifice_reynolds[i])
                 steady = flow
                 if par.flow_inertance[i] > 0.0:
                     ahead, noted, held = t - mem.solved_time, mem.steady_flow[i], mem.missing_flow[i]
                     inertance = par.flow_inertance[i]
                     flow -= missing_flow(ahead, noted, held, steady, p_b, T_b, p_a, T_a, area, inertance, par)
-            transfer(
-                dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
-            )
+            enthalpy = upstream_enthalpy(flow, T_b, T_a, c_p)
+            transfer(dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, enthalpy)
         out[Algebraic.ORIFICE_FLOW + i] = flow
         out[Algebraic.STEADY_FLOW + i] = steady
 
@@ -124,7 +127,7 @@ def chamber_flow(
             p, T, par.atmospheric_pressure, par.ambient_temperature, exhaust, b, par.laminar_limit
         )
         flow -= G
-        power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)
+        power -= G * upstream_enthalpy(G, T, par.ambient_temperature, c_p)
     return flow, power
 
 
@@ -248,26 +251,45 @@ def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
 
 
 @compiled
+def leak_flow(
+    p: float,
+    T: float,
+    outside: float,
+    ambient: float,
+    conductance: float,
+    b: float,
+    crack: float,
+    laminar: float,
+    c_p: float,
+) -> tuple[float, float]:
+    """Flow in kg/s to the atmosphere by an orifice (ISO 6358) and a parallel laminar crack, and its enthalpy in W."""
+    flow = valve_between(p, T, outside, ambient, conductance, b, laminar)
+    flow += laminar_between(p, outside, crack)
+    return flow, flow * upstream_enthalpy(flow, T, ambient, c_p)
+
+
+@compiled
 def leak_term(par: Any, out: Any, dx: Any) -> None:
-    """Leaks of the bellows to the atmosphere: as an orifice (ISO 6358) and as a laminar crack, in parallel."""
+    """Leaks of the bellows to the atmosphere (`leak_flow`)."""
     c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         if par.leak_conductance[i] == 0.0 and par.leak_laminar[i] == 0.0:
             continue
         p = out[Algebraic.PRESSURE + i]
         T = out[Algebraic.TEMPERATURE + i]
-        flow = valve_between(
+        flow, power = leak_flow(
             p,
             T,
             par.atmospheric_pressure,
             par.ambient_temperature,
             par.leak_conductance[i],
             par.leak_critical_ratio,
+            par.leak_laminar[i],
             par.laminar_limit,
+            c_p,
         )
-        flow += laminar_between(p, par.atmospheric_pressure, par.leak_laminar[i])
         dx[State.BELLOWS_MASS + i] -= flow
-        dx[State.BELLOWS_ENERGY + i] -= flow * c_p * (T if flow > 0.0 else par.ambient_temperature)
+        dx[State.BELLOWS_ENERGY + i] -= power
 
 
 @compiled
