@@ -13,11 +13,12 @@ from bench_protocol.system.binding import cached, protocol_sources
 def digest_of(sources: Iterable[Traversable]) -> str:
     """Return what changes when one of the ``sources`` does, or the protocol or the model, which all others contain."""
     digest = hashlib.sha256()
-    everything = [*protocol_sources(), *files("bench_sim.model").iterdir(), *sources]
-    for source in sorted(everything, key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.name.encode())
-            digest.update(source.read_bytes())
+    model = files("bench_sim.model")
+    everything = [*protocol_sources(), *model.iterdir(), *model.joinpath("lanes").iterdir(), *sources]
+    named = [source for source in everything if source.name.endswith(".py")]
+    for source in sorted(named, key=lambda entry: (entry.name, entry.read_bytes())):
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
     digest.update(str(TICK_RATE).encode())
     return digest.hexdigest()
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.lane_layout import LANES
-from bench_sim.model.lane_start import has_lanes, power_coefficients, refuse_unplaced
-from bench_sim.model.lanes import integrate_pairs, integrate_springs
+from bench_sim.model.lanes.layout import LANES
+from bench_sim.model.lanes.springs import integrate_pairs, integrate_springs
+from bench_sim.model.lanes.start import has_lanes, power_coefficients, refuse_unplaced
+from bench_sim.model.lanes.traces import TracedReplay
 from bench_sim.model.layout import INPUTS, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, Motion, replay
-from bench_sim.model.traces import TracedReplay
 from bench_sim.parameters import load
 
 INTERVAL = 5e-3

@@ -5,7 +5,7 @@ Theory of operation
 The sides of the bench meet only in its readings, so a job that differs from another in one spring shares the other's
 trajectory, and one that differs in sensors alone, or in forces that follow from motion and pressure, shares both.
 What differs is not told by names: two springs are one if everything that their integration depends on is equal bit by
-bit (`bench_sim.model.lanes.key_of`).
+bit (`bench_sim.model.lanes.springs.key_of`).
 
 Where air passes between the sides, both springs of a job are integrated together. A differential pressure valve that is
 connected may stay shut, which shows when both have been integrated. Once it has opened for one job of a run, the others
@@ -20,9 +20,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from bench_sim.model.lane_layout import LANES
-from bench_sim.model.lanes import LaneSpring, integrate_pairs, integrate_springs, key_of
-from bench_sim.model.traces import TracedReplay
+from bench_sim.model.lanes.layout import LANES
+from bench_sim.model.lanes.springs import LaneSpring, integrate_pairs, integrate_springs, key_of
+from bench_sim.model.lanes.traces import TracedReplay
 from diagnosis.contracts import Array
 
 #: Trajectories of an experiment that are kept from one batch to the next: both sides at one point.

@@ -9,9 +9,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from bench_sim.model.effects import effect as bench
+from bench_sim.model.lanes.traces import TracedReplay, feeds
 from bench_sim.model.layout import INPUTS, LATERAL, Input
 from bench_sim.model.replay import Motion
-from bench_sim.model.traces import TracedReplay, feeds
 from diagnosis.contracts import Array, DiagnosisError, Experiment
 from diagnosis.systems.air_spring.batch import KeptTraces
 from diagnosis.systems.motion import GIVE

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_parallel
-from bench_sim.model.lane_layout import LANES, LENGTH
-from bench_sim.model.lane_start import begin_springs, has_lanes, power_coefficients
-from bench_sim.model.lanes import AUXILIARY_PRESSURE, STIFFEST, Course, LaneSpring
+from bench_sim.model.lanes.layout import LANES, LENGTH
+from bench_sim.model.lanes.springs import AUXILIARY_PRESSURE, STIFFEST, Course, LaneSpring
+from bench_sim.model.lanes.start import begin_springs, has_lanes, power_coefficients
 from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, Sensor, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.replay import STEP, Before, Gas, Motion, balance, place

@@ -1,8 +1,7 @@
 """Pressures and forces of eight springs in lock-step, and how each shares its deflection with its emergency spring.
 
-The equations are those of `bench_sim.model.spring` and `bench_sim.model.rubber`, which are the oracle. Newton's method
-goes on until the last lane has arrived; one that has arrived stays where it is, so that no lane's numbers depend on
-its neighbours.
+The laws are those of `bench_sim.model.bellows` and `bench_sim.model.rubber`. Newton's method goes on until the last
+lane has arrived; one that has arrived stays where it is, so that no lane's numbers depend on its neighbours.
 """
 
 from typing import Any, Final
@@ -21,7 +20,7 @@ from bench_sim.model.bellows import (
 )
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import pressure, temperature
-from bench_sim.model.lane_layout import (
+from bench_sim.model.lanes.layout import (
     EXTRA_FRICTION,
     EXTRA_LEVEL_Y,
     EXTRA_LEVEL_Z,

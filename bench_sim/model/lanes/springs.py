@@ -4,8 +4,8 @@ Theory of operation
 -------------------
 In a replay left and right meet only in the readings (`bench_sim.model.replay`), unless air passes between them. So
 one spring is one lane, whichever side, run or parameters it belongs to, and what a spring has gone through is a
-`TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.traces`). Where air passes
-between them, both springs of a bench are integrated together (`bench_sim.model.lane_valves`), four benches at a time.
+`TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.lanes.traces`). Where air passes
+between them, both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
 
 The method, its step and what happens once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
 `bench_sim.model.step_start`), which is the oracle: pressures agree to a thousandth of a pascal, the width that the
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from bench_sim.model.compiled import compiled, compiled_parallel
 from bench_sim.model.gas import has_moved, keep_density
-from bench_sim.model.lane_layout import (
+from bench_sim.model.lanes.layout import (
     EXTRA_FRICTION,
     EXTRA_LEVEL_Y,
     EXTRA_LEVEL_Z,
@@ -43,9 +43,9 @@ from bench_sim.model.lane_layout import (
     Lane,
     LaneState,
 )
-from bench_sim.model.lane_slope import Having, lane_slope
-from bench_sim.model.lane_start import FEEDING, JOINING, SURFACES
-from bench_sim.model.lane_valves import (
+from bench_sim.model.lanes.slope import Having, lane_slope
+from bench_sim.model.lanes.start import FEEDING, JOINING, SURFACES
+from bench_sim.model.lanes.valves import (
     gather_valves,
     settle_levers,
     switch_between,
@@ -76,7 +76,7 @@ class Course(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaneSpring:
-    """One spring to be integrated: its column (`bench_sim.model.lane_start`), parameter record, side and course.
+    """One spring to be integrated: its column (`bench_sim.model.lanes.start`), parameter record, side and course.
 
     Its plate lies ``shift`` m to the left of the course, and its supply is ``supply_error`` Pa below what that says.
     """

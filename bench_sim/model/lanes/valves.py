@@ -11,7 +11,7 @@ from typing import Any
 
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import pressure
-from bench_sim.model.lane_layout import GIVEN, LANES, PAIRS, SLOPE, STAGE, START, Lane, LaneState
+from bench_sim.model.lanes.layout import GIVEN, LANES, PAIRS, SLOPE, STAGE, START, Lane, LaneState
 from bench_sim.model.valves import (
     chamber_flow,
     dpv_flow,

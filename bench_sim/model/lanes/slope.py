@@ -1,11 +1,12 @@
-"""The right-hand side of eight springs in lock-step (`bench_sim.model.lane_layout`), without branches.
+"""The right-hand side of eight springs in lock-step (`bench_sim.model.lanes.layout`), without branches.
 
 Theory of operation
 -------------------
-The equations are those of `bench_sim.model.air_spring` for one side each: `bench_sim.model.spring`, `rubber`, `gas`,
-`valves` and `surface`, whose scalar form is the oracle. Every loop over the lanes becomes vector instructions: what
-is decided by a branch there is selected by a condition here, what a spring does not have adds nothing, and r^(1/κ) of
-the nozzle is a polynomial, 3e-15 close over the ratios at which it is not choked.
+The laws are functions of numbers in `bench_sim.model.bellows`, `rubber`, `gas`, `orifice`, `valves` and `surface`, the
+same as those of `bench_sim.model.air_spring`: here stands where each gets its numbers from. Every loop over the lanes
+becomes vector instructions: what a spring does not have adds nothing, and r^(1/κ) of the nozzle is a polynomial, 3e-15
+close over the ratios at which it is not choked. Over `LANES` a loop with a short body is written out eight times and
+stays scalar; over ``w.shape[0] // PER_LANE`` it is not.
 """
 
 from typing import Any, NamedTuple
@@ -14,8 +15,8 @@ from bench_sim.model.bellows import bellows_speeds
 from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.gas import density_series, heat_inward, upstream_enthalpy, wall_speed
 from bench_sim.model.inertance import missing_flow
-from bench_sim.model.lane_algebra import lane_algebra, tangent_of
-from bench_sim.model.lane_layout import (
+from bench_sim.model.lanes.algebra import lane_algebra, tangent_of
+from bench_sim.model.lanes.layout import (
     EXTRA_RATIO,
     EXTRA_SPEED,
     LANES,
@@ -25,7 +26,7 @@ from bench_sim.model.lane_layout import (
     Lane,
     LaneState,
 )
-from bench_sim.model.lane_valves import feed, join
+from bench_sim.model.lanes.valves import feed, join
 from bench_sim.model.orifice import mass_flow, nozzle_root, one_way, reynolds_factor, upstream
 from bench_sim.model.rubber import creep_speed, dashpot_speed
 from bench_sim.model.surface import surface_flow, surface_heat
@@ -131,7 +132,8 @@ def carry(w: Any) -> None:
 @compiled
 def leak(w: Any) -> None:
     """Leaks of the bellows to the atmosphere."""
-    for i in range(LANES):
+    lanes = w.shape[0] // PER_LANE
+    for i in range(lanes):
         G, power = leak_flow(
             w[Lane.PRESSURE + i],
             w[Lane.TEMPERATURE + i],

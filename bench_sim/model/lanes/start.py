@@ -1,7 +1,7 @@
-"""What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lane_layout`.
+"""What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lanes.layout`.
 
 The column holds most of what the integration of this spring depends on. Beside it are the course of its plates and, of
-surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.LaneSpring.key` says.
+surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.springs.LaneSpring.key` says.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.gas import enthalpy_per_kelvin, keep_density
-from bench_sim.model.lane_layout import (
+from bench_sim.model.lanes.layout import (
     EXTRA_FRICTION,
     EXTRA_RATIO,
     EXTRA_SPEED,
@@ -194,13 +194,13 @@ def refuse_unplaced(quantities: Iterable[str]) -> None:
     placed = {*_IN_COLUMN, *SURFACES, *FEEDING, *JOINING, *_ABSENT, *_ELSEWHERE}
     if new := sorted(set(quantities) - placed):
         raise ImportError(
-            f"bench_sim/model/lane_start.py does not say what the lanes do with {', '.join(new)}: "
+            f"bench_sim/model/lanes/start.py does not say what the lanes do with {', '.join(new)}: "
             "name it in _IN_COLUMN if the lanes compute it, in _ABSENT if they cannot, "
             "in _ELSEWHERE if no trajectory of a spring depends on it"
         )
     if gone := sorted(placed - set(quantities)):
         raise ImportError(
-            f"bench_sim/model/lane_start.py names {', '.join(gone)}, and quantities.py has no such quantity"
+            f"bench_sim/model/lanes/start.py names {', '.join(gone)}, and quantities.py has no such quantity"
         )
 
 
