@@ -15,7 +15,7 @@ from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic, without_inertia
-from test_plans.analysis.cells import CELLS, bearing, cell_moment, described, unseen, upward_force
+from test_plans.analysis.cells import CELLS, ahead_of, bearing, cell_moment, described, unseen, upward_force
 from test_plans.analysis.geometry import actuator_moment, roll_of
 from test_plans.analysis.readings import GENERATOR, HEIGHTS, harmonic
 from test_plans.analysis.uncertainty import Measured, Readings, measured
@@ -48,6 +48,8 @@ METHOD: Final = 0.004
 HELD: Final = 0.025
 #: What frame and oil lose at each frequency, beside their stiffness.
 OIL: Final = 0.05
+#: How well seats and actuators are set up lengthwise.
+CENTRED: Final = 5 * mm
 #: Of a rig whose instruments nobody has described.
 UNSURE: Final = 0.07
 UNSURE_LAG: Final = 1e-3 * s
@@ -126,6 +128,7 @@ class Measuring:
         self._spacing(upright, rolled, more)
         if all(name in seen for name in needs):
             self._cells(rolled, more)
+            self._ahead(upright)
             if self._has("bolster_mass", needs, tuple(map(lag, (*FORCES, *PISTONS)))):
                 self._late(*self._shake("vertical", SWING, FAST, needs))
 
@@ -168,6 +171,35 @@ class Measuring:
             bool(abs(one.value - 1.0) <= u + known),
             f"{one.value * stated:.4g} ± {u * stated:.2g} m from the middle",
             f"{stated:.4g} m",
+        )
+
+    def _ahead(self, upright: tuple[Samples, Any]) -> None:
+        """Where the springs' force acts lengthwise: seats or actuators that are off there show in no sum of cells."""
+        times, values = upright
+        cells = [cell for cell in described(self._rig) if cell in values]
+        if self._rig.lacks(*CELLS) or {"force upward", "pitch moment"} & set(unseen(self._rig, cells)):
+            return
+
+        def place(rig: Mapping[str, float], read: Mapping[str, Samples]) -> float:
+            both = ahead_of({cell: read[cell] for cell in cells}, rig, "force upward")
+            force, moment = (first_harmonic(times, one, SLOW) for one in both)
+            return float((moment / force).real)
+
+        one = self._measured(place, values)
+        u = one.expanded if one.expanded is not None else UNSURE * abs(one.value)
+        verdict = Verdict.FINE if abs(one.value) <= u + CENTRED else Verdict.DOUBTFUL
+        more = (
+            ""
+            if verdict is Verdict.FINE
+            else ": a seat or an actuator stands off the middle, or a cell elsewhere"
+        )
+        self._lines.append(
+            MoveLine(
+                what="springs' force, ahead of the middle",
+                verdict=verdict,
+                found=f"{one.value / mm:.1f} ± {u / mm:.2g} mm{more}",
+                right=f"0 ± {CENTRED / mm:g} mm",
+            )
         )
 
     def _tell_unseen(self) -> None:

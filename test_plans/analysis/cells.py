@@ -92,6 +92,29 @@ def unseen(rig: Rig, cells: Iterable[str] = LOAD_CELLS) -> tuple[str, ...]:
     return tuple(part for part, along in zip(PARTS, blind.T, strict=True) if np.linalg.norm(along) > 1e-6)
 
 
+def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, Samples]:
+    """Return a force on the bolster, upward or sideways, and its moment (N·m) for standing ahead of the middle.
+
+    Their ratio is how far ahead it acts: M_y = −x F_z and M_z = x F_y.
+    """
+    told = dict(zip(PARTS, wrench(values, rig), strict=True))
+    moment = -told["pitch moment"] if force == "force upward" else told["yaw moment"]
+    return told[force], moment
+
+
+def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples]:
+    """Return what each cell in ``values`` bears (N) that no force on the bolster asks for: An = 0 for such readings n.
+
+    Four upright cells bear a twist so: by a support that gives way, or stands out of the plane of the others.
+    """
+    there = cells_in(values)
+    columns = np.array([column_of(rig, cell) for cell in there]).T
+    _, sizes, ways = np.linalg.svd(columns)
+    kernel = ways[int(np.sum(sizes > NOTHING * sizes[0])) :]
+    read = np.array([np.asarray(values[cell], float) for cell in there])
+    return dict(zip(there, kernel.T @ (kernel @ read), strict=True))
+
+
 def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
     """Return the load cells of which there are ``values``, without looking at these."""
     there = frozenset(values)

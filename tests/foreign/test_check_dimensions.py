@@ -40,6 +40,15 @@ def doubts(described: Dimensions, **built: float) -> dict[str, str]:
     return {one.what: one.found for one in lines if one.verdict is Verdict.DOUBTFUL}
 
 
+@slow
+def test_seats_that_stand_off_the_middle_lengthwise_are_told_with_how_far():
+    told = doubts(ordinary(), seat_ahead=(20e-3, 20e-3))
+    (said,) = (found for what, found in told.items() if what == "springs' force, ahead of the middle")
+    value, _, rest = said.partition(" ± ")
+    assert float(value) == pytest.approx(20.0, abs=1.0)
+    assert float(rest.partition(" mm")[0]) < 3.0
+
+
 def described(**built: float) -> Dimensions:
     return ordinary().built(dimensions_of(load("astb").with_values(**built)))
 

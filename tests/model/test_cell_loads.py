@@ -7,7 +7,7 @@ from bench_sim.model.layout import Input, Sensor
 from bench_sim.model.plant import Plant
 from bench_sim.parameters.effects import with_effects
 from bench_sim.parameters.loading import ParameterError
-from test_plans.analysis.cells import PARTS, wrench
+from test_plans.analysis.cells import PARTS, against_each_other, ahead_of, wrench
 from test_plans.description import ours
 
 CORNERS = np.array([[0.9, 1.0], [0.9, -1.0], [-0.9, 1.0], [-0.9, -1.0]])
@@ -88,6 +88,18 @@ def test_a_twisted_seat_loads_a_diagonal_whatever_it_carries(cells):
     moved = np.linalg.solve(k * ways.T @ ways, ways.T @ (sound[:4] + k * gap))
     np.testing.assert_allclose(readings[:4], k * (ways @ moved - gap), rtol=1e-9)
     assert parts(readings) == pytest.approx(parts(sound), rel=1e-9, abs=1e-6)
+
+
+def test_plans_read_from_six_cells_what_no_sum_of_them_tells(cells):
+    twist = {"twisted_seat": {"force": 700.0}}
+    both = {f"seat_offset.{side}": {"ahead": 6e-3} for side in ("left", "right")}
+    readings, _ = cells(twist | both)
+    values = {f"load_cell.{k}": one for k, one in enumerate(readings, 1)}
+    found = against_each_other(values, ours())
+    assert list(found.values()) == pytest.approx([700.0, -700.0, -700.0, 700.0, 0.0, 0.0], abs=1e-6)
+    for force in ("force upward", "force sideways"):
+        size, moment = ahead_of(values, ours(), force)
+        assert moment / size == pytest.approx(6e-3, rel=1e-6), force
 
 
 def test_four_supports_that_are_alike_are_as_good_as_stiff_ones(cells):

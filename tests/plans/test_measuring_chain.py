@@ -18,6 +18,7 @@ from test_plans.operator import NoOperator, Script
 from test_plans.plans import measuring_chain
 
 slow = pytest.mark.slow
+AGAINST = "what the cells bear against each other"
 SIDES = ("left", "right")
 #: Steel in the springs' place: it reaches design height, and nothing gives way.
 BLOCKS = {"contact_height": 0.0, "contact_stiffness": 1000 * MN, "emergency_spring": 0.0}
@@ -37,6 +38,10 @@ WRONG = {
     "cells across that feel the load": (
         {"effects": [("crosstalk", "2 %")]},
         {*(f"load_cell.{cell} over vertical force" for cell in (5, 6)), "load_cell.5", "load_cell.6"},
+    ),
+    "a seat off the middle, and a support that gives way": (
+        {"effects": [("seat_offset.left", "30 mm"), ("soft_support.2", "20 %")]},
+        {*(f"force {way}, ahead of the middle" for way in ("upward", "sideways")), AGAINST, "load_cell.3"},
     ),
     "a frame that gives way": (
         {"effects": [("frame_compliance", "0.01 mm/kN")]},

@@ -1,0 +1,86 @@
+"""How the load cells share what presses on them: how far ahead of the middle it acts, and what nothing asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.units import mm
+from test_plans.analysis import Samples, straight_line
+from test_plans.analysis.cells import against_each_other, ahead_of, described, upward_force
+from test_plans.analysis.readings import VERTICAL_CELLS
+from test_plans.check_names import CheckName
+from test_plans.loads import Band
+from test_plans.steps.shaking import check_band
+
+if TYPE_CHECKING:
+    from test_plans.analysis.geometry import Rig
+    from test_plans.run import Run
+
+ACROSS: Final = CheckName(
+    "{cell} over vertical force",
+    "What a lateral cell reads of a vertical force: it looks like a lateral force whenever the load changes.",
+)
+AHEAD: Final = CheckName(
+    "{force}, ahead of the middle",
+    "How far ahead of the middle a force acts, by all cells: a seat or an actuator that is off there loads the cells "
+    "before and behind unequally, and tilts what it presses on.",
+)
+AGAINST: Final = CheckName(
+    "what the cells bear against each other",
+    "The largest share of the load that a cell bears and no force asks for: the support of a cell gives way.",
+)
+#: What a cell across may read of a vertical force.
+CROSSTALK: Final = Band(-0.002, 0.002)
+#: Seats and actuators are set up within 5 mm; sideways the forces are small.
+AHEAD_WITHIN: Final = {"force upward": Band(-5 * mm, 5 * mm), "force sideways": Band(-10 * mm, 10 * mm)}
+#: Of the load: three times what the errors of four cells make of it.
+TOGETHER: Final = Band(high=0.005)
+
+#: Means by signal, step by step.
+Steps = Sequence[Mapping[str, float]]
+
+
+def check_across(run: Run, cells: Sequence[str], read: Steps, *, over: float) -> None:
+    """Check which share of a force upward each of the ``cells`` across reads; steps were ``read`` ``over`` seconds."""
+    for cell in cells:
+        name = ACROSS.of(cell=cell)
+        if run.can(name, needs=(cell,)):
+            felt = run.measured(partial(_crosstalk, cell), *read, over=over, themselves=True)
+            check_band(run, name, felt, "%", CROSSTALK)
+
+
+def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
+    """Check how far ahead a ``force`` acts that grew from step to step; each was ``read`` ``over`` so many seconds."""
+
+    def ahead(rig: Rig, *means: Mapping[str, float]) -> float:
+        return straight_line(*ahead_of(_of_cells(rig, means), rig, force))[1]
+
+    found = run.measured(ahead, run.rig, *read, over=over, themselves=True)
+    check_band(run, AHEAD.of(force=force), found, "mm", AHEAD_WITHIN[force])
+
+
+def check_against(run: Run, read: Steps, *, over: float) -> None:
+    """Check which share of a force upward a cell bears for nothing; each step was ``read`` ``over`` so many seconds."""
+
+    def most(rig: Rig, *means: Mapping[str, float]) -> float:
+        values = _of_cells(rig, means)
+        upward = upward_force(values, rig)
+        return max(abs(straight_line(upward, one)[1]) for one in against_each_other(values, rig).values())
+
+    found = run.measured(most, run.rig, *read, over=over, themselves=True)
+    check_band(run, AGAINST, found, "%", TOGETHER)
+
+
+def _of_cells(rig: Rig, read: Steps) -> dict[str, Samples]:
+    """Return what the cells read of which it is known how they stand."""
+    known = [cell for cell in described(rig) if cell in read[0]]
+    return {cell: np.array([one[cell] for one in read]) for cell in known}
+
+
+def _crosstalk(cell: str, *read: Mapping[str, float]) -> float:
+    upward = np.array([sum(one[upright] for upright in VERTICAL_CELLS) for one in read])
+    return straight_line(upward, np.array([one[cell] for one in read]))[1]
