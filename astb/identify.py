@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from math import ceil, floor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,12 +14,20 @@ from astb.diagnose import progress_bar, read_data, rig_of
 from astb.extend import DIGITS, changes_of, interval
 from astb.menu import experiments
 from astb.tables import open_table
+from bench_protocol.units import litre, mm
+from bench_protocol.words import SIDES
 from bench_sim.parameters import load
 from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import DiagnosisError
 from diagnosis.engine.identify import Identification, Identified, believed, expected, identify
 from diagnosis.finding import Z95, decimals
-from diagnosis.systems.air_spring.identified import ASKED, UnknownSpring, quantity
+from diagnosis.systems.air_spring.identified import (
+    ASKED,
+    UnknownSpring,
+    names_of_shape,
+    quantity,
+    uncertain_shape,
+)
 from diagnosis.systems.air_spring.simulator import AirSpring
 from test_plans.plans.identification import IDENTIFICATION
 from test_plans.plans.screening import SCREENING
@@ -27,9 +36,10 @@ from test_plans.specimen import DRAWING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from bench_sim.parameters import Parameters
-    from diagnosis.contracts import Dataset
+    from diagnosis.contracts import Array, Dataset
     from test_plans.programmes.motions import Programme
     from test_plans.specimen import Specimen
 
@@ -37,6 +47,8 @@ if TYPE_CHECKING:
 PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
+#: Of heights and lateral displacements at which the shape of a bellows is told.
+_STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +80,23 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     told: bool
 
 
+class Shape(msgspec.Struct, frozen=True, kw_only=True):
+    """Effective area (m2) and volume (litre) of one bellows at one place (mm), each with its 95 % half width."""
+
+    side: str
+    height: float
+    shear: float
+    area: float
+    area_width: float
+    volume: float
+    volume_width: float
+
+
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """What came of an identification, or of looking ahead to a run: ``after`` is that run's plan."""
 
     rows: list[Row]
+    shapes: list[Shape] = []
     doubts: list[str] = []
     readings: list[str] = []
     further: list[str] = []
@@ -114,6 +139,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
         _write(out, found, dataset, unknown.parameters, request.model)
     return Answer(
         rows=[_row(one) for one in _asked(answer)],
+        shapes=list(_shapes(found)),
         doubts=list(found.doubts),
         readings=list(dataset.readings),
         further=further,
@@ -175,6 +201,37 @@ def _further(found: Identification, untold: Sequence[Identified], parameters: "P
             if there.told
             else f"; nor would astb run {IDENTIFICATION.name} tell it, with {there.share:.0%}"
         )
+
+
+def _shapes(found: Identification) -> Iterator[Shape]:
+    """Yield the shape of each bellows over the heights and the lateral displacements at which the runs were."""
+    runs = [run.experiment for run in found.model.replay.runs]
+    shears = [run.inputs["shear"] for run in runs if "shear" in run.inputs]
+    for side in SIDES:
+        values, covariance = found.joint(names_of_shape(side))
+        heights = _grid([run.inputs[f"{side}.height"] for run in runs])
+        places = [(height, 0.0) for height in heights]
+        places += [(0.0, shear) for shear in _grid(shears) if shear]
+        for height, shear in places:
+            (area, volume), widths = uncertain_shape(values, covariance, height, shear)
+            yield Shape(
+                side=side,
+                height=height / mm,
+                shear=shear / mm,
+                area=float(area),
+                area_width=float(Z95 * widths[0]),
+                volume=float(volume / litre),
+                volume_width=float(Z95 * widths[1] / litre),
+            )
+
+
+def _grid(visited: "Sequence[Array]") -> list[float]:
+    """Return round numbers (m) from one end of what was visited to the other."""
+    if not visited:
+        return [0.0]
+    low, high = min(float(one.min()) for one in visited), max(float(one.max()) for one in visited)
+    step = next((one for one in _STEPS if high - low > 3.0 * one), _STEPS[-1])
+    return [k * step for k in range(ceil(low / step), floor(high / step) + 1)]
 
 
 def _row(one: Identified) -> Row:
@@ -251,7 +308,26 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
             row.title,
         )
     console.print(table)
+    if answer.shapes:
+        console.print(_table_of_shapes(answer.shapes))
     for text in answer.further:
         console.print(text, soft_wrap=True)
     if out is not None:
         console.print(f"  model: {out}", soft_wrap=True)
+
+
+def _table_of_shapes(shapes: Sequence[Shape]) -> "Table":
+    columns = ("spring", "height, mm", "aside, mm", "effective area, m2", "±", "volume, litre", "±")
+    table = open_table("Effective area and volume, where the springs were", *columns)
+    for one in shapes:
+        area, volume = (max(decimals(0.0, 2.0 * width), 0) for width in (one.area_width, one.volume_width))
+        table.add_row(
+            one.side,
+            f"{one.height:.1f}",
+            f"{one.shear:.1f}",
+            f"{one.area:.{area}f}",
+            f"{one.area_width:.{area}f}",
+            f"{one.volume:.{volume}f}",
+            f"{one.volume_width:.{volume}f}",
+        )
+    return table

@@ -90,6 +90,15 @@ class Identification:
             if not c.record
         )
 
+    def joint(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return values (m,) and covariance (m, m) of shared parameters that are not logarithmic, in SI."""
+        coordinates = self.model.point.coordinates
+        places = [next(k for k, c in enumerate(coordinates) if c.parameter.name == name) for name in names]
+        scales = np.array([coordinates[k].scale for k in places])
+        return self.model.point.values()[places], self.covariance[np.ix_(places, places)] * np.outer(
+            scales, scales
+        )
+
 
 def identify(
     dataset: Dataset,

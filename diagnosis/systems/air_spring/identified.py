@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from bench_sim.parameters import Parameters
-from diagnosis.contracts import Nuisance
+from diagnosis.contracts import Array, Nuisance
 from diagnosis.systems.air_spring.parameters import BOTH_SIDES, EACH_SIDE, tolerance
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 
@@ -77,6 +79,44 @@ def unknowns(parameters: Parameters) -> tuple[Nuisance, ...]:
         for name, asked in ASKED.items()
         for label, place in ((("left." + name, 0), ("right." + name, 1)) if asked.each else ((name, 0),))
     )
+
+
+#: What the shape of a bellows is made of, in the order of `shape`: of its side, then of both.
+_OWN: Final = ("effective_area", "effective_area_slope", "bellows_volume")
+_SHARED: Final = ("membrane_length", "membrane_length_slope", "membrane_travel")
+
+
+def names_of_shape(side: str) -> tuple[str, ...]:
+    """Return the labels of what area and volume of one bellows are made of, as `shape` takes their values."""
+    return (*(f"{side}.{name}" for name in _OWN), *_SHARED)
+
+
+def shape(values: Array, height: float, shear: float) -> Array:
+    """Return effective area (m²) and volume (m³) of a bellows at a height and a lateral displacement (m): (2,).
+
+    A = A₀ + A₁ζ − ½κ₁Y,  V = V₀ + (A₀ + ½A₁ζ)ζ − ½(κ₀ + κ₁ζ)Y,  Y = y²/(1 + (y/y_s)²), as `bench_sim.model.spring`.
+    """
+    area, slope, volume, length, length_slope, travel = values
+    reach = shear**2 / (1.0 + (shear / travel) ** 2)
+    return np.array(
+        [
+            area + slope * height - 0.5 * length_slope * reach,
+            volume + (area + 0.5 * slope * height) * height - 0.5 * (length + length_slope * height) * reach,
+        ]
+    )
+
+
+def uncertain_shape(values: Array, covariance: Array, height: float, shear: float) -> tuple[Array, Array]:
+    """Return area and volume (2,), and the standard deviation of each (2,), for values with a covariance (6, 6)."""
+    steps = 1e-3 * np.abs(values) + 1e-6
+    slopes = np.column_stack(
+        [
+            (shape(values + step, height, shear) - shape(values - step, height, shear)) / (2.0 * step.sum())
+            for step in np.diag(steps)
+        ]
+    )
+    variances = np.einsum("ik,kl,il->i", slopes, covariance, slopes)
+    return shape(values, height, shear), np.sqrt(np.maximum(variances, 0.0))
 
 
 def quantity(label: str) -> str:
