@@ -24,7 +24,7 @@ def fill(run: Run) -> None:
 
 @plan(
     setup=fill,
-    lasts=60 * s,
+    lasts=70 * s,
     needs=(*steps.CARRYING, *steps.WEIGHED_BY),
     requires=on_the_bench(AW3),
     checks=[steps.TIGHT],

@@ -26,7 +26,7 @@ def lift(run: Run) -> None:
     setup=lift,
     needs=steps.CARRYING,
     requires=on_the_bench(AW0, AW3),
-    lasts=120 * s,
+    lasts=140 * s,
     checks=[steps.TIGHT],
 )
 def tightness(run: Run, *, hold: Annotated[float, Range(20 * s, 30 * minutes, "s")] = 30 * s) -> None:

@@ -49,14 +49,11 @@ TIGHT: Final = CheckName(
 _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
+_THERMOMETERS: Final = tuple(name for name in _GAS if name.endswith("temperature"))
 _READ: Final = (*_GAS, *HEIGHTS)
-WEIGHED_BY: Final = (
-    *_READ,
-    *VERTICAL_CELLS,
-    *CELLS,
-    *LASERS,
-    *lags(name for name in _GAS if name.endswith("temperature")),
-)
+WEIGHED_BY: Final = (*_READ, *VERTICAL_CELLS, *CELLS, *LASERS, *lags(_THERMOMETERS))
+#: The gas is read over so many lags of its thermometers: over one lag, a step of 0.1 K is 0.1 % of air in a minute.
+LAGS: Final = 5
 #: So many samples a mean over a second has at least.
 AVERAGED: Final = 10
 _OTHER: Final = {"left": "right", "right": "left"}
@@ -129,7 +126,7 @@ def weigh_the_air(run: Run) -> Weighing:
     with run.phase("weigh the air"):
         names = (*_READ, *bearing(run.rig))
         with run.bench.capture(*names) as capture:
-            run.bench.wait(AVERAGE_OVER)
+            run.bench.wait(max(AVERAGE_OVER, *(LAGS * lag_of(run.rig, name) for name in _THERMOMETERS)))
         values, times = ({name: of(name) for name in names} for of in (capture.values, capture.times))
         return Weighing(run.now / NS, values, times)
 
