@@ -15,7 +15,7 @@ from typing import Any, Final
 from bench_protocol.named_files import read_named
 from bench_protocol.signals import Group
 from bench_protocol.suggestion import meant
-from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.table_signals import BY_GROUP, FURTHER
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.words import PROVENANCES, SIDES
 
@@ -49,23 +49,28 @@ _SIGNED: Final = ("centre_height", "lateral_actuator_height", "accelerometer_hei
 #: Table ``across``: how far to the left of the middle a laser or an actuator stands (m).
 ACROSS: Final = (*(f"{side}.height" for side in SIDES), *(f"vertical_{side}" for side in SIDES))
 #: Table ``load_cell``: where each cell stands, and which way the push on the bolster goes that reads positive.
-LOAD_CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOAD_CELL])
+LOAD_CELLS: Final = (
+    *BY_GROUP[Group.VERTICAL_LOAD_CELL],
+    *BY_GROUP[Group.LATERAL_LOAD_CELL],
+    *(signal.name for signal in FURTHER),
+)
 #: Both are told ahead, to the left and up; places from the middle of the platform, where the springs stand on it.
 WAYS: Final = ("ahead", "across", "up")
 #: Table ``lag``: how late a transducer's readings are (s), of first order.
-LAGS: Final = tuple(
-    signal
-    for group in (
-        Group.HEIGHT,
-        Group.TEMPERATURE,
-        Group.VERTICAL_FORCE,
-        Group.LATERAL_FORCE,
-        Group.DISPLACEMENT,
-        Group.VERTICAL_LOAD_CELL,
-        Group.LATERAL_LOAD_CELL,
-        Group.ACCELERATION,
-    )
-    for signal in BY_GROUP[group]
+LAGS: Final = (
+    *(
+        signal
+        for group in (
+            Group.HEIGHT,
+            Group.TEMPERATURE,
+            Group.VERTICAL_FORCE,
+            Group.LATERAL_FORCE,
+            Group.DISPLACEMENT,
+            Group.ACCELERATION,
+        )
+        for signal in BY_GROUP[group]
+    ),
+    *LOAD_CELLS,
 )
 _ENTRY: Final = ("value", "uncertainty", "unit", "provenance", "source")
 

@@ -116,7 +116,7 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
             other = readings.setdefault(reading_number(signal), signal.name)
             if other != signal.name:
                 raise ValueError(f"{other} and {signal.name} both have the input register {signal.address}")
-        elif signal.kind is not Kind.SETPOINT:
+        elif signal.kind not in (Kind.SETPOINT, Kind.FURTHER):
             others += _without_blocks(signal)
     spaces = list(SPACES)
     return tuple(

@@ -21,6 +21,7 @@ class Kind(StrEnum):
     SETTING = "setting"  #: staged in Modbus holding registers, taken over by APPLY
     ACTION = "action"  #: a Modbus coil that acts on its rising edge
     INTERLOCK = "interlock"  #: a Modbus discrete input
+    FURTHER = "further measurement"  #: a sensor that rigs of others may have: no wire of ours carries it
 
 
 class Group(StrEnum):
@@ -100,7 +101,7 @@ class Signal:
             raise ValueError(f"{self.name}: choices are numbered from 0 in steps of 1")
         if len(set(self.choices)) < len(self.choices):
             raise ValueError(f"{self.name}: two of its choices have one name")
-        if (self.group is None) is (self.kind is Kind.MEASUREMENT):
+        if (self.group is None) is (self.kind in (Kind.MEASUREMENT, Kind.FURTHER)):
             raise ValueError(f"{self.name}: a measurement, and nothing else, has a group of sensors")
 
     @property

@@ -307,8 +307,20 @@ INTERLOCKS: Final = (
     _contact("staged", 6, "Settings are staged and not yet applied"),
 )
 
+#: What plans and descriptions know of sensors that our bench has not.
+FURTHER: Final = tuple(
+    Signal(
+        f"load_cell.{number}",
+        Kind.FURTHER,
+        *_RANGES[Group.VERTICAL_LOAD_CELL],
+        f"Load cell {number}: where the description of the rig puts it",
+        group=Group.VERTICAL_LOAD_CELL,
+    )
+    for number in (7, 8)
+)
+
 #: The chambers' pressures and temperatures, and what else comes from every sensor of a group, by group.
 BY_GROUP: Final = {group: tuple(row.name for row in MEASUREMENTS if row.group is group) for group in Group}
 PRESSURES: Final = BY_GROUP[Group.PRESSURE]
 
-SIGNALS: Final = (*MEASUREMENTS, *STATUS, *SETPOINTS, *SETTINGS, *ACTIONS, *INTERLOCKS)
+SIGNALS: Final = (*MEASUREMENTS, *STATUS, *SETPOINTS, *SETTINGS, *ACTIONS, *INTERLOCKS, *FURTHER)

@@ -156,7 +156,7 @@ class Reported(Declaration[T]):
 class Reading(Reported[float]):
     """A number that the rig reports: SI, NaN unless fresh and available."""
 
-    kinds = (Kind.MEASUREMENT, Kind.STATUS)
+    kinds = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS)
 
     def get(self, link: Link, name: str) -> float:
         return link.readings.value(name)

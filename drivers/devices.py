@@ -28,7 +28,10 @@ class Spring(Device):
 
 
 class LoadCells(Device):
-    """The six cells under the platform: ``bench.load_cell[1]`` to ``[6]`` (N); 1 to 4 vertical, 5 and 6 lateral."""
+    """The cells under the platform: ``bench.load_cell[1]`` to ``[8]`` (N).
+
+    On our bench 1 to 4 stand upright, 5 and 6 across, and 7 and 8 are absent.
+    """
 
     __slots__ = ()
     cell_1 = Reading("1")
@@ -37,10 +40,12 @@ class LoadCells(Device):
     cell_4 = Reading("4")
     cell_5 = Reading("5")
     cell_6 = Reading("6")
+    cell_7 = Reading("7")
+    cell_8 = Reading("8")
 
     def __getitem__(self, cell: int) -> float:
-        if cell not in range(1, 7):
-            raise Misuse(f"load_cell[{cell}] does not exist; the cells are 1 to 6")
+        if cell not in range(1, 9):
+            raise Misuse(f"load_cell[{cell}] does not exist; the cells are 1 to 8")
         return self._link.readings.value(f"{self._name}.{cell}")
 
 

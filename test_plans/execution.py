@@ -77,7 +77,7 @@ def execute(
     dimensions = bench.dimensions or NO_DIMENSIONS
     plan = plan.on(spring)
     facts = _facts(plan, spring, instruments, dimensions) | _clocks(bench) | dict(meta or {})
-    recording = begin_recording(bench.table, bench.clock, directory, facts)
+    recording = begin_recording(bench, directory, facts)
     asked = operator or bench.hand or NoOperator()
     run = Run(
         bench,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.clock import Clock, VirtualClock
+from bench_protocol.clock import VirtualClock
 from bench_protocol.signals import PANELS, Kind
 from bench_protocol.units import FACTORS, NS, ms
 from bench_protocol.wires import Table
@@ -20,6 +20,7 @@ from bench_protocol.wires import Table
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
     from bench_records.recorder import Recorder
+    from drivers.bench import Bench
     from test_plans.run import Run
 
 Instants = npt.NDArray[np.int64]
@@ -39,7 +40,7 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
 
     found = {}
     for row, signal in enumerate(table.signals):
-        if signal.kind not in (Kind.MEASUREMENT, Kind.STATUS):
+        if signal.kind not in (Kind.MEASUREMENT, Kind.STATUS, Kind.FURTHER):
             continue
         found[row] = SignalInfo(
             signal.name,
@@ -130,11 +131,16 @@ class Recording:
             self._recorder.event(time, kind, f"limit of {tripped.name} tripped", signal=tripped.name)
 
 
-def begin_recording(table: Table, clock: Clock, directory: Path | str, meta: dict[str, Any]) -> Recording:
+def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -> Recording:
     """Return the recording of a run that begins now; RecordError if there is a record in the directory that is open."""
     from bench_records.recorder import Recorder
 
-    signals = recorded_signals(table)
+    table, clock = bench.table, bench.clock
+    signals = {
+        row: one
+        for row, one in recorded_signals(table).items()
+        if table.signals[row].kind is not Kind.FURTHER or bench.has(one.name)
+    }
     recorder = Recorder(
         directory,
         list(signals.values()),

@@ -16,7 +16,7 @@ def stamps_of(bench: Bench) -> dict[str, Stamp]:
     wiring = getattr(bench, "wiring", None)
     if wiring is None:
         return {}
-    found = {one.name: wiring.stamp(one.name) for one in bench.table.of_kind(Kind.MEASUREMENT)}
+    found = {one.name: wiring.stamp(one.name) for one in bench.table.of_kind(Kind.MEASUREMENT, Kind.FURTHER)}
     return {name: one for name, one in found.items() if one is not None}
 
 

@@ -21,7 +21,7 @@ from drivers.receiver import Capture
 #: How long a rig is listened to, and how long it may be silent first.
 LISTEN: Final = 2 * s
 WITHIN: Final = 3 * s
-_READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+_READ: Final = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS, Kind.INTERLOCK)
 #: What nothing but a rig of ours says; of others it is no gap.
 _OURS: Final = ("control.", "lease.", "emergency.", "action.", "interlock.", "rig.")
 _EXPECTED: Final = (

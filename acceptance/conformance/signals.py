@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
 
 LISTEN: Final = 3 * s
+_MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
+_COME: Final = (*_MEASURED, Kind.STATUS)
 #: By how much the rates of two rigs may differ before that is told, of the rate.
 RATE_APART: Final = 0.1
 #: What is never stale comes on events only.
@@ -37,7 +39,7 @@ def hear(bench: "Bench") -> list[Notebook]:
     rates, contents = Notebook("signals"), Notebook("what signals carry")
     coming = [
         signal
-        for signal in _present(bench, Kind.MEASUREMENT, Kind.STATUS)
+        for signal in _present(bench, *_COME)
         if _comes(bench, signal) and (bench.wiring.capabilities.generator or signal.name not in _PLAYED)
     ]
     with bench.capture(*(signal.name for signal in coming)) as capture:
@@ -81,7 +83,7 @@ def ask(bench: "Bench") -> list[Notebook]:
     book = Notebook("answers")
     wanted = [
         *_present(bench, Kind.SETTING, Kind.INTERLOCK),
-        *(one for one in _present(bench, Kind.MEASUREMENT, Kind.STATUS) if _limit(bench, one) == 0),
+        *(one for one in _present(bench, *_COME) if _limit(bench, one) == 0),
     ]
     slowest, outside, refused = 0.0, [], []
     for signal in wanted:
@@ -156,7 +158,7 @@ def _hold(bench: "Bench", book: Notebook) -> None:
 @contextmanager
 def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
     """Write down how far things go while the block does ``what``, and shortly after it."""
-    told = [one.name for one in _present(bench, Kind.MEASUREMENT) if _comes(bench, one)]
+    told = [one.name for one in _present(bench, *_MEASURED) if _comes(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)
         yield

@@ -6,6 +6,8 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.dimensions import ACROSS, LAGS, LOAD_CELLS, Dimensions, across, direction, lag, place
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import ParameterError, Parameters
 
@@ -46,6 +48,7 @@ _CELLS: Final = {
     "load_cell.5": ((1, 0, 1), _ACROSS),
     "load_cell.6": ((-1, 0, 1), _ACROSS),
 }
+_LAGS: Final = tuple(name for name in LAGS if TABLE[name].kind is not Kind.FURTHER)
 _OF_CELLS: Final = ("load_cell_x", "load_cell_y", "load_cell_height")
 
 
@@ -67,7 +70,7 @@ def dimensions_of(parameters: Parameters) -> dict[str, float]:
         **{name: of(*where) for name, where in _PARAMETERS.items()},
         **{across(name): standing(name) for name in ACROSS},
         **_cells_of(*map(of, _OF_CELLS)),
-        **{lag(name): float(lags[_sensor(name)]) for name in LAGS},
+        **{lag(name): float(lags[_sensor(name)]) for name in _LAGS},
     }
 
 
@@ -75,8 +78,10 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
     """Return the set of a rig with these ``dimensions`` (SI, by name); what they do not state stays as it is.
 
     ParameterError for dimensions that the simulated bench cannot have: lasers stand at the springs, both sides are
-    alike, and load cells stand upright at four corners and across before and behind.
+    alike, and six load cells stand upright at four corners and across before and behind.
     """
+    if further := [cell for cell in LOAD_CELLS if cell not in _CELLS and place(cell)[0] in dimensions]:
+        raise ParameterError(f"{', '.join(further)}: the simulated bench has six load cells")
     now, changes = dimensions_of(parameters), dict[str, Any]()
     differ = {
         name: value for name, value in dimensions.items() if name in now and abs(value - now[name]) > _SAME
@@ -92,7 +97,7 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
         changes |= _spacings({**now, **dimensions})
     if any(name in differ for cell in LOAD_CELLS for name in (*place(cell), *direction(cell))):
         changes |= _cells({**now, **dimensions})
-    if late := {_sensor(name): differ[lag(name)] for name in LAGS if lag(name) in differ}:
+    if late := {_sensor(name): differ[lag(name)] for name in _LAGS if lag(name) in differ}:
         changes["sensor_lag"] = late
     return parameters.with_values(**changes)
 

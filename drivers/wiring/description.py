@@ -99,8 +99,10 @@ class _Reader:
                 for signal in self._table.signals
                 if signal.name not in entries and not (player and signal.name.startswith(PLAYED))
             ]
-            if not direct:
-                self._absent = dict.fromkeys(unsaid, _NOT_MENTIONED) | self._absent
+            # A transport of ours carries what no line does, and our own wires have.
+            carried = [name for name in unsaid if direct and self._table[name].kind is not Kind.FURTHER]
+            unmentioned = [name for name in unsaid if name not in carried]
+            self._absent = dict.fromkeys(unmentioned, _NOT_MENTIONED) | self._absent
             with wrong.next():
                 identity = self._identity()
             with wrong.next():
@@ -137,7 +139,7 @@ class _Reader:
             self._absent,
             tuple(self.points),
             direct,
-            frozenset(unsaid if direct else ()),
+            frozenset(carried),
         )
 
     def _direct(self) -> str:
@@ -340,6 +342,7 @@ class _Reader:
 _NUMBER: Final = ("unit", "sign", "calibration", "choices")
 _KEYS: Final = {
     Kind.MEASUREMENT: ("from", "value", "function", *_NUMBER),
+    Kind.FURTHER: ("from", "value", "function", *_NUMBER),
     Kind.STATUS: ("from", "value", "function", *_NUMBER),
     Kind.INTERLOCK: ("from", "value", "function", *_NUMBER),
     Kind.SETPOINT: ("to", "given", *_NUMBER),

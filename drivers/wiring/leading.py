@@ -17,7 +17,7 @@ from drivers.wiring.lines import Greetings, Reading
 from drivers.wiring.written import order_names, plain_number, si_value
 
 #: What a rig tells, and nobody orders.
-READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+READ: Final = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS, Kind.INTERLOCK)
 _FATES: Final[tuple[AirFate, ...]] = get_args(AirFate)
 
 

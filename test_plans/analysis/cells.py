@@ -78,12 +78,12 @@ def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
     )
 
 
-def unseen(rig: Rig, cells: Iterable[str] = LOAD_CELLS) -> tuple[str, ...]:
-    """Return which `PARTS` of a wrench these ``cells`` do not tell, whatever they read.
+def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Return which `PARTS` of a wrench these ``cells``, or all that are described, do not tell, whatever they read.
 
     Something else bears those, a guide or the cells' own stiffness across: Aᵀn = 0 for a wrench n of that part.
     """
-    columns = [column_of(rig, cell) for cell in cells]
+    columns = [column_of(rig, cell) for cell in (described(rig) if cells is None else cells)]
     if not columns:
         return PARTS
     a = np.array(columns)

@@ -56,7 +56,7 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
         "signals": {
             signal.name: _line(signal)
             for signal in TABLE.signals
-            if generator or not signal.name.startswith(PLAYED)
+            if signal.kind is not Kind.FURTHER and (generator or not signal.name.startswith(PLAYED))
         },
         "capabilities": {"generator": generator},
         "conduct": {

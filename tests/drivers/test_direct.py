@@ -7,6 +7,7 @@ from astb.rig_in_memory import RigInMemory
 from bench_protocol.clock import VirtualClock
 from bench_protocol.input_limits import read_toml
 from bench_protocol.named_files import named_files
+from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from bench_protocol.words import AIR_BY_STATE
@@ -124,7 +125,9 @@ def test_who_only_listens_is_nobodys_commander():
 def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
     told = own_description()
     assert told.conduct.air == AIR_BY_STATE
-    assert told.carried == set(TABLE.index)
+    further = {signal.name for signal in TABLE.of_kind(Kind.FURTHER)}
+    assert told.carried == set(TABLE.index) - further
+    assert told.absent.keys() == further
     assert read_description(FILE, TABLE).digest == told.digest
 
 

@@ -61,6 +61,8 @@ def test_every_signal_travels_by_its_kinds_door() -> None:
     for row in TABLE.signals:
         if row.kind is Kind.SETPOINT:
             assert row.name in on_can
+        elif row.kind is Kind.FURTHER:
+            assert row.name not in on_can | on_modbus
         else:
             assert row.name in on_modbus, row.name
         if row.kind is Kind.MEASUREMENT:

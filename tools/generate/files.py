@@ -106,6 +106,7 @@ def _print_signals(out: TextIO) -> None:
         Kind.SETTING: "Settings (Modbus holding registers; staged, then taken over by `action.apply`)",
         Kind.ACTION: "Actions (Modbus coils, acting on the rising edge)",
         Kind.INTERLOCK: "Interlocks (Modbus discrete inputs)",
+        Kind.FURTHER: "Further measurements (of rigs that have a file of their own; not on these wires)",
     }
     places = _places()
     for kind, title in titles.items():
