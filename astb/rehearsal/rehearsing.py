@@ -34,7 +34,7 @@ REHEARSAL: Final = "rehearsal.json"
 #: kg in a cubic metre of dry air at 0 °C and 101 325 Pa (DIN 1343).
 _NORMAL_DENSITY: Final = 1.2922
 #: What a plan asks of a rig: where a real one lacks some of it, the simulated one shall lack it too.
-_ASKED: Final = (Kind.MEASUREMENT, Kind.FURTHER, Kind.SETPOINT, Kind.SETTING)
+_ASKED: Final = (Kind.MEASUREMENT, Kind.SETPOINT, Kind.SETTING)
 _PLACES: Final = (LimitKind.LOWER, LimitKind.UPPER)
 #: What our wires alone have, and no plan asks for.
 _OUR_WIRES: Final = ("control.", "lease.")
