@@ -15,6 +15,7 @@ from paper_study.comparisons.validation import deviations
 from paper_study.experiments import OTHER_RIDES
 from paper_study.figures.catalogue import GLOBAL, SECTIONS, draw
 from paper_study.sensitivity import PAPER, PLANT
+from paper_study.stated import spatial_correlation, tables, topologies
 from paper_study.study import FIGURES as DRAWN
 from paper_study.study import IDENTIFIED, ComfortRow, Progress, Study
 from paper_study.subject import Subject
@@ -70,6 +71,9 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
             for one in SECTIONS
         ],
         sensitivity=(GLOBAL.name, GLOBAL.title, GLOBAL.caption, drawings[GLOBAL.name]),
+        tables=tables(),
+        topologies=topologies(),
+        wind=spatial_correlation(),
         indices=[_index_table(study, layer) for layer in ("paper", "plant")],
         claims=[row for row in rows if row.id.startswith("T")],
         checks=[row for row in rows if row.id.startswith("A")],

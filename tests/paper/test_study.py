@@ -17,7 +17,7 @@ from astb.cli import commands
 from astb.exit_codes import BLOCKED, MISUSE
 from bench_protocol.units import bar, mm, ms
 from bench_records.curves import Axis, curve
-from paper_study import page, plant_curves, sensitivity, study
+from paper_study import page, plant_curves, sensitivity, stated, study
 from paper_study.bench_results import BenchResults, NoBenchResult, Points
 from paper_study.checks.catalogue import CHECKS
 from paper_study.checks.lateral import T1, T2, T3
@@ -235,6 +235,29 @@ def test_every_check_is_evaluated_once_and_shared_experiments_stay_together():
     assert "A27" in groups[0], "the longest comes first"
 
 
+def test_tables_and_topologies_stand_on_the_files_that_they_name():
+    rows = {
+        (table["title"].split(".")[0], row["name"]): row for table in stated.tables() for row in table["rows"]
+    }
+    assert rows["Table 1", "preload, AW3"]["value"] == "145"
+    assert rows["Table 2", "track_wavelength"]["unit"] == "m"
+    assert all(
+        row["source"] and row["provenance"] in ("measured", "data sheet", "assumed") for row in rows.values()
+    )
+    empty, full = stated.topologies()
+    K, K_e = float(full["diaphragm"]), float(full["emergency"])
+    # Each is rounded to 1 kN/m.
+    assert float(full["series"]) == pytest.approx(1.0 / (1.0 / K + 1.0 / K_e), abs=1.0)
+    assert float(full["parallel"]) == pytest.approx(K + K_e, abs=1.5)
+    assert (empty["load"], full["load"]) == tuple(LOADS)
+
+
+def test_gusts_are_less_alike_the_further_and_the_faster():
+    rows = [[float(cell) for cell in row[1:]] for row in stated.spatial_correlation()["rows"]]
+    assert all(np.all(np.diff(row[:-1]) <= 0.0) for row in rows)
+    assert all(np.all(np.diff(column) <= 0.0) for column in zip(*rows, strict=True))
+
+
 def test_numbers_get_a_minus_and_words_keep_their_hyphens():
     assert page.signed("-1.5 and (-2) at 1e-4, non-decreasing, A-B") == (
         "\u22121.5 and (\u22122) at 1e\u22124, non-decreasing, A-B"
@@ -309,6 +332,7 @@ def test_a_quick_run_leaves_every_figure_table_and_claim(quick_study):
 
     text = quick_study.read_text()
     assert text.count('class="plot"') == len(names)
+    assert text.count('class="schematic"') == 5
     assert not re.search(r"<script|<link|src=|@import|url\(http", text), "the page must stand alone"
     for id_ in {check.id for check in CHECKS}:
         assert f'<td class="id">{id_}</td>' in text
