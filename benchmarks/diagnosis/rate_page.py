@@ -10,7 +10,7 @@ from benchmarks.diagnosis.judge import Judged, covered
 from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.measure import machine
-from diagnosis.finding import Verdict
+from diagnosis.finding import Z95, Verdict
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
@@ -18,6 +18,8 @@ DRAWINGS: Final = PAGE.parent.parent / "gallery"
 #: Of fewer cases no rate is told: its interval would hold nearly everything.
 LEAST: Final = 20
 SIBLING: Final = "sibling"
+#: Told intervals over the scatter of the errors: between them, 91 and 99 % of normal errors are covered.
+WIDTHS: Final = (0.87, 1.31)
 #: Of fewer cases no drawing is made.
 FEW: Final = 100
 
@@ -236,9 +238,10 @@ def _coverages(named: Sequence[Judged]) -> list[str]:
     ):
         for what, aim, limits, deviations in (
             ("the amplitude", "93–97 %", (0.93, 0.97), [d for j in among for d in j.deviations]),
-            ("base parameters", "≥ 92 %", (0.92, 1.0), [d for j in among for d in j.base]),
+            ("base parameters", "92–99 %", (0.92, 0.99), [d for j in among for d in j.base]),
         ):
             rows.append(_coverage(f"95 % interval holds {what}, {where}", aim, deviations, limits))
+            rows.append(_width(f"width of the interval of {what} over the scatter, {where}", deviations))
     return rows
 
 
@@ -290,6 +293,16 @@ def _coverage(what: str, aim: str, deviations: Sequence[float], limits: tuple[fl
     rate = Rate(covered(deviations, 0.95), len(deviations))
     met = limits[0] <= rate.value <= limits[1]
     return f"| {what} | {aim} | {{system}} | {rate} | {rate.count} | {_yes(met)} |"
+
+
+def _width(what: str, deviations: Sequence[float]) -> str:
+    """Return the row of how many times as wide as the middle 95 % of the errors the told intervals are."""
+    if len(deviations) < LEAST:
+        return ""
+    within = sorted(map(abs, deviations))[math.ceil(0.95 * len(deviations)) - 1]
+    wide = Z95 / within if within > 0.0 else math.inf
+    met = _yes(WIDTHS[0] <= wide <= WIDTHS[1])
+    return f"| {what} | {WIDTHS[0]:g}–{WIDTHS[1]:g} | {{system}} | {wide:.3g} | {len(deviations)} | {met} |"
 
 
 def _figure(

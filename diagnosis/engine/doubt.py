@@ -18,7 +18,8 @@ Only where a surface can do what effects do, where they are worth next to nothin
 something itself, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
 
 One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
-The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`.
+The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`:
+by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an interval as wide.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.fitting.point import Point, surface_coordinates
 from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.search_state import Accepted
@@ -58,13 +60,24 @@ def doubtful(
     return ()
 
 
-def vague(model: FittedModel, tests: Sequence[Omnibus], accepted: Sequence[Accepted]) -> tuple[str, ...]:
-    """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as surfaces show."""
-    covariance = widened(model, tests)
+def vague(
+    model: FittedModel,
+    tests: Sequence[Omnibus],
+    accepted: Sequence[Accepted],
+    left: PartLeft | None = None,
+) -> tuple[str, ...]:
+    """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as it may.
+
+    ``left`` says what the select runs leave of each.
+    """
+    variances = np.diagonal(widened(model, tests, left))
+    plain = np.diagonal(model.covariance())
     certainty = {}
     for one in accepted:
         place = model.point.place_of_amplitude(one.effect)
-        certainty[one.effect] = abs(model.point.numbers[place]) / float(np.sqrt(covariance[place, place]))
+        by_number = abs(model.point.numbers[place]) / float(np.sqrt(variances[place]))
+        by_chi2 = one.lambda_ * float(np.sqrt(plain[place] / variances[place]))
+        certainty[one.effect] = min(by_number, by_chi2)
     least = min(certainty, key=certainty.__getitem__)
     return (least,) if certainty[least] < Z95 else ()
 

@@ -3,7 +3,8 @@
 Theory of operation
 -------------------
 The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers are off by
-what they take up of its error, however many samples there are. Four measures of that are added to the covariance:
+what they take up of its error, however many samples there are. Four measures of that are added to the covariance, and
+one limits the first two:
 
 * **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
   coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
@@ -17,6 +18,9 @@ what they take up of its error, however many samples there are. Four measures of
   (`constancy.py`) is off where it is fitted to all of them as well. A unit of χ² is one variance of the amplitude. Of
   the excess E, half lies in the direction of the cause itself, and in the sum over all stretches a part of that
   cancels: the variance grows by a quarter of E, and the numbers that make room for the cause go with it.
+* **Not more than select runs leave** (`_bounded`). Both say what the form could do. What it did is seen on the runs
+  that chose the model: an amplitude may be off by the part of the error at most that its cause leaves there
+  (`foretold.py`). More than that, as a standard deviation, the form adds to no amplitude.
 * **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
   numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
@@ -45,13 +49,19 @@ from diagnosis.engine.config import (
 from diagnosis.engine.constancy import inconstancy
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
+from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.finding import Z95
 
 
-def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
-    """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces."""
+def widened(model: FittedModel, tests: Sequence[Omnibus], left: PartLeft | None = None) -> Array:
+    """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces.
+
+    ``left`` says what the select runs leave of each cause.
+    """
     covariance = _of_form(model, tests) + _of_inconstancy(model)
+    if left is not None:
+        covariance = _bounded(model, covariance, left)
     repeats = _of_repeats(model)
     if repeats is None:
         return covariance + _unseen(model)
@@ -60,6 +70,24 @@ def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
     )
     wider = np.sqrt(np.maximum(ratio, 1.0))
     return covariance * np.outer(wider, wider) + _unseen(model)
+
+
+def _bounded(model: FittedModel, covariance: Array, left: PartLeft) -> Array:
+    """Return a covariance (k, k) in which the form widens no amplitude by more than the select runs allow."""
+    plain = model.covariance()
+    more = covariance - plain
+    factor = np.ones(len(plain))
+    for effect in _causes(model):
+        place = model.point.place_of_amplitude(effect)
+        if more[place, place] > plain[place, place]:
+            most = left(model, effect) * abs(model.point.numbers[place])
+            factor[place] = min(1.0, most / float(np.sqrt(more[place, place])))
+    return plain + more * np.outer(factor, factor)
+
+
+def _causes(model: FittedModel) -> list[str]:
+    """Return the effects of a model that are causes; a surface is none."""
+    return [effect for effect in model.effects if effect in model.replay.simulator.catalogue]
 
 
 def _unseen(model: FittedModel) -> Array:
@@ -97,9 +125,7 @@ def _of_inconstancy(model: FittedModel) -> Array:
     """Return the covariance (k, k) of what the causes of a model owe to its form."""
     covariance = model.covariance()
     total = np.zeros_like(covariance)
-    for effect in model.effects:
-        if effect not in model.replay.simulator.catalogue:
-            continue  # a surface is no cause
+    for effect in _causes(model):
         place = model.point.place_of_amplitude(effect)
         variance = covariance[place, place]
         if variance > 0.0 and (excess := inconstancy(model, effect)):

@@ -23,7 +23,7 @@ import numpy as np
 
 from diagnosis.contracts import Array, Dataset, MeasuredRun, Role
 from diagnosis.engine.before import noise_ratio
-from diagnosis.engine.config import EXPLAINABLE, RELATIVE, REMAINDER_RATIO
+from diagnosis.engine.config import EXPLAINABLE, FLOOR_SLACK, RELATIVE, REMAINDER_RATIO
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict
 
@@ -100,14 +100,16 @@ def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
     return float(np.sqrt(left.min()))
 
 
-def part_left(before: Prediction, after: Prediction, floors: Array) -> float:
+def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: bool = False) -> float:
     """Return the part of the explainable error of all channels together that remains, as a root; NaN if there is none.
 
-    A channel that hardly has any, and reaches its noise by chance, does not speak for the others.
+    A channel that hardly has any, and reaches its noise by chance, does not speak for the others. ``unsure``: at most,
+    if what the noise floors are uncertain by were left as well.
     """
     explainable, left = np.maximum(np.array([_squares(before), _squares(after)]) / floors**2 - 1.0, 0.0).sum(
         axis=1
     )
+    left += (FLOOR_SLACK - 1.0) * unsure
     return float(np.sqrt(left / explainable)) if explainable > EXPLAINABLE**2 - 1.0 else float("nan")
 
 

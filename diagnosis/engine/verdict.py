@@ -4,13 +4,14 @@ Theory of operation
 -------------------
 The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
 noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
-select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
-surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, and those that
-may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What is owed to the form helps
-little on runs that it was not fitted to: a cause that takes most of the error from the select runs, as fitted, is none
-of that, however rough its own equation. What remains passes all gates again (`backward.py`), and the test is made anew
-without them. Then the surface is fitted; but where a cause left that may be owed to the form, and no surface showed
-beside it, none is told that shows in its absence. What a known cause explains as well is not without a name.
+select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest surface
+makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, those whose interval
+holds 0, and those that may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What
+is owed to the form helps little on runs that it was not fitted to: a cause that takes most of the error from the select
+runs, as fitted, is none of that, however rough its own equation. What remains passes all gates again (`backward.py`),
+and the test is made anew without them. Then the surface is fitted; but where a cause left that may be owed to the form,
+and no surface showed beside it, none is told that shows in its absence. What a known cause explains as well is not
+without a name.
 
 The verdict follows from what remains, and none is forced:
 
@@ -33,17 +34,17 @@ from typing import Final
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
-from diagnosis.engine.config import FORETOLD, REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
+from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.constancy import owed_to_form
 from diagnosis.engine.doubt import doubtful, vague
-from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
+from diagnosis.engine.foretold import at_most_left, foretold
 from diagnosis.engine.gates import out_of_range
 from diagnosis.engine.intervals import below_resolution
 from diagnosis.engine.omnibus import Omnibus
-from diagnosis.engine.remainder import Remainder, part_left
+from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.suspects import Dismissed
@@ -122,14 +123,15 @@ def _leaving(
         return dict.fromkeys(
             likenesses, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
         )
-    unsure = vague(model, screened.tests, found.accepted) if clear else ()
-    if unsure and not _foretold(problem, found, model, unsure[0]):
-        return {unsure[0]: f"it may be zero beside a fitted surface ({clear[0].surface.title})"}
+    left = at_most_left(problem.select, found.floors)
+    if unsure := vague(model, screened.tests, found.accepted, left):
+        beside = f" beside a fitted surface ({clear[0].surface.title})" if clear else ""
+        return {unsure[0]: f"it may be zero{beside or ', by its interval'}"}
     owed = owed_to_form(model, found.accepted)
     if owed and clear:  # what has no name may be all that is wrong with the form
-        beside, _ = explain(model, clear[0], screened.screening, problem.select)
-        owed = owed_to_form(beside, found.accepted)
-    owed = tuple(name for name in owed if not _foretold(problem, found, model, name))
+        explained, _ = explain(model, clear[0], screened.screening, problem.select)
+        owed = owed_to_form(explained, found.accepted)
+    owed = tuple(name for name in owed if not foretold(model, name, problem.select, found.floors))
     return dict.fromkeys(owed, OWED)
 
 
@@ -141,15 +143,6 @@ def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) ->
         for effect, name in amplitudes.items()
         if name in below_resolution(model, problem.hypotheses[effect])
     }
-
-
-def _foretold(problem: Problem, found: SearchResult, model: FittedModel, effect: str) -> bool:
-    """Return whether an effect, as fitted, takes most of the error of all channels from the select runs."""
-    if not problem.select:
-        return False
-    alone = fit(model.replay, model.noise, model.point.without(effect), model.linearisation)
-    without, beside = (predict(one, problem.select, fixed=True) for one in (alone, model))
-    return part_left(without, beside, found.floors) < FORETOLD
 
 
 def _with_select(

@@ -8,11 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.doubt import vague
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints, with_surfaces
+from diagnosis.engine.model_error import widened
 from diagnosis.engine.noise import white
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.systems.oscillator import REACH, SURFACE_SHAPE, coefficients_of
@@ -46,8 +49,42 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
     laboratory, force_surface, hidden, unsure
 ):
     found = named_quadratic(laboratory, force_surface, hidden)
-    accepted = [SimpleNamespace(effect="quadratic")]
+    accepted = [SimpleNamespace(effect="quadratic", lambda_=np.inf)]
     place = found.model.point.place_of_amplitude("quadratic")
     sure = abs(found.model.point.numbers[place]) / np.sqrt(found.model.covariance()[place, place])
     assert sure > 5.0  # noise alone leaves no doubt
     assert vague(found.model, found.tests, accepted) == unsure
+
+
+@pytest.mark.parametrize("surfaces", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_what_repeats_do_not_tell_from_nothing_is_not_named(laboratory, oscillator, force_surface, surfaces):
+    # Three specimens, of which one has the contrary of the others: their mean foretells the select run well.
+    lab = laboratory(samples=600)
+    runs = [
+        replace(run, experiment=replace(run.experiment, name=f"{run.experiment.name} of {size}"))
+        for size in (-1.2e5, 3.6e5, 8.8e5)
+        for run in lab.measure(3, {"cubic": {"amplitude": size}}).of("fit")
+    ]
+    rest = lab.measure(3, {"cubic": {"amplitude": 4e5}})
+    data = replace(rest, runs=(*runs, *rest.of("select"), *rest.of("report")))
+    config = Config(workers=1, with_panel=False, effects=("cubic", "drift"))
+    finding = diagnose(data, oscillator(surfaces=(force_surface,) * surfaces), config)
+    assert not finding.causes
+    assert not [why for one in finding.suspects if "zero" not in (why := one.why)]
+    assert all(one.parameters[0].low < 0.0 < one.parameters[0].high for one in finding.suspects)
+
+
+def test_the_form_widens_no_amplitude_by_more_than_the_select_runs_leave(laboratory, force_surface):
+    found = named_quadratic(laboratory, force_surface, QUADRATIC | {"force": coefficients_of(0.3 * ONE_WAY)})
+    model = found.model
+    place = model.point.place_of_amplitude("quadratic")
+    size, plain = abs(model.point.numbers[place]), model.covariance()[place, place]
+    free, bound, none = (
+        widened(model, found.tests, left)[place, place] - plain
+        for left in (None, lambda _model, _effect: 0.01, lambda _model, _effect: np.inf)
+    )
+    assert free > 4.0 * (0.01 * size) ** 2  # or there were nothing to limit
+    assert bound == pytest.approx((0.01 * size) ** 2)
+    assert none == pytest.approx(free)
+    accepted = [SimpleNamespace(effect="quadratic", lambda_=1.0)]
+    assert vague(model, found.tests, accepted) == ("quadratic",)  # χ² hardly rises at 0
