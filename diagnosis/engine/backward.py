@@ -58,12 +58,14 @@ def dismissed(problem: Problem, state: SearchState, why: Mapping[str, str]) -> S
         for kept, others in state.alternatives.items()
         if kept not in why
     }
+    others = tuple(name for name in state.current.effects if name not in why)
     state = replace(
         state,
         current=current_model(problem, point),
         alternatives=alternatives,
         rivals={},
         left={**state.left, **why},
+        beside={**state.beside, **dict.fromkeys(why, others)},
     )
     return swap(problem, state)
 

@@ -88,6 +88,8 @@ class SearchState:
     rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     #: Why effects left the model again after they had entered.
     left: Mapping[str, str] = field(default_factory=dict)
+    #: What was in the model when they left it.
+    beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def after(self, trials: tuple[Trial, ...]) -> SearchState:
         """Return the state after the trials of a forward step."""

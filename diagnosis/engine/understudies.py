@@ -1,0 +1,93 @@
+"""Steps 6 to 8, once more: a cause that left for the sake of others is tried without those others.
+
+Theory of operation
+-------------------
+Causes that can stand in for each other are thrown out by each other: a friction explains nearly all, a lag and a
+viscous friction enter beside it and take its place, it leaves as superfluous, and then they fail a gate themselves.
+What is left is worse than what the friction alone would have been, and a diagnosis that had been told of nothing else
+would have found it. A longer list of candidates must not give a poorer model.
+
+So each cause that left while others were in the model is fitted alone, as it was fitted when it was a candidate. Where
+one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
+that were in the model when it left, and without all others that left. A name comes before a surface: what that predicts
+does not count. What that finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
+the select runs clearly better.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from diagnosis.engine.backward import weigh
+from diagnosis.engine.base_model import without_effects
+from diagnosis.engine.before import noise_ratio
+from diagnosis.engine.config import FORETELLS_AS_WELL
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.point import effect_coordinates
+from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.search import search
+from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.trials import current_model
+from diagnosis.engine.verdict import Judgement, judge
+
+INSTEAD: Final = "the model without it predicts the select runs better"
+
+
+def without_understudies(problem: Problem, first: Judgement) -> Judgement:
+    """Return a judgement, or a better one of what left for the sake of others."""
+    cause = _best_alone(problem, first)
+    if not cause:
+        return first
+    state = first.found.state
+    out = {*state.left, *state.beside[cause], *first.found.model.effects} - {cause}
+    narrower = replace(problem, hypotheses={k: v for k, v in problem.hypotheses.items() if k not in out})
+    found = search(narrower)
+    if not found.accepted:
+        return first
+    second = judge(problem, _restored(problem, first, found, out))
+    better = FORETELLS_AS_WELL * _error(problem, second) < _error(problem, first)
+    return second if better and second.found.accepted else first
+
+
+def _best_alone(problem: Problem, first: Judgement) -> str:
+    """Return which cause that left beside others predicts the select runs best alone, if better than the judgement."""
+    state, model = first.found.state, first.screened.model
+    if not problem.select:
+        return ""
+    errors = {}
+    for name in (one for one, others in state.beside.items() if others and one not in model.effects):
+        if name not in state.last_fit:
+            continue
+        fitted, coordinates = (
+            state.last_fit[name].effects()[name],
+            effect_coordinates(problem.hypotheses[name]),
+        )
+        start = without_effects(model.point).extended(
+            coordinates, [fitted[c.parameter.name] for c in coordinates]
+        )
+        alone = fit(model.replay, model.noise, start, model.linearisation)
+        errors[name] = _foretold(problem, alone, first)
+    best = min(errors, key=errors.__getitem__, default="")
+    return best if best and FORETELLS_AS_WELL * errors[best] < _error(problem, first) else ""
+
+
+def _error(problem: Problem, judged: Judgement) -> float:
+    """Return the error over the noise of what was named, without surfaces, on the select runs."""
+    return _foretold(problem, judged.screened.model, judged)
+
+
+def _foretold(problem: Problem, model: FittedModel, judged: Judgement) -> float:
+    return noise_ratio(predict(model, problem.select, fixed=True), judged.found.floors)
+
+
+def _restored(problem: Problem, first: Judgement, found: SearchResult, out: set[str]) -> SearchResult:
+    """Return what was found without some candidates, weighed with them among the scores again."""
+    left = {name: first.found.state.left.get(name, INSTEAD) for name in out}
+    state = replace(
+        found.state,
+        current=current_model(problem, found.model.point, found.state.current.explained_chi2),
+        steps=(*first.found.steps[:1], *found.steps),
+        left={**left, **found.state.left},
+    )
+    return weigh(problem, state)
