@@ -4,20 +4,35 @@ Theory of operation
 -------------------
 Both follow from the projected footprints of step 4, whatever the data say. Two effects whose footprints have a cosine
 ρ differ by a BIC gap of about λ²(1 − ρ²) if one is fitted in the other's stead; below 10 the pair is called
-inseparable (`confusability`). An effect is found in 95 % of cases where its λ lies above the threshold of step 5 by
-the 95 % quantile of a normal score (`unseen`): divided by λ per unit of amplitude, that is the smallest size that
-would have been found.
+inseparable (`confusability`).
+
+An effect that was not found is injected into the present residual (`unseen`). In the linear model around the fit it
+adds its λ to the score that it has there, whichever sign that has, and what it adds must pass the gates of step 6: the
+threshold, the price of its parameters by BIC, and what the causes beside it may be rough by. It does in 95 % of cases
+where λ lies above the highest of these by the 95 % quantile of a normal score, and by the present score where that
+speaks against it. Divided by λ per unit of amplitude, that is the smallest size that would have been found. Where more
+than the noise remains, that rest decides what passes, and no size is told.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from diagnosis.contracts import Array, Parameter
-from diagnosis.engine.config import BELIEVED_SPREADS, HIDDEN_FOOTPRINT, POWER95, SEPARABLE, WORTH_A_LINE
+from diagnosis.engine.config import (
+    BELIEVED_SPREADS,
+    FLOOR_SLACK,
+    HIDDEN_FOOTPRINT,
+    POWER95,
+    SEPARABLE,
+    WORTH_A_LINE,
+    Config,
+)
 from diagnosis.engine.fitting.linear import Linearisation
 from diagnosis.engine.screening import Screening
 from diagnosis.finding import Confusability, Pair, Unseen, number, numbers
@@ -59,7 +74,29 @@ def typical(screening: Screening) -> Array:
     return screening.root_information * np.array([c.effect.amplitude.spread for c in screening.candidates])
 
 
-def unseen(screening: Screening, linearisation: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
+@dataclass(frozen=True, slots=True)
+class Company:
+    """What a further effect is judged beside: the χ² that the causes explain, samples, and the error over the noise."""
+
+    explained: float
+    samples: int
+    noise_ratio: float
+    config: Config
+
+    @property
+    def quiet(self) -> bool:
+        """Whether no more than the noise remains."""
+        return not self.noise_ratio**2 > FLOOR_SLACK
+
+    def gates(self, threshold: float, parameters: int) -> float:
+        """Return the λ that passes the gates of step 6, for an effect of so many parameters."""
+        rough = self.config.rough**2 * self.explained + threshold**2 if self.explained else 0.0
+        return math.sqrt(max(threshold**2, parameters * math.log(self.samples), rough))
+
+
+def unseen(
+    screening: Screening, linearisation: Linearisation, company: Company, found: Collection[str] = ()
+) -> list[Unseen]:
     """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
 
     It is told for the point of the grid where the effect is seen best. ``linearisation`` is what the scores were
@@ -70,17 +107,20 @@ def unseen(screening: Screening, linearisation: Linearisation, found: Collection
     for name in names:
         mine = [i for i, c in enumerate(screening.candidates) if c.effect.name == name]
         best = max(mine, key=lambda i: float(screening.root_information[i]))
-        result.append(_unseen(screening, linearisation, best))
+        result.append(_unseen(screening, linearisation, company, best))
     return result
 
 
-def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> Unseen:
+def _unseen(screening: Screening, linearisation: Linearisation, company: Company, place: int) -> Unseen:
     candidate, per_unit = screening.candidates[place], float(screening.root_information[place])
     effect, amplitude = candidate.effect, candidate.effect.amplitude
     raw = float(screening.projection.raw[place])
     visible = float(screening.projection.norm[place]) / raw if raw > 0.0 else 0.0
     most = min(BELIEVED_SPREADS * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
-    smallest = (screening.threshold + POWER95) / per_unit if per_unit > 0.0 else float("inf")
+    score = float(screening.z[place])
+    against = max(-score, 0.0) if effect.one_sided else abs(score)
+    needed = company.gates(screening.threshold, len(effect.parameters)) + POWER95 + against
+    smallest = needed / per_unit if per_unit > 0.0 else math.inf
     # What of the model imitates the footprint best, by the size of its part.
     parts = np.abs(screening.projection.regression[:, place]) * np.sqrt(
         np.diagonal(linearisation.information)
@@ -95,6 +135,10 @@ def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> U
         sentence = "has no influence on these runs"
     elif smallest > most:
         sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
+    elif not company.quiet:
+        sentence = (
+            "may be there: more than the noise remains, and no size is known from which it would be found"
+        )
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
         sentence = f"would have been found from a size of {smallest / amplitude.scale:.3g} {unit}".rstrip()
@@ -106,7 +150,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> U
         title=effect.title,
         family=effect.family,
         unit=unit,
-        smallest=number(smallest / amplitude.scale) if smallest <= most else None,
+        smallest=number(smallest / amplitude.scale) if smallest <= most and company.quiet else None,
         visible=number(visible),
         hidden_by=hidden_by,
         sentence=sentence,

@@ -11,6 +11,7 @@ with its theory of operation at the head; levels and limits of all of them stand
     6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
+                          understudies.py (steps 6 to 8 without what displaced a better cause);
                           then confusability.py (what was not seen) and next_run.py (what would decide)
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
 
@@ -31,10 +32,11 @@ from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
-from diagnosis.engine.confusability import confusability, unseen
+from diagnosis.engine.confusability import Company, confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.foretold import at_most_left
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.intervals import intervals
@@ -49,6 +51,7 @@ from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import aside
 from diagnosis.engine.undecided import Undecided, undecided
+from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, further, rivals, scores, sentence
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
@@ -83,7 +86,7 @@ def diagnose(
 
     found = search(problem, tell)  # steps 2 to 6
     tell("looking for unknown effects", 0.91)
-    judgement = judge(problem, found)  # steps 7 and 8
+    judgement = without_understudies(problem, judge(problem, found))  # steps 7 and 8
     del found  # The columns of all candidates are large, and no more is asked of them.
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9
@@ -122,7 +125,8 @@ def _finding(
     verdict = final(judgement.verdict, left, len(alike))
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
-    covariance = widened(named, judgement.screened.tests)
+    bound = at_most_left(data.of("select"), found.floors)
+    covariance = widened(named, judgement.screened.tests, bound)
     accepted = [
         cause(a, hypotheses[a.effect], intervals(hypotheses[a.effect], named, covariance), left)
         for a in found.accepted
@@ -133,6 +137,8 @@ def _finding(
     nearest: list[Suspect] = []
     if verdict is Verdict.UNRESOLVED:
         nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
+    explained = sum(one.lambda_**2 for one in found.accepted)
+    company = Company(explained, named.samples, left.after, config)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
     return Finding(
         verdict=verdict,
@@ -147,7 +153,7 @@ def _finding(
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
-        not_seen=unseen(beyond, named.linearisation, [c.effect for c in accepted]),
+        not_seen=unseen(beyond, named.linearisation, company, [c.effect for c in accepted]),
         next_runs=next_runs,
         next_sensors=next_sensors,
         shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),

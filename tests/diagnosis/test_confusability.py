@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from diagnosis.contracts import DiagnosisError, Experiment, HasRecords
-from diagnosis.engine.config import POWER95
-from diagnosis.engine.confusability import confusability, typical, unseen
+from diagnosis.engine.config import POWER95, Config
+from diagnosis.engine.confusability import Company, confusability, typical, unseen
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
@@ -19,6 +20,9 @@ from diagnosis.engine.noise import white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.systems.oscillator import Oscillator
+
+#: Nothing was found, and no more than the noise remains.
+NONE = Company(0.0, 100, 1.0, Config())
 
 
 class Bench:
@@ -80,7 +84,7 @@ def test_cosines_are_cosines(laboratory):
 @pytest.mark.slow
 def test_effects_larger_than_the_smallest_detectable_are_detected(laboratory):
     model, screen = Bench(laboratory, 0).screen("cubic", "coulomb", "force_gain")
-    found = {u.effect: u for u in unseen(screen, model.linearisation)}
+    found = {u.effect: u for u in unseen(screen, model.linearisation, NONE)}
     hits = 0
     for seed in range(12):
         name = ("cubic", "coulomb", "force_gain")[seed % 3]
@@ -93,9 +97,33 @@ def test_effects_larger_than_the_smallest_detectable_are_detected(laboratory):
 
 def test_detectable_size_is_threshold_and_power_over_root_information(laboratory):
     model, screen = Bench(laboratory, 0).screen("cubic")
-    (one,) = unseen(screen, model.linearisation)
-    assert one.smallest * float(screen.root_information[0]) == pytest.approx(screen.threshold + POWER95)
+    (one,) = unseen(screen, model.linearisation, NONE)
+    needed = one.smallest * float(screen.root_information[0])
+    assert needed == pytest.approx(screen.threshold + POWER95 + abs(float(screen.z[0])))
     assert f"{one.smallest:.3g} N/m³" in one.sentence
+    # Beside a cause in plain view, what adds less than a small part of it may be no more than its roughness.
+    beside = replace(NONE, explained=1000.0**2)
+    (more,) = unseen(screen, model.linearisation, beside)
+    assert more.smallest * float(screen.root_information[0]) > 0.03 * 1000.0 + POWER95
+    # Where more than the noise remains, nobody knows what passes.
+    (unknown,) = unseen(screen, model.linearisation, replace(NONE, noise_ratio=1.3))
+    assert unknown.smallest is None and "no size is known" in unknown.sentence
+
+
+@pytest.mark.slow
+def test_what_would_have_been_found_beside_a_cause_is_found(laboratory):
+    lab = laboratory(samples=400)
+    large = {"cubic": {"amplitude": 1e6}}
+    config = Config(workers=1, with_panel=False)
+    found = []
+    for seed in range(3):
+        alone = diagnose(lab.measure(seed, large), lab.simulator, config)
+        assert alone.names == ("cubic",)
+        told = {one.effect: one.smallest for one in alone.not_seen}
+        for effect in ("coulomb", "force_gain"):
+            both = large | {effect: {"amplitude": told[effect]}}
+            found.append(effect in diagnose(lab.measure(seed, both), lab.simulator, config).names)
+    assert sum(found) >= 5
 
 
 def test_what_hides_an_effect_is_named(laboratory):
@@ -110,7 +138,7 @@ def test_what_hides_an_effect_is_named(laboratory):
     bench.simulator = replace(bench.simulator, nuisances=tuple(loose), catalogue=tiny)
     bench.replay = Replay(bench.simulator, bench.replay.runs, 1)
     model, screen = bench.screen()
-    (one,) = unseen(screen, model.linearisation)
+    (one,) = unseen(screen, model.linearisation, NONE)
     # The oscillator knows no effect of this name: it leaves no trace, and that is said.
     assert one.smallest is None and one.sentence == "has no influence on these runs"
 
