@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
+import numpy as np
 
 from astb.diagnose import progress_bar, read_data, rig_of
 from astb.extend import DIGITS, changes_of, interval
@@ -16,6 +17,8 @@ from astb.menu import experiments
 from astb.tables import open_table
 from bench_protocol.units import litre, mm
 from bench_protocol.words import SIDES
+from bench_sim.model.layout import Sensor
+from bench_sim.model.quantities import SENSOR_QUANTITIES
 from bench_sim.parameters import load
 from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import DiagnosisError
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
 PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
+_OF_SENSORS: Final = frozenset(quantity.name for quantity in SENSOR_QUANTITIES)
 #: Of heights and lateral displacements at which the shape of a bellows is told.
 _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
@@ -257,12 +261,31 @@ def _write(
     """Write the model that was identified, with the interval of each parameter above it. DiagnosisError."""
     asked = _asked(found)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
-    changes = changes_of({one.parameter.name: one.value for one in asked}, parameters)
-    model = Model(base, changes, {}, _provenance(asked, found, dataset))
+    stated, effects = _stated(parameters, load(based_on))
+    changes = stated | changes_of({one.parameter.name: one.value for one in asked}, parameters)
+    model = Model(base, changes, effects, _provenance(asked, found, dataset))
     try:
         write_model(path, model, {"change": _notes(asked)}, DIGITS)
     except OSError as error:
         raise DiagnosisError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def _stated(
+    parameters: "Parameters", base: "Parameters"
+) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
+    """Return what a map, a drawing or the dimensions of a rig have changed in a set: parameters and effects."""
+    changes: dict[str, Any] = {}
+    for name, entry in parameters.entries.items():
+        value, before = np.asarray(entry.value), np.asarray(base.entries[name].value)
+        if np.array_equal(value, before):
+            continue
+        if name in _OF_SENSORS:
+            differs = [one for one in Sensor if value[one] != before[one]]
+            changes[name] = {one.name.lower(): float(value[one]) for one in differs}
+        else:
+            changes[name] = value.tolist()
+    effects = {name: dict(values) for name, values in parameters.effects.items() if name not in base.effects}
+    return changes, effects
 
 
 def _notes(asked: Sequence[Identified]) -> dict[str, str]:

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from astb.identify import Request, identify_data
+from astb.tables import plain_console
 from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.engine.config import Config
@@ -14,6 +17,7 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.air_spring.files import air_spring_system
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.mapping import read_mapped
+from test_plans.programmes.motions import Part, Programme, Stretch, Wave
 
 STEP = 5e-3
 
@@ -196,6 +200,26 @@ def test_the_leak_of_the_other_rig_is_named(other_rig: Path) -> None:
     assert finding.names == ("leak.left",)
     (area,) = finding.causes[0].parameters
     assert area.low <= 0.5 <= area.high
+
+
+@pytest.mark.slow
+def test_the_springs_of_the_other_rig_are_identified_with_what_its_map_states(
+    other_rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sheared = Stretch((Wave("lateral", 5e-3, 1.0, 3),), condition=())
+    further = Programme("further", "Further", (Part("AW0", (sheared,)),), "What they never did.")
+    monkeypatch.setattr("astb.identify.IDENTIFICATION", further)
+    path, files = tmp_path / "theirs.toml", sorted(other_rig.glob("*_sweep.csv"))
+    request = Request(files, other_rig / "my_rig.toml", "astb", None, None)
+    rows = {row.name: row for row in identify_data(request, path, plain_console(stderr=True)).rows}
+    for name, true in (("right.effective_area", 0.235), ("right.bellows_volume", 26.0)):
+        assert rows[name].told
+        assert rows[name].value == pytest.approx(true, rel=0.03)
+    assert not rows["shell_stiffness_lateral"].told, "nothing was sheared"
+    theirs = load(path)
+    assert theirs.entries["orifice_diameter"].value == pytest.approx(11e-3)
+    assert theirs.record.sensor_noise[Sensor.LEFT_HEIGHT] == pytest.approx(5e-6)
+    assert theirs.record.effective_area[1] == pytest.approx(rows["right.effective_area"].value, rel=1e-5)
 
 
 @pytest.mark.parametrize(
