@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_sim.model.bolster import felt_acceleration
@@ -26,6 +26,7 @@ def read(height, roll, lateral, vertical, angular):
 waves = st.tuples(st.floats(-1.0, 1.0), st.floats(0.5, 30.0), st.floats(0.0, 6.0))
 
 
+@settings(deadline=None)  # the first call compiles
 @given(waves, waves, waves, st.floats(-1.0, 1.0), st.floats(0.0, 2.0))
 def test_a_point_on_a_body_that_rolls_feels_what_moves_it_less_gravity(lateral, vertical, roll, height, t):
     """Independently: the point's path in the hall by trigonometry, differentiated twice, on the axis as it leans.
@@ -67,6 +68,7 @@ def test_a_bolster_that_rests_rolled_reads_its_lean():
     assert plant.ideal()[Sensor.LATERAL_ACCELERATION] == pytest.approx(G * roll, abs=1e-4)
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.floats(-1.0, 1.0), st.integers(0, 1000))
 def test_a_replay_takes_out_of_a_reading_what_put_it_in(height, seed):
     """From the readings of an accelerometer anywhere, a diagnosis knows how the centre is accelerated."""
