@@ -262,6 +262,13 @@ BOOTSTRAP_BLOCKS: Final = 24
 #: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
 EXPLAINABLE: Final = 1.05
 
+# -- identification, which asks for no cause: identify.py --------------------------------------------------------------
+
+#: A parameter is told by runs that leave less than this part of the standard deviation with which it was believed.
+IDENTIFIED: Final = 0.5
+#: The scores of what is identified have the threshold of a diagnosis.
+IDENTIFIED_ALPHA: Final = 0.003
+
 # -- the contract of a simulator: contract_check.py, simulation.py, belief.py ------------------------------------------
 
 #: So many samples are simulated at most.

@@ -17,14 +17,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array, Dataset, Experiment, HasRecords, MeasuredRun, Parameter, Simulator
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.belief import contradicted
-from diagnosis.engine.config import LEAST_REPEATS, UNKEPT_SURFACE_P
+from diagnosis.engine.config import IDENTIFIED, IDENTIFIED_ALPHA, LEAST_REPEATS, UNKEPT_SURFACE_P
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
@@ -38,10 +37,6 @@ from diagnosis.engine.noise import Noise, white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import ScreenedModel, fit_and_screen
 from diagnosis.engine.whitening import filters
-
-#: A parameter is told by runs that leave less than this part of the standard deviation with which it was believed.
-TOLD: Final = 0.5
-_ALPHA: Final = 0.003
 
 Progress = Callable[[str, float], None]
 
@@ -62,7 +57,7 @@ class Identified:
     @property
     def told(self) -> bool:
         """Whether the runs tell it."""
-        return self.share < TOLD
+        return self.share < IDENTIFIED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +114,7 @@ def identify(
     point = fit_base_model(replay)
     progress("estimating the noise, and the errors of the model", 0.5)
     around = with_surfaces(replay, footprints(replay, point, ()))
-    screened = fit_and_screen(replay, around, alpha=_ALPHA, seed=seed, last=True)
+    screened = fit_and_screen(replay, around, alpha=IDENTIFIED_ALPHA, seed=seed, last=True)
     doubts = (*data.doubts, *contradicted(screened.model), *_of_form(screened))
     return Identification(screened.model, widened(screened.model, screened.tests), doubts)
 

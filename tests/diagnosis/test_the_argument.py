@@ -19,6 +19,7 @@ SHARED = {
     "config.py",
     "contract_check.py",
     "diagnose.py",
+    "identify.py",
     "kernels.py",
     "memory.py",
     "p_values.py",
