@@ -77,6 +77,25 @@ def stretched_pressure(par: Any, side: int, content: float, V: float) -> float:
 
 
 @compiled
+def shell_pull(
+    x: Any, mem: Any, par: Any, side: int, zeta: float, y: float
+) -> tuple[float, float, float, float]:
+    """Force and stiffness of all that relaxes in the shell of one bellows, vertical and lateral."""
+    k_z = par.shell_stiffness_vertical[side]
+    k_y = par.shell_stiffness_lateral[side]
+    branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
+    branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
+    if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
+        more, stiffer = extra_pull(x, mem, par, 0, side, k_z, zeta)
+        branch_z += more
+        stiff_z += stiffer
+        more, stiffer = extra_pull(x, mem, par, 1, side, k_y, y)
+        branch_y += more
+        stiff_y += stiffer
+    return branch_z, stiff_z, branch_y, stiff_y
+
+
+@compiled
 def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, out: Any) -> None:
     """Pressure, force and tangent stiffness of one bellows at its own displacement (ζ_b, y_b), into ``out``."""
     V, A, B, length, Y1, Y2 = shape(par, side, zeta, y)
@@ -88,17 +107,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
     k_z = par.shell_stiffness_vertical[side]
     k_y = par.shell_stiffness_lateral[side]
-    branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
-    branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
-
-    if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
-        more, stiffer = extra_pull(x, mem, par, 0, side, k_z, zeta)
-        branch_z += more
-        stiff_z += stiffer
-        more, stiffer = extra_pull(x, mem, par, 1, side, k_y, y)
-        branch_y += more
-        stiff_y += stiffer
-
+    branch_z, stiff_z, branch_y, stiff_y = shell_pull(x, mem, par, side, zeta, y)
     f_z, slope_z = friction_curve(
         zeta, mem.friction_origin[0, side], mem.friction_level[0, side], par.friction_vertical_travel[side]
     )

@@ -127,18 +127,15 @@ def _finding(
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     bound = at_most_left(data.of("select"), found.floors)
     covariance = widened(named, judgement.screened.tests, bound)
-    accepted = [
-        cause(a, hypotheses[a.effect], intervals(hypotheses[a.effect], named, covariance), left)
-        for a in found.accepted
-    ]
+    told = ((a, hypotheses[a.effect]) for a in found.accepted)
+    accepted = [cause(a, one, intervals(one, named, covariance), left) for a, one in told]
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
     nearest: list[Suspect] = []
     if verdict is Verdict.UNRESOLVED:
         nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
-    explained = sum(one.lambda_**2 for one in found.accepted)
-    company = Company(explained, named.samples, left.after, config)
+    company = Company(sum(a.lambda_**2 for a in found.accepted), named.samples, left.after, config)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
     return Finding(
         verdict=verdict,

@@ -117,20 +117,12 @@ def load_bellows(w: Any) -> None:
         f_y, slope_y = friction_curve(
             y, w[Lane.ORIGIN_Y + i], w[Lane.LEVEL_Y + i], w[Lane.FRICTION_Y_TRAVEL + i]
         )
+        pull = relaxing(k_z, ratios, w[Lane.PULL_Z + i], z) + w[Lane.MORE_Z + i]
+        stiff = k_z * ratios + w[Lane.STIFFER_Z + i]
+        grip, per_gauge = w[Lane.FRICTION_Z + i], w[Lane.FRICTION_Z_SLOPE + i]
+        touch, stop = w[Lane.CONTACT_HEIGHT + i], w[Lane.CONTACT_STIFFNESS + i]
         contact, F_z, K_zz, per_z = vertical_loads(
-            z,
-            gauge,
-            A,
-            A_1,
-            k_z,
-            relaxing(k_z, ratios, w[Lane.PULL_Z + i], z) + w[Lane.MORE_Z + i],
-            k_z * ratios + w[Lane.STIFFER_Z + i],
-            f_z,
-            slope_z,
-            w[Lane.FRICTION_Z + i],
-            w[Lane.FRICTION_Z_SLOPE + i],
-            w[Lane.CONTACT_HEIGHT + i],
-            w[Lane.CONTACT_STIFFNESS + i],
+            z, gauge, A, A_1, k_z, pull, stiff, f_z, slope_z, grip, per_gauge, touch, stop
         )
         F_y, K_yy, per_y = lateral_loads(
             y,
