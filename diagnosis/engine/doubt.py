@@ -20,6 +20,7 @@ something itself, are they doubtful and leave the model. Else the name stays: a 
 One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
 The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`:
 by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an interval as wide.
+The latter is not asked of what takes most of the error from the select runs: that is more than nothing.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import (
+    FORETOLD,
     GAIN_BESIDE_SURFACE,
     IMITATED_INFORMATION,
     WIDER_SURFACE,
@@ -77,6 +79,8 @@ def vague(
         place = model.point.place_of_amplitude(one.effect)
         by_number = abs(model.point.numbers[place]) / float(np.sqrt(variances[place]))
         by_chi2 = one.lambda_ * float(np.sqrt(plain[place] / variances[place]))
+        if by_chi2 < Z95 <= by_number and left is not None and left(model, one.effect) < FORETOLD:
+            by_chi2 = by_number
         certainty[one.effect] = min(by_number, by_chi2)
     least = min(certainty, key=certainty.__getitem__)
     return (least,) if certainty[least] < Z95 else ()

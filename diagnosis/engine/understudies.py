@@ -11,7 +11,7 @@ So each cause that left while others were in the model is fitted alone, as it wa
 one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
 that were in the model when it left, and without all others that left. A name comes before a surface: what that predicts
 does not count. What that finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
-the select runs clearly better.
+the select runs clearly better and leaves no more of the error in the runs that it was fitted to.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ def without_understudies(problem: Problem, first: Judgement) -> Judgement:
         return first
     second = judge(problem, _restored(problem, first, found, out))
     better = FORETELLS_AS_WELL * _error(problem, second) < _error(problem, first)
+    if first.found.accepted:  # what foretells better by chance explains less
+        better = better and _explained(problem, second) <= _explained(problem, first)
     return second if better and second.found.accepted else first
 
 
@@ -75,6 +77,12 @@ def _best_alone(problem: Problem, first: Judgement) -> str:
 def _error(problem: Problem, judged: Judgement) -> float:
     """Return the error over the noise of what was named, without surfaces, on the select runs."""
     return _foretold(problem, judged.screened.model, judged)
+
+
+def _explained(problem: Problem, judged: Judgement) -> float:
+    """Return the error over the noise of what was named, without surfaces, on the runs that it was fitted to."""
+    after = predict(judged.screened.model, problem.replay.runs, fixed=True)
+    return noise_ratio(after, judged.found.floors)
 
 
 def _foretold(problem: Problem, model: FittedModel, judged: Judgement) -> float:
