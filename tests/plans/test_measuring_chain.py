@@ -29,11 +29,16 @@ WRONG = {
     ),
     "a load cell that is stuck": (
         {"faults": [("stuck", {"sensor": "load_cell.3"})]},
-        {"left cells over actuator", *(f"left stiffness of the {what}" for what in ("dummy", "frame"))},
+        {
+            "left cells over actuator",
+            *(f"left stiffness of the {what}" for what in ("dummy", "frame")),
+            "force upward, ahead of the middle",
+            AGAINST,
+        },
     ),
     "a wire of a cell across that is broken": (
         {"faults": [("broken_wire", {"sensor": "load_cell.5", "reads": "low"})]},
-        {"load_cell.5", "lateral cells over actuator"},
+        {"load_cell.5", "lateral cells over actuator", "force sideways, ahead of the middle"},
     ),
     "cells across that feel the load": (
         {"effects": [("crosstalk", "2 %")]},
