@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 RESIDUAL_PRESSURE: Final = 0.2 * bar
 #: What lifts the bolster: springs that hold less move nothing.
 LIFTS: Final = 0.23 * bar
+#: What no two sound transducers of one pressure differ by.
+ZEROS_APART: Final = 0.1 * bar
 #: How a sentence begins that warns a person.
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
 #: What becomes of the air, by what the bench does with it in its present state.
@@ -58,7 +60,7 @@ def zeros_off(bench: Bench) -> str:
     for of_side in known.pressures.values():
         lowest = min(of_side, key=lambda name: of_side[name], default="")
         for name, pressure in of_side.items():
-            if pressure < LIFTS:
+            if pressure < max(LIFTS, of_side[lowest] + ZEROS_APART):
                 continue
             if of_side[lowest] >= RESIDUAL_PRESSURE:
                 return ""

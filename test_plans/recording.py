@@ -139,7 +139,7 @@ def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -
     signals = {
         row: one
         for row, one in recorded_signals(table).items()
-        if table.signals[row].kind is not Kind.FURTHER or bench.has(one.name)
+        if table.signals[row].kind is not Kind.FURTHER or not bench.lacks(one.name)
     }
     recorder = Recorder(
         directory,

@@ -204,11 +204,11 @@ def without_air(run: Run) -> None:
         GIVES_WAY,
         FRAME_GIVES_WAY,
         ACROSS,
-        AHEAD.of(force="force upward"),
+        AHEAD["force upward"],
         AGAINST,
         SIDEWAYS,
         SIDEWAYS_OFF_THE_LINE,
-        AHEAD.of(force="force sideways"),
+        AHEAD["force sideways"],
     ),
 )
 def measuring_chain(

@@ -51,5 +51,5 @@ aw0, aw3 = (
         requires=on_the_bench(load),
         checks=steps.UNDER_LOAD,
     )
-    for load, name, lasts in ((AW0, "aw0", 90 * s), (AW3, "aw3", 100 * s))
+    for load, name, lasts in ((AW0, "aw0", 100 * s), (AW3, "aw3", 110 * s))
 )

@@ -24,11 +24,18 @@ ACROSS: Final = CheckName(
     "{cell} over vertical force",
     "What a lateral cell reads of a vertical force: it looks like a lateral force whenever the load changes.",
 )
-AHEAD: Final = CheckName(
-    "{force}, ahead of the middle",
-    "How far ahead of the middle a force acts, by all cells: a seat or an actuator that is off there loads the cells "
-    "before and behind unequally, and tilts what it presses on.",
-)
+AHEAD: Final = {
+    "force upward": CheckName(
+        "force upward, ahead of the middle",
+        "How far ahead of the middle the springs press, by all cells: a seat that is off there loads the cells before "
+        "and behind unequally, and tilts what it presses on.",
+    ),
+    "force sideways": CheckName(
+        "force sideways, ahead of the middle",
+        "How far ahead of the middle the force sideways acts, by all cells: an actuator or a seat that is off there "
+        "turns the bolster.",
+    ),
+}
 AGAINST: Final = CheckName(
     "what the cells bear against each other",
     "The largest share of the load that a cell bears and no force asks for: the support of a cell gives way.",
@@ -60,7 +67,7 @@ def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
         return straight_line(*ahead_of(_of_cells(rig, means), rig, force))[1]
 
     found = run.measured(ahead, run.rig, *read, over=over, themselves=True)
-    check_band(run, AHEAD.of(force=force), found, "mm", AHEAD_WITHIN[force])
+    check_band(run, AHEAD[force], found, "mm", AHEAD_WITHIN[force])
 
 
 def check_against(run: Run, read: Steps, *, over: float) -> None:
