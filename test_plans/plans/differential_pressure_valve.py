@@ -46,7 +46,7 @@ SMOOTH: Final = 10
     setup=steps.carry(AW3),
     needs=(*steps.CARRYING, *PRESSURES, "air.dpv"),
     teardown=leave_connected,
-    lasts=150 * s,
+    lasts=165 * s,
     requires=on_the_bench(AW3),
     checks=(steps.TIGHT, OPENS, CLOSES),
 )

@@ -79,9 +79,7 @@ MEANT_FOR = {
     "differential pressure valve: stuck open": (
         "differential_pressure_valve",
         {"faults": [("stuck_dpv", {"at": "open"})]},
-        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES}
-        # What the gas of one side still cools more, the other gives it through the open valve: 0.3 % a minute.
-        | {"air lost per minute, right spring, right higher"},
+        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES},
     ),
     "differential pressure valve: stuck shut": (
         "differential_pressure_valve",
