@@ -24,6 +24,10 @@ class Kind(StrEnum):
     FURTHER = "further measurement"  #: a sensor that rigs of others may have: no wire of ours carries it
 
 
+#: What sensors read, of ours and of others.
+MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
+
+
 class Group(StrEnum):
     """Kinds of sensor: one unit and range, one table of a parameter file and one panel of a report for each."""
 
@@ -101,7 +105,7 @@ class Signal:
             raise ValueError(f"{self.name}: choices are numbered from 0 in steps of 1")
         if len(set(self.choices)) < len(self.choices):
             raise ValueError(f"{self.name}: two of its choices have one name")
-        if (self.group is None) is (self.kind in (Kind.MEASUREMENT, Kind.FURTHER)):
+        if (self.group is None) is (self.kind in MEASURED):
             raise ValueError(f"{self.name}: a measurement, and nothing else, has a group of sensors")
 
     @property

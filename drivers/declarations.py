@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NoReturn, Self, TypeVar, overload
 
-from bench_protocol.signals import Kind
+from bench_protocol.signals import MEASURED, Kind
 from bench_protocol.suggestion import meant
 from drivers.link import Link
 from drivers.reading import Sample
@@ -156,7 +156,7 @@ class Reported(Declaration[T]):
 class Reading(Reported[float]):
     """A number that the rig reports: SI, NaN unless fresh and available."""
 
-    kinds = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS)
+    kinds = (*MEASURED, Kind.STATUS)
 
     def get(self, link: Link, name: str) -> float:
         return link.readings.value(name)

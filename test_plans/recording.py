@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import VirtualClock
-from bench_protocol.signals import PANELS, Kind
+from bench_protocol.signals import MEASURED, PANELS, Kind
 from bench_protocol.units import FACTORS, NS, ms
 from bench_protocol.wires import Table
 
@@ -40,7 +40,7 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
 
     found = {}
     for row, signal in enumerate(table.signals):
-        if signal.kind not in (Kind.MEASUREMENT, Kind.STATUS, Kind.FURTHER):
+        if signal.kind not in (*MEASURED, Kind.STATUS):
             continue
         found[row] = SignalInfo(
             signal.name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench_protocol.signals import Kind
+from bench_protocol.signals import MEASURED
 from drivers.wiring.contract import Stamp
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ def stamps_of(bench: Bench) -> dict[str, Stamp]:
     wiring = getattr(bench, "wiring", None)
     if wiring is None:
         return {}
-    found = {one.name: wiring.stamp(one.name) for one in bench.table.of_kind(Kind.MEASUREMENT, Kind.FURTHER)}
+    found = {one.name: wiring.stamp(one.name) for one in bench.table.of_kind(*MEASURED)}
     return {name: one for name, one in found.items() if one is not None}
 
 

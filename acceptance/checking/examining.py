@@ -17,11 +17,11 @@ from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
 from drivers.errors import BenchError
 from drivers.receiver import Capture
+from drivers.wiring.leading import READ
 
 #: How long a rig is listened to, and how long it may be silent first.
 LISTEN: Final = 2 * s
 WITHIN: Final = 3 * s
-_READ: Final = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS, Kind.INTERLOCK)
 #: What nothing but a rig of ours says; of others it is no gap.
 _OURS: Final = ("control.", "lease.", "emergency.", "action.", "interlock.", "rig.")
 _EXPECTED: Final = (
@@ -48,7 +48,7 @@ class _Examination:
     def report(self, rig: str) -> CheckReport:
         wiring = self.wiring
         played = wiring.played
-        told = [one for one in self.table.of_kind(*_READ) if one.name not in (*wiring.absent, *played)]
+        told = [one for one in self.table.of_kind(*READ) if one.name not in (*wiring.absent, *played)]
         coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
         with Capture(self._receiver, [one.name for one in coming]) as capture:
             self.clock.sleep_until(self.clock.now() + round(LISTEN * NS))

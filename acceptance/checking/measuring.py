@@ -22,6 +22,7 @@ from test_plans.analysis.uncertainty import Measured, Readings, measured
 from test_plans.description import Description
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
+from test_plans.steps.cell_loads import CENTRED
 from test_plans.steps.shaking import generator_cycles
 
 if TYPE_CHECKING:
@@ -48,8 +49,6 @@ METHOD: Final = 0.004
 HELD: Final = 0.025
 #: What frame and oil lose at each frequency, beside their stiffness.
 OIL: Final = 0.05
-#: How well seats and actuators are set up lengthwise.
-CENTRED: Final = 5 * mm
 #: Of a rig whose instruments nobody has described.
 UNSURE: Final = 0.07
 UNSURE_LAG: Final = 1e-3 * s

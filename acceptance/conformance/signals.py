@@ -10,7 +10,7 @@ import numpy as np
 from acceptance.conformance.finding import Notebook
 from acceptance.conformance.moving import LATENCY_MAX, MOVE, MOVE_WITHIN, THERE, TIME_APART
 from acceptance.conformance.stillness import OVER, PLACES, PRESSURES, WATCH, note_still
-from bench_protocol.signals import Kind, Signal
+from bench_protocol.signals import MEASURED, Kind, Signal
 from bench_protocol.units import NS, minutes, mm, ms, s
 from drivers.errors import BenchError
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
 
 LISTEN: Final = 3 * s
-_MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
-_COME: Final = (*_MEASURED, Kind.STATUS)
+_COME: Final = (*MEASURED, Kind.STATUS)
 #: By how much the rates of two rigs may differ before that is told, of the rate.
 RATE_APART: Final = 0.1
 #: What is never stale comes on events only.
@@ -158,7 +157,7 @@ def _hold(bench: "Bench", book: Notebook) -> None:
 @contextmanager
 def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
     """Write down how far things go while the block does ``what``, and shortly after it."""
-    told = [one.name for one in _present(bench, *_MEASURED) if _comes(bench, one)]
+    told = [one.name for one in _present(bench, *MEASURED) if _comes(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)
         yield

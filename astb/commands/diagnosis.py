@@ -16,6 +16,12 @@ from astb.commands.options import (
 )
 from astb.exit_codes import BLOCKED, blocked, misuse
 
+_MAP_OPTION: Final = click.option(
+    "--map",
+    "map_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
+)
 _MODEL_OPTION: Final = click.option(
     "--model",
     default="astb",
@@ -32,12 +38,7 @@ _RESULT_OPTION: Final = click.option(
 
 @click.command("diagnose")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA...")
-@click.option(
-    "--map",
-    "map_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
-)
+@_MAP_OPTION
 @click.option(
     "--simulator",
     metavar="MODULE:FACTORY",
@@ -125,12 +126,7 @@ def investigate_command(
 
 @click.command("identify")
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path), metavar="[RUN]...")
-@click.option(
-    "--map",
-    "map_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
-)
+@_MAP_OPTION
 @click.option(
     "--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model."
 )

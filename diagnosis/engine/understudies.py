@@ -16,9 +16,11 @@ the select runs clearly better and leaves no more of the error in the runs that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import noise_ratio
@@ -46,21 +48,21 @@ def without_understudies(problem: Problem, first: Judgement) -> Judgement:
     if not found.accepted:
         return first
     second = judge(problem, _restored(problem, first, found, out))
-    better = FORETELLS_AS_WELL * _error(problem, second) < _error(problem, first)
+    before, after = ((one.screened.model, one.found.floors) for one in (first, second))
+    better = FORETELLS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
     if first.found.accepted:  # what foretells better by chance explains less
-        better = better and _explained(problem, second) <= _explained(problem, first)
+        better = better and _error(*after, problem.replay.runs) <= _error(*before, problem.replay.runs)
     return second if better and second.found.accepted else first
 
 
 def _best_alone(problem: Problem, first: Judgement) -> str:
     """Return which cause that left beside others predicts the select runs best alone, if better than the judgement."""
-    state, model = first.found.state, first.screened.model
+    state, model, floors = first.found.state, first.screened.model, first.found.floors
     if not problem.select:
         return ""
     errors = {}
-    for name in (one for one, others in state.beside.items() if others and one not in model.effects):
-        if name not in state.last_fit:
-            continue
+    left = (one for one, others in state.beside.items() if others and one not in model.effects)
+    for name in (one for one in left if one in state.last_fit):
         fitted, coordinates = (
             state.last_fit[name].effects()[name],
             effect_coordinates(problem.hypotheses[name]),
@@ -69,24 +71,14 @@ def _best_alone(problem: Problem, first: Judgement) -> str:
             coordinates, [fitted[c.parameter.name] for c in coordinates]
         )
         alone = fit(model.replay, model.noise, start, model.linearisation)
-        errors[name] = _foretold(problem, alone, first)
+        errors[name] = _error(alone, floors, problem.select)
     best = min(errors, key=errors.__getitem__, default="")
-    return best if best and FORETELLS_AS_WELL * errors[best] < _error(problem, first) else ""
+    return best if best and FORETELLS_AS_WELL * errors[best] < _error(model, floors, problem.select) else ""
 
 
-def _error(problem: Problem, judged: Judgement) -> float:
-    """Return the error over the noise of what was named, without surfaces, on the select runs."""
-    return _foretold(problem, judged.screened.model, judged)
-
-
-def _explained(problem: Problem, judged: Judgement) -> float:
-    """Return the error over the noise of what was named, without surfaces, on the runs that it was fitted to."""
-    after = predict(judged.screened.model, problem.replay.runs, fixed=True)
-    return noise_ratio(after, judged.found.floors)
-
-
-def _foretold(problem: Problem, model: FittedModel, judged: Judgement) -> float:
-    return noise_ratio(predict(model, problem.select, fixed=True), judged.found.floors)
+def _error(model: FittedModel, floors: Array, runs: Sequence[MeasuredRun]) -> float:
+    """Return the error over the noise of a model, as it was fitted, on some runs."""
+    return noise_ratio(predict(model, runs, fixed=True), floors)
 
 
 def _restored(problem: Problem, first: Judgement, found: SearchResult, out: set[str]) -> SearchResult:

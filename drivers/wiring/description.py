@@ -341,10 +341,7 @@ class _Reader:
 #: Which keys a line may have, by the kind of its signal; ``absent`` stands alone.
 _NUMBER: Final = ("unit", "sign", "calibration", "choices")
 _KEYS: Final = {
-    Kind.MEASUREMENT: ("from", "value", "function", *_NUMBER),
-    Kind.FURTHER: ("from", "value", "function", *_NUMBER),
-    Kind.STATUS: ("from", "value", "function", *_NUMBER),
-    Kind.INTERLOCK: ("from", "value", "function", *_NUMBER),
+    **dict.fromkeys(READ, ("from", "value", "function", *_NUMBER)),
     Kind.SETPOINT: ("to", "given", *_NUMBER),
     Kind.SETTING: ("to", "read", "fixed", "initial", "within", "tolerance", *_NUMBER),
     Kind.ACTION: ("to", "value"),

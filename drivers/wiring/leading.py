@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final, Protocol, get_args
 
-from bench_protocol.signals import Kind
+from bench_protocol.signals import MEASURED, Kind
 from bench_protocol.wires import Table
 from bench_protocol.words import STATES, AirFate
 from drivers.errors import WiringError
@@ -17,7 +17,7 @@ from drivers.wiring.lines import Greetings, Reading
 from drivers.wiring.written import order_names, plain_number, si_value
 
 #: What a rig tells, and nobody orders.
-READ: Final = (Kind.MEASUREMENT, Kind.FURTHER, Kind.STATUS, Kind.INTERLOCK)
+READ: Final = (*MEASURED, Kind.STATUS, Kind.INTERLOCK)
 _FATES: Final[tuple[AirFate, ...]] = get_args(AirFate)
 
 

@@ -14,7 +14,7 @@ from drivers.air import PRESSURE_FALLS
 from drivers.errors import BenchTimeout, NotAvailable, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty, zeros_off
 from test_plans.analysis.geometry import WEIGHT
-from test_plans.analysis.readings import CHAMBERS, HEIGHTS
+from test_plans.analysis.readings import CHAMBERS, HEIGHTS, PRESSURES
 from test_plans.loads import Load
 from test_plans.preconditions import HEADROOM
 
@@ -135,8 +135,7 @@ def depressurise(run: Run) -> None:
 
 def _nothing_falls(bench: Bench) -> bool:
     """Return whether all pressures stay for a while: what still falls is air."""
-    names = [f"{side}.{chamber}_pressure" for side in SIDES for chamber in CHAMBERS]
-    seen = [name for name in names if bench.has(name)]
+    seen = [name for name in PRESSURES if bench.has(name)]
     before = [bench.readings.told(name) for name in seen]
     bench.wait(WATCHED)
     return all(

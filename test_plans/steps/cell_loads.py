@@ -42,8 +42,10 @@ AGAINST: Final = CheckName(
 )
 #: What a cell across may read of a vertical force.
 CROSSTALK: Final = Band(-0.002, 0.002)
-#: Seats and actuators are set up within 5 mm; sideways the forces are small.
-AHEAD_WITHIN: Final = {"force upward": Band(-5 * mm, 5 * mm), "force sideways": Band(-10 * mm, 10 * mm)}
+#: How well seats and actuators are set up lengthwise.
+CENTRED: Final = 5 * mm
+#: Sideways the forces are small.
+AHEAD_WITHIN: Final = {"force upward": Band(-CENTRED, CENTRED), "force sideways": Band(-10 * mm, 10 * mm)}
 #: Of the load: three times what the errors of four cells make of it.
 TOGETHER: Final = Band(high=0.005)
 
