@@ -17,7 +17,7 @@ from bench_sim.parameters import load
 from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.sealed import measure
 from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, wall
-from diagnosis.contracts import Array, BatchSimulator, Dataset, Effects, Experiment, Job, MeasuredRun
+from diagnosis.contracts import Array, Dataset, Effects, Experiment, Job, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.air_spring.simulator import AirSpring
@@ -58,12 +58,8 @@ class Counting:
         return self._simulator.run(experiment, parameters, effects)
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        if isinstance(self._simulator, BatchSimulator):
-            self.counts[self.purpose] += len(jobs)
-            yield from self._simulator.run_many(jobs)
-        else:
-            for job in jobs:
-                yield self.run(job.experiment, job.parameters, job.effects)
+        self.counts[self.purpose] += len(jobs)
+        return self._simulator.run_many(jobs)
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
         self.counts[self.purpose] += len(jobs)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol, runtime_checkable
+from types import MappingProxyType
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,78 +226,62 @@ class Job:
     effects: Effects
 
 
-@runtime_checkable
-class BatchSimulator(Protocol):
-    """What a simulator may offer beside ``run``: many jobs in one call, which share what they have in common.
+class CompleteSimulator:
+    """A simulator with all that one may offer beside ``run``: the base of those that offer any of it.
 
-    Outputs come in the order of the jobs, as they are done: nothing says that all of them fit into memory. They are
-    those of ``run`` to within the rounding of the arithmetic. It may be called from several threads at once.
+    Each has a default that does without. Others are completed by the engine (`diagnosis.engine.simulation.completed`).
     """
 
-    def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]: ...
+    name: str
+    channels: tuple[Channel, ...]
+    nuisances: tuple[Nuisance, ...]
+    catalogue: Mapping[str, Hypothesis]
+    surfaces: tuple[Surface, ...]
 
+    #: Fewest jobs that are worth a call of `run_many`: fewer hardly have anything to share.
+    least_batch: int = 1
+    #: Names of nuisances and effects that rough outputs do not tell apart: differences in them are never rough.
+    too_alike: frozenset[str] = frozenset()
+    #: Errors of its inputs that its nuisances imitate exactly, so that no data tell of them: what one standard
+    #: deviation of each does to the nuisances, by name in their own units. The zero of a height sensor makes every
+    #: volume and area another one, and leaves no trace beside that.
+    unseen_errors: Sequence[Mapping[str, float]] = ()
+    #: How nuisances are learnt otherwise, such as by a calibration: what to do, by the name of the nuisance.
+    references: Mapping[str, str] = MappingProxyType({})
 
-@runtime_checkable
-class RoughSimulator(BatchSimulator, Protocol):
-    """What a simulator may offer beside ``run_many``: outputs that are only good for being subtracted from each other.
+    def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
+        """Return the outputs (n, c) as `Simulator` says."""
+        raise NotImplementedError
 
-    Their errors may be larger, such as those of a longer step, as long as those of neighbouring points are the same:
-    difference quotients are as good as ever, to a few hundredths. What is told apart by less than that, because one is
-    nearly the sum of others, is named ``too_alike``, and differences in it are never rough.
-    """
+    def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
+        """Yield the outputs (n, c) of each job in order, as they are done: several may share what they have in common.
 
-    @property
-    def too_alike(self) -> frozenset[str]:
-        """Names of nuisances and effects."""
-        ...
+        They are those of ``run`` to within the rounding of the arithmetic. It may be called from several threads.
+        """
+        for job in jobs:
+            yield self.run(job.experiment, job.parameters, job.effects)
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        """Yield the outputs of each job in order, or None where they would not be good enough for that."""
-        ...
+        """Yield outputs that are only good for being subtracted from each other, or None where they would not be.
 
-
-@runtime_checkable
-class HasUnseenErrors(Protocol):
-    """What a simulator may know of its inputs: errors that its nuisances imitate exactly, so that no data tell of them.
-
-    The zero of a height sensor makes every volume and area another one, and leaves no trace beside that.
-    """
-
-    @property
-    def unseen_errors(self) -> Sequence[Mapping[str, float]]:
-        """What one standard deviation of each such error does to the nuisances, by name in their own units."""
-        ...
-
-
-@runtime_checkable
-class SharpensCatalogue(Protocol):
-    """What a simulator may tell from the data before anything is fitted: shapes that no point of a grid would meet.
-
-    The period of what repeats for minutes is known to a part in a hundred thousand, or it explains nothing.
-    """
+        Their errors may be larger, such as those of a longer step, as long as those of neighbouring points are the
+        same: difference quotients are as good as ever, to a few hundredths.
+        """
+        yield from (None for _ in jobs)
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
         """Return the hypotheses to be tried instead of those of their names in the catalogue; mostly none.
 
-        ``channels`` are those of the runs' outputs.
+        These are shapes that no point of a grid would meet, told by the data before anything is fitted: the period of
+        what repeats for minutes is known to a part in a hundred thousand, or it explains nothing. ``channels`` are
+        those of the runs' outputs.
         """
-        ...
-
-
-@runtime_checkable
-class HasRecords(Protocol):
-    """A simulator that knows what records of its system count; of any other, every sample would count."""
+        return {}
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
         """Return which samples (n, c) of a planned experiment its record would count, if it had these ``outputs``."""
-        ...
+        return np.ones(outputs.shape, np.bool_)
 
-
-@runtime_checkable
-class HasReferences(Protocol):
-    """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
-
-    @property
-    def references(self) -> Mapping[str, str]:
-        """What to do, in words, by the name of the nuisance that becomes known by it."""
-        ...
+    def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
+        """Return signals (n,) of outputs (n, c) that one subsystem alone can move, NaN where an output is."""
+        return {}

@@ -288,8 +288,6 @@ BELIEFS_TOLD: Final = 3
 
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
 
-#: Fewest jobs that a simulator is given at once: fewer hardly have anything to share.
-LEAST_BATCH: Final = 4
 #: Most jobs that a simulator is given at once: of more the last batches would not keep all workers busy.
 MOST_BATCH: Final = 128
 #: Differences in one run from which on a rough simulation of where they begin pays.

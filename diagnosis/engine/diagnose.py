@@ -27,7 +27,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from itertools import combinations
 
-from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, SharpensCatalogue, Simulator
+from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted
@@ -78,9 +78,8 @@ def diagnose(
     if not data.of("fit"):
         raise DiagnosisError("no run has the role 'fit': the parameters must be fitted to at least one")
     hypotheses = _chosen(model.catalogue, config)
-    if isinstance(simulator, SharpensCatalogue):
-        sharper = simulator.sharpened(data.of("fit"), data.channels)
-        hypotheses |= {name: one for name, one in sharper.items() if name in hypotheses}
+    sharper = model.sharpened(data.of("fit"), data.channels)
+    hypotheses |= {name: one for name, one in sharper.items() if name in hypotheses}
     replay = Replay(model, data.of("fit"), config.workers)
     problem = Problem(replay, data.of("select"), hypotheses, config)
 

@@ -20,7 +20,7 @@ from math import sqrt
 
 import numpy as np
 
-from diagnosis.contracts import Array, Dataset, Experiment, HasRecords, MeasuredRun, Parameter, Simulator
+from diagnosis.contracts import Array, Dataset, Experiment, MeasuredRun, Parameter, Simulator
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import IDENTIFIED, IDENTIFIED_ALPHA, LEAST_REPEATS, UNKEPT_SURFACE_P
@@ -36,6 +36,7 @@ from diagnosis.engine.model_error import widened
 from diagnosis.engine.noise import Noise, white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import ScreenedModel, fit_and_screen
+from diagnosis.engine.simulation import completed
 from diagnosis.engine.whitening import filters
 
 Progress = Callable[[str, float], None]
@@ -142,7 +143,7 @@ def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers
 
     Values are those that are believed.
     """
-    blank = Replay(simulator, tuple(_blank(one, simulator) for one in experiments), workers)
+    blank = Replay(completed(simulator), tuple(_blank(one, simulator) for one in experiments), workers)
     point = base_point(simulator.nuisances, blank.records)
     noise = white([sqrt(c.noise**2 + c.resolution**2 / 12.0) for c in simulator.channels])
     model = _linear(_foreseen(blank, point), noise, point, prior_of(point))
@@ -171,7 +172,7 @@ def _foreseen(replay: Replay, point: Point) -> Replay:
     simulator = replay.simulator
     runs = []
     for run, outputs in zip(replay.runs, replay.predictions(point), strict=True):
-        counts = simulator.counted(run.experiment, outputs) if isinstance(simulator, HasRecords) else True
+        counts = simulator.counted(run.experiment, outputs)
         runs.append(replace(run, outputs=np.where(counts, outputs, np.nan)))
     return replay.of(runs)
 

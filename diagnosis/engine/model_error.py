@@ -38,7 +38,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.contracts import Array, HasUnseenErrors
+from diagnosis.contracts import Array
 from diagnosis.engine.config import (
     LEAST_REPEATS,
     OWED_TO_INTERVAL,
@@ -94,7 +94,7 @@ def _unseen(model: FittedModel) -> Array:
     """Return the covariance (k, k) of errors that leave no trace in the data."""
     simulator, coordinates = model.replay.simulator, model.point.coordinates
     total = np.zeros((len(coordinates), len(coordinates)))
-    for error in simulator.unseen_errors if isinstance(simulator, HasUnseenErrors) else ():
+    for error in simulator.unseen_errors:
         moved = np.array(
             [
                 0.0 if c.owner else c.to_number(value + error.get(c.parameter.name, 0.0)) - number

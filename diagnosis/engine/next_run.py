@@ -21,7 +21,7 @@ from itertools import combinations
 
 import numpy as np
 
-from diagnosis.contracts import Array, DiagnosisError, Experiment, HasRecords, HasReferences, MeasuredRun
+from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENCE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
@@ -83,7 +83,7 @@ def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[Fi
     blank = MeasuredRun(experiment, np.zeros(shape), always, never)
     outputs = [m.replay.of([blank]).predictions(m.point)[0] for m in models]
     # What counts is asked once: rivals are compared by the same samples.
-    counted = simulator.counted(experiment, outputs[0]) if isinstance(simulator, HasRecords) else True
+    counted = simulator.counted(experiment, outputs[0])
     return {
         m: replace(blank, outputs=np.where(counted, predicted, np.nan))
         for m, predicted in zip(models, outputs, strict=True)
@@ -130,7 +130,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
     footprint = _footprint(first, second)
     base = second.linearisation
     now = _unexplained(base, footprint, np.ones(len(base.point.numbers), dtype=bool))
-    known = second.replay.simulator.references if isinstance(second.replay.simulator, HasReferences) else {}
+    known = second.replay.simulator.references
     found = []
     for name in dict.fromkeys(c.parameter.name for c in base.point.coordinates if not c.owner):
         free = np.array([bool(c.owner) or c.parameter.name != name for c in base.point.coordinates])

@@ -3,108 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import (
     Array,
-    BatchSimulator,
     Channel,
+    CompleteSimulator,
     Dataset,
     DiagnosisError,
     Effects,
     Experiment,
-    HasRecords,
-    HasReferences,
-    HasUnseenErrors,
     Hypothesis,
     Job,
-    Nuisance,
+    MeasuredRun,
     Role,
-    RoughSimulator,
     Simulator,
-    Surface,
 )
+from diagnosis.engine.simulation import completed
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredChannels:
-    """A simulator that predicts only the channels which were measured."""
+class MeasuredChannels(CompleteSimulator):
+    """A simulator that predicts only the ``channels`` which were measured."""
 
-    simulator: Simulator
-    channels: tuple[Channel, ...]
-    places: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        return self.simulator.name
-
-    @property
-    def nuisances(self) -> tuple[Nuisance, ...]:
-        return self.simulator.nuisances
-
-    @property
-    def catalogue(self) -> Mapping[str, Hypothesis]:
-        return self.simulator.catalogue
-
-    @property
-    def surfaces(self) -> tuple[Surface, ...]:
-        return self.simulator.surfaces
-
-    @property
-    def unseen_errors(self) -> Sequence[Mapping[str, float]]:
-        return self.simulator.unseen_errors if isinstance(self.simulator, HasUnseenErrors) else ()
-
-    @property
-    def references(self) -> Mapping[str, str]:
-        return self.simulator.references if isinstance(self.simulator, HasReferences) else {}
-
-    def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        if not isinstance(self.simulator, HasRecords):
-            return np.ones(outputs.shape, np.bool_)
-        everything = np.full((len(outputs), len(self.simulator.channels)), np.nan)
-        everything[:, list(self.places)] = outputs
-        return self.simulator.counted(experiment, everything)[:, list(self.places)]
+    def __init__(self, simulator: CompleteSimulator, channels: tuple[Channel, ...]) -> None:
+        names = [channel.name for channel in simulator.channels]
+        self._all, self._width = simulator, len(names)
+        self._places = [names.index(channel.name) for channel in channels]
+        self.name, self.channels = simulator.name, channels
+        self.nuisances, self.catalogue, self.surfaces = (
+            simulator.nuisances,
+            simulator.catalogue,
+            simulator.surfaces,
+        )
+        self.too_alike, self.unseen_errors = simulator.too_alike, simulator.unseen_errors
+        self.references, self.least_batch = simulator.references, simulator.least_batch
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        return self.simulator.run(experiment, parameters, effects)[:, list(self.places)]
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredBatch(MeasuredChannels):
-    """The same of a simulator that can do many jobs at once."""
-
-    batch: BatchSimulator
+        return self._all.run(experiment, parameters, effects)[:, self._places]
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        places = list(self.places)
-        for outputs in self.batch.run_many(jobs):
-            yield outputs[:, places]
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredRough(MeasuredBatch):
-    """The same of a simulator that can also do them roughly."""
-
-    rough: RoughSimulator
-
-    @property
-    def too_alike(self) -> frozenset[str]:
-        return self.rough.too_alike
+        for outputs in self._all.run_many(jobs):
+            yield outputs[:, self._places]
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        places = list(self.places)
-        for outputs in self.rough.run_roughly(jobs):
-            yield None if outputs is None else outputs[:, places]
+        for outputs in self._all.run_roughly(jobs):
+            yield None if outputs is None else outputs[:, self._places]
+
+    def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
+        return self._all.sharpened(runs, channels)
+
+    def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
+        everything = np.full((len(outputs), self._width), np.nan)
+        everything[:, self._places] = outputs
+        return self._all.counted(experiment, everything)[:, self._places]
 
 
-def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
+def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, CompleteSimulator]:
     """Return data and simulator with the channels of the data that hold anything, as the data describe them.
 
     Raises ``DiagnosisError`` for a channel that the simulator does not have, and where nothing was measured.
     """
+    simulator = completed(simulator)
     names = [channel.name for channel in simulator.channels]
     for channel in dataset.channels:
         if channel.name not in names:
@@ -120,12 +82,7 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
     data = replace(dataset, channels=channels, runs=runs)
     if channels == simulator.channels:
         return data, simulator
-    places = tuple(names.index(channel.name) for channel in channels)
-    if isinstance(simulator, RoughSimulator):
-        return data, MeasuredRough(simulator, channels, places, simulator, simulator)
-    if isinstance(simulator, BatchSimulator):
-        return data, MeasuredBatch(simulator, channels, places, simulator)
-    return data, MeasuredChannels(simulator, channels, places)
+    return data, MeasuredChannels(simulator, channels)
 
 
 def split(dataset: Dataset, seed: int) -> Dataset:

@@ -1,12 +1,27 @@
-"""One run of a simulator: its outputs, or an error that says at which parameters it has none."""
+"""Runs of a simulator: their outputs, or an error that says at which parameters there are none."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from traceback import extract_tb
 
-from diagnosis.contracts import Array, DiagnosisError, Effects, Job, Parameter, Simulator
+from diagnosis.contracts import Array, CompleteSimulator, DiagnosisError, Effects, Job, Parameter, Simulator
 from diagnosis.engine.config import PARAMETERS_TOLD
+
+
+class _Completed(CompleteSimulator):
+    """A simulator with the defaults of what it does not offer."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        for name in (*CompleteSimulator.__annotations__, *vars(CompleteSimulator)):
+            if not name.startswith("_") and hasattr(simulator, name):
+                setattr(self, name, getattr(simulator, name))
+
+
+def completed(simulator: Simulator) -> CompleteSimulator:
+    """Return a simulator that offers everything: itself, or with the defaults of what it does not offer."""
+    return simulator if isinstance(simulator, CompleteSimulator) else _Completed(simulator)
 
 
 def simulate(simulator: Simulator, job: Job) -> Array:
@@ -14,8 +29,25 @@ def simulate(simulator: Simulator, job: Job) -> Array:
 
     DiagnosisError where the simulator raises anything, with the line that did, or returns another shape.
     """
-    try:
+    with _blamed(simulator, job):
         outputs = simulator.run(job.experiment, job.parameters, job.effects)
+    return checked(simulator, job, outputs)
+
+
+def simulate_many(simulator: CompleteSimulator, jobs: Sequence[Job]) -> Iterator[Array]:
+    """Yield the outputs (n, c) of several runs in order, with the errors of `simulate`."""
+    found = simulator.run_many(jobs)
+    for job in jobs:
+        with _blamed(simulator, job):
+            outputs = next(found)
+        yield checked(simulator, job, outputs)
+
+
+@contextmanager
+def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
+    """Turn what a simulator raises into an error that says where and at which parameters."""
+    try:
+        yield
     except DiagnosisError:
         raise
     except Exception as error:  # it may be anybody's code
@@ -25,7 +57,6 @@ def simulate(simulator: Simulator, job: Job) -> Array:
             f"{described(simulator, job.parameters, job.effects)}: {type(error).__name__}: {error} "
             f"({place.filename.rpartition('/')[2]}, line {place.lineno})"
         ) from error
-    return checked(simulator, job, outputs)
 
 
 def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from diagnosis.contracts import Channel, Experiment
+from diagnosis.contracts import Channel, CompleteSimulator, Experiment
 from diagnosis.engine.noise import ChannelNoise, Noise, white
 from diagnosis.engine.residual.panel import TESTS, benjamini_hochberg, judged
 from diagnosis.engine.residual.parity import draw, parities
@@ -174,7 +174,7 @@ def test_a_test_without_its_stretch_says_so():
         assert isinstance(TEST[name](case, 0), NotApplicable), name
 
 
-class Combination:
+class Combination(CompleteSimulator):
     """Force less pressure, as a bellows has it."""
 
     def parity(self, experiment, outputs):

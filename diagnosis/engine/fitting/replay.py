@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.contracts import (
-    Array,
-    BatchSimulator,
-    DiagnosisError,
-    Job,
-    MeasuredRun,
-    RoughSimulator,
-    Simulator,
-)
+from diagnosis.contracts import Array, CompleteSimulator, DiagnosisError, Job, MeasuredRun
 from diagnosis.engine.columns import Columns, ColumnsInWork, apart, packing_of, squares
-from diagnosis.engine.config import LEAST_BATCH, LEAST_ROUGH, MOST_BATCH, SPOILT
+from diagnosis.engine.config import LEAST_ROUGH, MOST_BATCH, SPOILT
 from diagnosis.engine.fitting.point import Point, halved, neighbour, opposite
 from diagnosis.engine.fitting.steady import chosen, root_mean_squares, steady
-from diagnosis.engine.simulation import checked, simulate
+from diagnosis.engine.simulation import checked, completed, simulate_many
 from diagnosis.engine.threads import in_threads
 
 Out = TypeVar("Out")
@@ -46,17 +38,12 @@ class Replay:
     Those are differences, which single precision holds to far more digits than they are right.
     """
 
-    simulator: Simulator
+    simulator: CompleteSimulator
     runs: tuple[MeasuredRun, ...]
     workers: int = 2
-    #: The simulator, if it is one of these: asking a protocol takes as long as a short simulation.
-    _batches: BatchSimulator | None = field(init=False)
-    _rough: RoughSimulator | None = field(init=False)
 
     def __post_init__(self) -> None:
-        one = self.simulator
-        object.__setattr__(self, "_batches", one if isinstance(one, BatchSimulator) else None)
-        object.__setattr__(self, "_rough", one if isinstance(one, RoughSimulator) else None)
+        object.__setattr__(self, "simulator", completed(self.simulator))  # whatever a program of Python gives
         names = [run.experiment.name for run in self.runs]
         if len(set(names)) < len(names):
             raise DiagnosisError(
@@ -131,13 +118,12 @@ class Replay:
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
         """Return where differences begin, of each run so many that may be worth a rough simulation of its own."""
         rough: list[Array | None] = [None] * len(self.runs)
-        if self._rough is not None:
-            worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
+        worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
 
-            def keep(i: int, outputs: Array | None) -> None:
-                rough[worth[i][0]] = outputs
+        def keep(i: int, outputs: Array | None) -> None:
+            rough[worth[i][0]] = outputs
 
-            self._simulate(worth, keep, self._roughly)
+        self._simulate(worth, keep, self._roughly)
         return Base(point, predictions, rough)
 
     def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
@@ -172,11 +158,10 @@ class Replay:
 
     def _too_alike(self, base: Point, to: Point) -> bool:
         """Return whether a point, perhaps a larger one, differs from a base in what rough outputs do not tell apart."""
-        assert self._rough is not None
         known = len(base.numbers)
         moved = np.flatnonzero(to.numbers[:known] != base.numbers)
         further = (*(to.coordinates[i] for i in moved), *to.coordinates[known:])
-        return not self._rough.too_alike.isdisjoint(c.owner or c.parameter.name for c in further)
+        return not self.simulator.too_alike.isdisjoint(c.owner or c.parameter.name for c in further)
 
     def _simulate(
         self,
@@ -186,9 +171,7 @@ class Replay:
     ) -> None:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
         jobs = [self._job(self.runs[r], point) for r, point in places]
-        size = max(LEAST_BATCH, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
-        if self._batches is None:
-            size = 1
+        size = max(self.simulator.least_batch, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
 
         def work(start: int) -> None:
             for i, outputs in enumerate(run(jobs[start : start + size]), start):
@@ -197,16 +180,10 @@ class Replay:
         in_threads(self.workers, work, range(0, len(jobs), size))
 
     def _outputs(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        if self._batches is not None:
-            for job, outputs in zip(jobs, self._batches.run_many(jobs), strict=True):
-                yield checked(self.simulator, job, outputs)
-        else:
-            for job in jobs:
-                yield simulate(self.simulator, job)
+        return simulate_many(self.simulator, jobs)
 
     def _roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        assert self._rough is not None
-        for job, outputs in zip(jobs, self._rough.run_roughly(jobs), strict=True):
+        for job, outputs in zip(jobs, self.simulator.run_roughly(jobs), strict=True):
             yield None if outputs is None else checked(self.simulator, job, outputs)
 
     @staticmethod

@@ -26,7 +26,7 @@ from diagnosis.contracts import Array
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.residual import over_cycles, over_inputs, over_time
-from diagnosis.engine.residual.parity import HasParity, parities
+from diagnosis.engine.residual.parity import parities
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, residuals_of
 from diagnosis.finding import PanelRow, number
 
@@ -76,8 +76,6 @@ def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[Pan
 
 def _parities(model: FittedModel, runs: Sequence[Residuals], seed: int) -> list[PanelRow]:
     source = model.replay.simulator
-    if not isinstance(source, HasParity):
-        return []
     found = [(run.run, parities(run, model.noise, source, seed)) for run in runs]
     return [
         _row("parity", "parity", name, [(run, signals[name]) for run, signals in found])

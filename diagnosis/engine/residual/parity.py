@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from diagnosis.contracts import Array, Experiment
+from diagnosis.contracts import Array, CompleteSimulator
 from diagnosis.engine.config import PARITY_BLOCKS, PARITY_BURN_IN, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
 
-@runtime_checkable
-class HasParity(Protocol):
-    """A simulator that knows parity signals, such as force less gauge pressure times area."""
-
-    def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
-        """Return named signals (n,) of outputs (n, c); NaN where an output is."""
-        ...
-
-
 def parities(
-    residuals: Residuals, noise: Noise, source: HasParity, seed: int
+    residuals: Residuals, noise: Noise, source: CompleteSimulator, seed: int
 ) -> dict[str, Evidence | NotApplicable]:
     """Each parity signal of the measured outputs less that of the predicted ones, as means of blocks.
 

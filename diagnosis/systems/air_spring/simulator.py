@@ -38,6 +38,7 @@ from bench_sim.parameters.effects import find_effect
 from diagnosis.contracts import (
     Array,
     Channel,
+    CompleteSimulator,
     DiagnosisError,
     Effects,
     Experiment,
@@ -128,12 +129,15 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-class AirSpring:
+class AirSpring(CompleteSimulator):
     """The bench with a parameter set and its catalogue of effects; steps of at most ``step`` s.
 
     Effects that the set has stay as they are: they are part of the base model, and no candidates. It may be called from
     several threads at once. ``only`` names the outputs that were measured (all).
     """
+
+    too_alike = _TOO_ALIKE
+    least_batch = 4
 
     def __init__(
         self,
@@ -193,11 +197,6 @@ class AirSpring:
         for outputs in self._run_many(jobs, rough=False):
             assert outputs is not None  # what no lane can do is replayed alone
             yield outputs
-
-    @property
-    def too_alike(self) -> frozenset[str]:
-        """What is told apart by less than rough differences are wrong by: for an orifice two hundredths."""
-        return _TOO_ALIKE
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
         """Yield the outputs (n, c) of each job in order by steps of twice the length; None of what lanes cannot do so.
