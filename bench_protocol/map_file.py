@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from bench_protocol.registers import SEQUENCE
 from bench_protocol.wires import Table, hash_of
 
 MAP_FILE: Final = 1000
@@ -64,11 +65,10 @@ def _lines(text: str) -> dict[str, str]:
     return {place: content for place, _, content in pairs}
 
 
-def closing_sequence(places: Mapping[str, str], before: int) -> int | None:
-    """Return the last input register before ``before`` that has a block's sequence number; None if there is none."""
-    found = [
+def sequences(places: Mapping[str, str]) -> list[int]:
+    """Return the input registers that have a block's sequence number."""
+    return [
         int(place.split()[1])
         for place, content in places.items()
-        if place.startswith("input ") and content.startswith("modbus.sequence ")
+        if place.startswith("input ") and content.startswith(f"{SEQUENCE} ")
     ]
-    return max((address for address in found if address < before), default=None)

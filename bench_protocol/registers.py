@@ -1,23 +1,24 @@
 """What a Modbus register is, and where the registers of a signal stand.
 
-Two blocks of input registers carry the same readings, as floats and as scaled twins. The address of a reading's float
-(:attr:`Signal.address`) is its number in both, and among the discrete inputs that say whether it is available::
+Input registers carry the readings twice, as floats and as scaled twins, in blocks that one request each can read. The
+address of a reading's float (:attr:`Signal.address`) is its number in both, and among the discrete inputs that say
+whether it is available::
 
-    number      0     1     2          n − 1   end
-    float      100   102   104   ...           sequence
-    scaled     300   301   302   ...           sequence
-    quality    100   101   102   ...
+    number      0     1     2   ...  end             62     63   ...  end
+    float      100   102   104  ...  sequence       1100   1102  ...  sequence
+    scaled     300   301   302  ...  sequence       1300   1301  ...  sequence
+    quality    100   101   102  ...                  162    163  ...
 
-Each block stands between two copies of the sequence number of the sampling instant. Registers never move: a reading
-that is added takes the number behind the old end, where the sequence number stays as well, so that a number without a
-reading means: here a block ended once.
+Each block stands between two copies of the sequence number of the sampling instant, and one without a reading is not
+there. Registers never move: a reading that is added takes the number behind the old end, where the sequence number
+stays as well, so that a number without a reading means: here a block ended once (`free_address`).
 
 The holding register of a setting has what is staged, the input register `ACTIVE_BLOCK` behind it what is in force.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from bench_protocol.signals import Kind, Signal
 
@@ -37,11 +38,40 @@ SCALED_BLOCK: Final = 300
 QUALITY_BLOCK: Final = 100
 #: How far behind its holding register a setting has the input register of the value in force.
 ACTIVE_BLOCK: Final = 400
-#: One request of 125 registers reads all floats with the sequence numbers at both ends.
-READINGS_MAX: Final = 61
+
+
+class Block(NamedTuple):
+    """Readings that one request of 125 registers reads, the sequence numbers at both ends included."""
+
+    numbers: range
+    floats: int  #: address of the first
+    scaled: int
+
+    def address(self, number: int) -> int:
+        """Return the input register of the float of a reading."""
+        return self.floats + 2 * (number - self.numbers.start)
+
+    def twin(self, number: int) -> int:
+        """Return the input register of the scaled twin of a reading."""
+        return self.scaled + number - self.numbers.start
+
+    def span(self, sequences: Collection[int]) -> tuple[int, int] | None:
+        """Return the input registers at its ends, by those that have a sequence number; None if it is not there."""
+        opening = self.floats - 1
+        found = [one for one in sequences if opening <= one <= self.address(self.numbers.stop)]
+        return (opening, max(found)) if opening in found and max(found) > opening else None
+
+
+#: Drivers from before the second block look for the end of the first up to its scaled twins.
+BLOCKS: Final = (
+    Block(range(61), FLOAT_BLOCK, SCALED_BLOCK),
+    Block(range(62, 123), FLOAT_BLOCK + 1000, SCALED_BLOCK + 1000),
+)
 LEASE_ADDRESS: Final = 0
 WATCHDOG_ADDRESS: Final = 1
 
+#: What stands in the blocks.
+READINGS: Final = (Kind.MEASUREMENT, Kind.STATUS)
 _SPACE_OF: Final = {Kind.SETTING: "holding", Kind.ACTION: "coil", Kind.INTERLOCK: "discrete"}
 
 
@@ -92,16 +122,41 @@ OWN_REGISTERS: Final = (
 OWN_NAMES: Final = tuple(dict.fromkeys(register.signal for register in OWN_REGISTERS))
 
 
+def _block_and_number(signal: Signal) -> tuple[Block, int]:
+    if signal.address is not None:
+        for block in BLOCKS:
+            steps, rest = divmod(signal.address - block.floats, 2)
+            if not rest and 0 <= steps < len(block.numbers):
+                return block, block.numbers[steps]
+    given = "no address" if signal.address is None else f"address {signal.address}"
+    places = " or ".join(f"from {block.floats} to {block.address(block.numbers[-1])}" for block in BLOCKS)
+    raise ValueError(
+        f"{signal.name} has {given}; its float needs an even input register {places} that nothing else has"
+    )
+
+
 def reading_number(signal: Signal) -> int:
     """Return the number of a reading in the blocks; ValueError for an address that its float cannot have."""
-    number, rest = divmod((-1 if signal.address is None else signal.address) - FLOAT_BLOCK, 2)
-    if rest or not 0 <= number < READINGS_MAX:
-        given = "no address" if signal.address is None else f"address {signal.address}"
-        raise ValueError(
-            f"{signal.name} has {given}; its float needs an even input register from {FLOAT_BLOCK} to "
-            f"{FLOAT_BLOCK + 2 * READINGS_MAX - 2} that nothing else has"
-        )
-    return number
+    return _block_and_number(signal)[1]
+
+
+def twin_address(signal: Signal) -> int:
+    """Return the input register of the scaled twin of a reading."""
+    block, number = _block_and_number(signal)
+    return block.twin(number)
+
+
+def free_address(signals: Iterable[Signal]) -> int:
+    """Return the address that the next reading takes, and further ones behind it; ValueError if there is none left.
+
+    In its block it is two behind the register where the sequence number has ended it so far, and stays.
+    """
+    taken = [reading_number(signal) for signal in signals if signal.kind in READINGS]
+    for block in BLOCKS:
+        free = max((number + 2 for number in taken if number in block.numbers), default=block.numbers.start)
+        if free in block.numbers:
+            return block.address(free)
+    raise ValueError("the blocks of readings are full: give bench_protocol.registers.BLOCKS a further one")
 
 
 def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
@@ -112,7 +167,7 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
     readings: dict[int, str] = {}
     others: list[Register] = []
     for signal in signals:
-        if signal.kind in (Kind.MEASUREMENT, Kind.STATUS):
+        if signal.kind in READINGS:
             other = readings.setdefault(reading_number(signal), signal.name)
             if other != signal.name:
                 raise ValueError(f"{other} and {signal.name} both have the input register {signal.address}")
@@ -121,7 +176,7 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
     spaces = list(SPACES)
     return tuple(
         sorted(
-            (*OWN_REGISTERS, *(_blocks(readings) if readings else ()), *others),
+            (*OWN_REGISTERS, *_blocks(readings), *others),
             key=lambda register: (spaces.index(register.space), register.address),
         )
     )
@@ -138,17 +193,20 @@ def _without_blocks(signal: Signal) -> Iterator[Register]:
 
 def _blocks(readings: Mapping[int, str]) -> Iterator[Register]:
     """Yield the readings by number, and the sequence number in front and at every number without a reading."""
-    yield Register(SEQUENCE, "input", FLOAT_BLOCK - 1, "uint16")
-    yield Register(SEQUENCE, "input", SCALED_BLOCK - 1, "uint16")
-    last = max(readings)
-    for number in range(last + 2):
-        name = readings.get(number)
-        if name is None:
-            yield Register(SEQUENCE, "input", FLOAT_BLOCK + 2 * number, "uint16")
-            if number < last:  # a block is read in one request: it has no holes
-                yield Register(SEQUENCE, "input", FLOAT_BLOCK + 2 * number + 1, "uint16")
-            yield Register(SEQUENCE, "input", SCALED_BLOCK + number, "uint16")
-        else:
-            yield Register(name, "input", FLOAT_BLOCK + 2 * number, "float32")
-            yield Register(name, "input", SCALED_BLOCK + number, "int16")
-            yield Register(name, "discrete", QUALITY_BLOCK + number, "bit")
+    for block in BLOCKS:
+        last = max((number for number in readings if number in block.numbers), default=None)
+        if last is None:
+            continue
+        yield Register(SEQUENCE, "input", block.floats - 1, "uint16")
+        yield Register(SEQUENCE, "input", block.scaled - 1, "uint16")
+        for number in range(block.numbers.start, last + 2):
+            name, address, twin = readings.get(number), block.address(number), block.twin(number)
+            if name is None:
+                yield Register(SEQUENCE, "input", address, "uint16")
+                if number < last:  # a block is read in one request: it has no holes
+                    yield Register(SEQUENCE, "input", address + 1, "uint16")
+                yield Register(SEQUENCE, "input", twin, "uint16")
+            else:
+                yield Register(name, "input", address, "float32")
+                yield Register(name, "input", twin, "int16")
+                yield Register(name, "discrete", QUALITY_BLOCK + number, "bit")

@@ -121,7 +121,7 @@ STATUS: Final = (
     _count(
         "rig.tripped",
         160,
-        "Whose limit tripped first: number of the reading's float register, (address - 100) / 2 + 1; 0 for none",
+        "Whose limit tripped first: number of the reading, its discrete input less 99; 0 for none",
         255,
     ),
     _count("rig.status_code", 162, "0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error", 499),

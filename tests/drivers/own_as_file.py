@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from bench_protocol.messages import TOKEN, Protection
-from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from drivers.wiring import own
@@ -13,6 +12,7 @@ from drivers.wiring.contract import Order, Step
 from drivers.wiring.lines import PLAYED
 from tools.generate.dbc import dbc
 
+SETTINGS = {signal.name for signal in TABLE.of_kind(Kind.SETTING)}
 #: The CRC takes the data id exclusive-or the token, which the Control message carries.
 FUNCTIONS = """
 from bench_protocol.e2e import crc8
@@ -116,7 +116,7 @@ def _points():
         if register.space == "discrete" and TABLE[register.signal].kind is not Kind.INTERLOCK:
             continue
         one = {"table": register.space, "address": register.address, "type": register.encoding}
-        if register.space == "input" and register.address >= 100 + ACTIVE_BLOCK:
+        if register.space == "input" and register.signal in SETTINGS:
             name = f"{register.signal}.active"
         yield name or register.signal, one
 

@@ -12,7 +12,7 @@ from bench_protocol.map_differences import compare
 from bench_protocol.map_file import MAP_FILE, map_registers, read_places
 from bench_protocol.messages import Field
 from bench_protocol.modbus import FILE_READ_MAX
-from bench_protocol.registers import registers_of
+from bench_protocol.registers import free_address, registers_of
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, bar, kN, mm, s
@@ -61,7 +61,8 @@ def changed(name: str, **values) -> Table:
 
 SWAPPED = table(SpringLeft=fields("SpringLeft")[::-1])
 RESCALED = changed("supply.pressure", step=2 * TABLE["supply.pressure"].step)
-MOVED_REGISTER = changed("right.height", address=218)
+FREE = free_address(TABLE.signals)
+MOVED_REGISTER = changed("right.height", address=FREE)
 EXTRA = table(
     {
         "supply.flow": Signal(
@@ -72,7 +73,7 @@ EXTRA = table(
             100,
             0.01,
             "More",
-            address=218,
+            address=FREE,
             group=Group.SUPPLY_PRESSURE,
         )
     },
@@ -161,7 +162,7 @@ def test_a_file_that_is_no_map_is_refused(spoil, why):
             {"supply.pressure"},
             r"otherwise: supply.pressure \(can 0x384 bit 00 is “.*step 100.*” here, “.*step 50 ",
         ),
-        (MOVED_REGISTER, {"right.height"}, "moved: right.height .*input 00218.* here, .*input 00106"),
+        (MOVED_REGISTER, {"right.height"}, f"moved: right.height .*input {FREE:05}.* here, .*input 00106"),
         (EXTRA, {"supply.flow"}, "missing: supply.flow .ours is can 0x384 bit 16"),
         (OLDER, {"lateral.acceleration"}, "new: .*supply.pressure"),
     ],

@@ -5,7 +5,15 @@ import dataclasses
 import pytest
 
 from bench_protocol.messages import Field, Message, Protection
-from bench_protocol.registers import FLOAT_BLOCK, Register, registers_of
+from bench_protocol.registers import (
+    BLOCKS,
+    READINGS,
+    SEQUENCE,
+    Register,
+    free_address,
+    reading_number,
+    registers_of,
+)
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
@@ -89,9 +97,8 @@ def with_message(**changes: object) -> Table:
 
 
 FIRST = TABLE.messages[0]
-#: Where the block of floats ends with the sequence number, and the first address that a new reading may have.
-END = max(signal.address for signal in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)) + 2
-FREE = END + 2
+#: The address that a new reading takes.
+FREE = free_address(TABLE.signals)
 
 
 @pytest.mark.parametrize(
@@ -132,21 +139,40 @@ def test_nothing_that_was_given_once_has_moved() -> None:
 
 
 def test_adding_is_no_move_and_removing_is() -> None:
-    new = dataclasses.replace(TABLE["left.height"], name="left.strain", address=FREE)
-    signals = (*TABLE.signals, new)
-    grown = Table(signals, TABLE.messages, registers_of(signals))
-    assert moved(TABLE.places, grown) == []
-    assert grown.places[f"input {END:05}"] == "modbus.sequence uint16", (
-        "where the block ended, its number stays"
-    )
-    assert grown.places[f"input {FREE + 2:05}"] == "modbus.sequence uint16"
-    number = (FREE - FLOAT_BLOCK) // 2 + 1
-    assert (grown.trip_number("left.strain"), grown.tripped(number)) == (number, new)
-    lost = moved(grown.places, TABLE)
-    assert f"input {FREE:05} was “left.strain float32” and is now empty" in lost
-    taken = dataclasses.replace(new, address=END)
+    """One reading after the other, until no block has room; each block is one request and has no hole."""
+    table, added = TABLE, 0
+    while True:
+        try:
+            address = free_address(table.signals)
+        except ValueError as full:
+            assert "are full" in str(full)
+            break
+        new = dataclasses.replace(TABLE["left.height"], name=f"left.strain_{added}", address=address)
+        grown = Table((*table.signals, new), TABLE.messages, registers_of((*table.signals, new)))
+        assert moved(table.places, grown) == []
+        number = grown.trip_number(new.name)
+        assert (grown.tripped(number), number) == (new, reading_number(new) + 1)
+        assert f"input {address:05} was “{new.name} float32” and is now empty" in moved(grown.places, table)
+        table, added = grown, added + 1
+    assert added > 30
+    assert max(table.trip_number(row.name) for row in table.of_kind(*READINGS)) <= TABLE["rig.tripped"].high
+    inputs = {
+        a: r.signal
+        for r in table.registers
+        if r.space == "input"
+        for a in range(r.address, r.address + r.words)
+    }
+    sequences = [address for address, name in inputs.items() if name == SEQUENCE]
+    for block in BLOCKS:
+        first, end = block.span(sequences)
+        assert end - first + 1 <= 125
+        assert all(address in inputs for address in range(first, end + 1))
+
+
+def test_what_is_added_where_a_block_ends_is_a_move() -> None:
+    taken = dataclasses.replace(TABLE["left.height"], name="left.strain", address=216)
     shifted = Table((*TABLE.signals, taken), TABLE.messages, registers_of((*TABLE.signals, taken)))
-    wanted = f"input {END:05} was “modbus.sequence uint16” and is now “left.strain float32”"
+    wanted = "input 00216 was “modbus.sequence uint16” and is now “left.strain float32”"
     assert wanted in moved(TABLE.places, shifted)
 
 
@@ -242,7 +268,10 @@ def test_what_rig_tripped_says_is_a_reading_or_nothing() -> None:
             lambda: registers_of((signal(address=101),)),
             "left.height has address 101; its float needs an even",
         ),
-        (lambda: registers_of((signal(address=222),)), "even input register from 100 to 220"),
+        (
+            lambda: registers_of((signal(address=222),)),
+            "even input register from 100 to 220 or from 1100 to 1220",
+        ),
         (
             lambda: registers_of((signal(address=100), signal("right.height", address=100))),
             "left.height and right.height both have the input register 100",

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench_protocol.registers import FLOAT_BLOCK, SCALED_BLOCK, reading_number
+from bench_protocol.registers import BLOCKS, FLOAT_BLOCK, SCALED_BLOCK, SEQUENCE, twin_address
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar
@@ -34,7 +34,7 @@ def test_floats_twins_and_can_agree(commander) -> None:
     commander.wait(1000)
     for signal in READINGS:
         (value,) = np.array(read(commander, 4, signal.address, 2), ">u2").view(">f4")
-        words = read(commander, 4, SCALED_BLOCK + reading_number(signal), 1)
+        words = read(commander, 4, twin_address(signal), 1)
         (twin,) = np.array(words, np.uint16).view(np.int16)
         if not np.isnan(value):
             steps = float(value) / signal.step
@@ -49,9 +49,12 @@ def test_floats_twins_and_can_agree(commander) -> None:
 
 def test_a_block_is_one_snapshot(commander) -> None:
     commander.wait(503)
-    end = READINGS[-1].address + 2
-    block = read(commander, 4, FLOAT_BLOCK - 1, end - FLOAT_BLOCK + 2)
-    assert block[0] == block[-1] == 100
+    sequences = [r.address for r in TABLE.registers if r.space == "input" and r.signal == SEQUENCE]
+    spans = [span for one in BLOCKS if (span := one.span(sequences))]
+    assert all(any(first < signal.address < end for first, end in spans) for signal in READINGS)
+    for first, end in spans:
+        block = read(commander, 4, first, end - first + 1)
+        assert block[0] == block[-1] == 100
     commander.wait(5)
     assert read(commander, 4, FLOAT_BLOCK - 1, 1) == [101]
 

@@ -12,7 +12,7 @@ from typing import Any, Final, TextIO
 import click
 
 from bench_protocol.messages import Protection
-from bench_protocol.registers import ACTIVE_BLOCK
+from bench_protocol.registers import ACTIVE_BLOCK, free_address
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
@@ -154,10 +154,11 @@ def _print_modbus_map(out: TextIO) -> None:
         "Unit 1, TCP. 32-bit values are IEEE 754 singles in SI units, high word first; probe registers carry 3.14159\n"
         "and 0x12345678. The scaled twins are signed 16-bit multiples of the resolution, 0x8000 where not\n"
         "available or too large. "
-        "A block begins and ends with the same sequence number, which changes with every sampling instant. Discrete\n"
-        "inputs from 100 on say in the order of the readings whether each is available. A holding register has what\n"
-        f"is staged, the input register {ACTIVE_BLOCK} behind it what is in force. Numbers count from 1 with the\n"
-        "classic prefixes (30001 is input register 0).\n",
+        "A block, which one request reads, begins and ends with the same sequence number; it changes with every\n"
+        "sampling instant. Discrete inputs from 100 on say in the order of the readings whether each is available. A\n"
+        f"holding register has what is staged, the input register {ACTIVE_BLOCK} behind it what is in force. Numbers\n"
+        "count from 1 with the classic prefixes (30001 is input register 0). The next reading that the table gets\n"
+        f"takes input register {free_address(TABLE.signals)}.\n",
         file=out,
     )
     print("| space | address | number | encoding | what |\n|---|---|---|---|---|", file=out)

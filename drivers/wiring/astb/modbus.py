@@ -10,14 +10,13 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.map_differences import Differences, compare
-from bench_protocol.map_file import closing_sequence, read_places
+from bench_protocol.map_file import read_places, sequences
 from bench_protocol.modbus import DEVICE_FAILURE, FILE_READ_MAX, NO_AUTHORITY
 from bench_protocol.registers import (
-    FLOAT_BLOCK,
+    BLOCKS,
     LEASE_ADDRESS,
     PROBE_FLOAT,
     PROBE_WORD,
-    SCALED_BLOCK,
     WATCHDOG_ADDRESS,
     Register,
 )
@@ -34,8 +33,8 @@ _SINGLE: Final = struct.Struct(">f")
 _PROBE_REGISTERS: Final = 7
 #: Any word but 0 asks for the lease.
 _ASK: Final = 1
-#: A block that changes under three reads in a row is no block of this rig.
-_READ_TRIES: Final = 3
+#: A block that changes under three reads in a row is no block of this rig; between two blocks a new step may come.
+_READ_TRIES: Final = (3, 20)
 
 
 def single(value: float) -> float:
@@ -64,6 +63,12 @@ def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
     )
 
 
+def _spans(places: Mapping[str, str]) -> list[tuple[int, int]]:
+    """Return the input registers at both ends of each block of readings that a map has."""
+    found = sequences(places)
+    return [span for block in BLOCKS if (span := block.span(found)) is not None]
+
+
 class AstbRegisters:
     """Writes settings all or none, triggers actions, and reads what does not travel on CAN."""
 
@@ -81,7 +86,7 @@ class AstbRegisters:
             and r.signal in table.index
             and r.signal not in self._active
         ]
-        self._closing = max(register.address for register in self._readings) + 2
+        self._spans = _spans(table.places)
         self._absent: Mapping[str, str] = {}
         self._floats = {r.signal: r for r in (*self._active.values(), *self._readings)}
         self._token = 0  # of the lease that this connection took
@@ -156,18 +161,31 @@ class AstbRegisters:
         return {name: bits[register.address - first] for name, register in self._contacts.items()}
 
     def snapshot(self) -> dict[str, float]:
-        """Return all readings (SI) of one step of the rig: the sequence numbers at both ends of the block agree."""
-        first, last = FLOAT_BLOCK - 1, self._closing
-        for _ in range(_READ_TRIES):
-            words = self._port.read_input(first, last - first + 1)
-            if words[0] == words[-1]:
+        """Return all readings (SI) of one step of the rig: the sequence numbers at the ends of the blocks agree."""
+        return self._one_step(self._readings)
+
+    def _one_step(self, readings: Sequence[Register]) -> dict[str, float]:
+        """Return ``readings`` (SI), one request for each block that has some of them."""
+        spans = [
+            span for span in self._spans if any(span[0] < reading.address < span[1] for reading in readings)
+        ]
+        tries = _READ_TRIES[len(spans) > 1]
+        for _ in range(tries):
+            blocks = [self._port.read_input(first, last - first + 1) for first, last in spans]
+            if len({number for words in blocks for number in (words[0], words[-1])}) <= 1:
                 return {
-                    r.signal: from_words(*words[r.address - first : r.address - first + 2])
-                    for r in self._readings
+                    reading.signal: from_words(*words[reading.address - first :][:2])
+                    for (first, last), words in zip(spans, blocks, strict=True)
+                    for reading in readings
+                    if first < reading.address < last
                 }
-        raise LinkLost(
-            f"the block of readings at input register {first} changed under {_READ_TRIES} reads in a row"
-        )
+        places = " and ".join(str(first) for first, _ in spans)
+        raise LinkLost(f"the readings from input register {places} on changed under {tries} reads in a row")
+
+    def _readings_now(self, names: Sequence[str]) -> dict[str, float]:
+        """Return several readings (SI) of one step, NaN where the rig has none."""
+        here = [self._floats[name] for name in names if name not in self._absent]
+        return dict.fromkeys(names, math.nan) | self._one_step(here)
 
     def contact(self, name: str) -> bool:
         """Return whether a contact of the interlocks is on."""
@@ -180,16 +198,16 @@ class AstbRegisters:
         return from_words(*self._port.read_input(self._floats[name].address, 2))
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return contacts, settings in force and readings (SI); several of a kind in one request."""
+        """Return contacts, settings in force and readings (SI); several of a kind in one request, or one a block."""
         found: dict[str, float] = {}
         readings = self._floats.keys() - self._active.keys()
-        for known, one, every in (
-            (self._contacts.keys(), self.contact, self.contacts),
-            (self._active.keys(), self.reading, self.in_force),
-            (readings, self.reading, self.snapshot),
+        for known, one, several in (
+            (self._contacts.keys(), self.contact, lambda _: self.contacts()),
+            (self._active.keys(), self.reading, lambda _: self.in_force()),
+            (readings, self.reading, self._readings_now),
         ):
             asked = [name for name in names if name in known]
-            told = every() if len(asked) > 1 else {name: one(name) for name in asked}
+            told = several(asked) if len(asked) > 1 else {name: one(name) for name in asked}
             found.update({name: float(told[name]) for name in asked})
         if unknown := [name for name in names if name not in found]:
             raise Misuse(f"{', '.join(unknown)} is not a reading of the Modbus map")
@@ -224,7 +242,7 @@ class AstbRegisters:
             raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why)))
         self._absent = found.absent
         self._readings = [register for register in self._readings if register.signal not in self._absent]
-        self._closing = closing_sequence(places, SCALED_BLOCK - 1) or self._closing
+        self._spans = _spans(places)
         return found
 
     def take_lease(self) -> int:
