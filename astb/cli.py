@@ -3,49 +3,53 @@
 Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product),
 4 incomplete (what the rig can measure passes, and something is not available on it),
 5 refused (rehearsed in virtual time, a plan trips a limit).
-Everything heavy is imported inside the commands: `astb --help` answers at once.
+A command is imported when it is called (`astb.plugins`): `astb --help` answers at once.
 """
 
 import gc
 import sys
-import traceback
 import warnings
 from typing import Final, NoReturn
 
 import click
 
-from astb.commands.completion import completion_command
-from astb.commands.diagnosis import diagnose_command, identify_command, investigate_command
-from astb.commands.doctor import doctor_command
-from astb.commands.exchange import export_command, import_command
-from astb.commands.fault import fault_command
-from astb.commands.lists import (
-    effects_command,
-    limits_command,
-    plans_command,
-    signals_command,
-)
-from astb.commands.named import (
-    demos_command,
-    dimensions_command,
-    instruments_command,
-    parameters_command,
-    rigs_command,
-    specimens_command,
-    wirings_command,
-)
-from astb.commands.note import note_command
-from astb.commands.rehearse import rehearse_command
-from astb.commands.rig import rig_command
-from astb.commands.run import report_command, run_command
-from astb.commands.runs import compare_command, runs_command, trend_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
-from astb.plugins import ExtensibleGroup
+from astb.plugins import CommandLine
 from bench_protocol.system import NeedsLinux
 
 #: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
 #: Python's own numbers but for the last, which is 10 there.
 GARBAGE_COLLECTED_AFTER: Final = (700, 10, 100)
+#: The module of each command, in the order of `astb --help`; it stands there as NAME_command.
+HOMES: Final = {
+    "rig": "astb.commands.rig",
+    "fault": "astb.commands.fault",
+    "run": "astb.commands.run",
+    "rehearse": "astb.commands.rehearse",
+    "plans": "astb.commands.lists",
+    "rigs": "astb.commands.named",
+    "specimens": "astb.commands.named",
+    "instruments": "astb.commands.named",
+    "dimensions": "astb.commands.named",
+    "wirings": "astb.commands.named",
+    "parameters": "astb.commands.named",
+    "demos": "astb.commands.named",
+    "effects": "astb.commands.lists",
+    "limits": "astb.commands.lists",
+    "signals": "astb.commands.lists",
+    "report": "astb.commands.run",
+    "note": "astb.commands.note",
+    "runs": "astb.commands.runs",
+    "compare": "astb.commands.runs",
+    "trend": "astb.commands.runs",
+    "export": "astb.commands.exchange",
+    "import": "astb.commands.exchange",
+    "diagnose": "astb.commands.diagnosis",
+    "investigate": "astb.commands.diagnosis",
+    "identify": "astb.commands.diagnosis",
+    "doctor": "astb.commands.doctor",
+    "completion": "astb.commands.completion",
+}
 
 
 def main() -> NoReturn:
@@ -68,6 +72,8 @@ def main() -> NoReturn:
         sys.exit(BLOCKED)
     except Exception as error:
         # Python would end with 1, which says that the product failed.
+        import traceback
+
         from bench_records.disk import of_the_disk, why
 
         if of_the_disk(error):
@@ -93,7 +99,7 @@ def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> No
     ctx.exit()
 
 
-@click.group(cls=ExtensibleGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=CommandLine, homes=HOMES, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--version",
     is_flag=True,
@@ -104,35 +110,3 @@ def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> No
 )
 def commands() -> None:
     """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
-
-
-for _command in (
-    rig_command,
-    fault_command,
-    run_command,
-    rehearse_command,
-    plans_command,
-    rigs_command,
-    specimens_command,
-    instruments_command,
-    dimensions_command,
-    wirings_command,
-    parameters_command,
-    demos_command,
-    effects_command,
-    limits_command,
-    signals_command,
-    report_command,
-    note_command,
-    runs_command,
-    compare_command,
-    trend_command,
-    export_command,
-    import_command,
-    diagnose_command,
-    investigate_command,
-    identify_command,
-    doctor_command,
-    completion_command,
-):
-    commands.add_command(_command)

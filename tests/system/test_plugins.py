@@ -93,6 +93,17 @@ def test_only_the_command_that_is_run_is_imported(install: Install, astb: Astb) 
     assert astb("--help").stdout.count("is imported") == 2
 
 
+def test_a_list_with_and_without_commands_of_others_says_the_same_of_ours(
+    install: Install, astb: Astb
+) -> None:
+    """Alone, it is read from what is generated; with others', every package's metadata are read."""
+    alone = astb("--help").stdout
+    install("greetings", GOOD, greet="greetings:command")
+    beside = astb("--help").stdout
+    assert [line for line in beside.splitlines() if " greet " not in line] == alone.splitlines()
+    assert len(alone.splitlines()) > 33
+
+
 @pytest.mark.parametrize(
     ("source", "target", "reason"),
     [

@@ -1,16 +1,19 @@
 """Every generated file with its content, written or checked."""
 
 import csv
+import inspect
 import io
 import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Final, TextIO
 
 import click
 
+from astb.plugins import GROUP, SUMMARIES
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK, free_address
 from bench_protocol.signals import Kind
@@ -319,6 +322,21 @@ def _with_all_below(title: str, command: click.Command) -> Iterator[tuple[str, c
             yield from _with_all_below(f"{title} {name}", inner)
 
 
+def command_summaries() -> str:
+    """Return a line for each command of this distribution: its name and the first paragraph of its help."""
+    from astb.cli import commands
+
+    context = click.Context(commands)
+    offered = distribution("astb").entry_points.select(group=GROUP).names
+    lines = []
+    for name in (*commands.homes, *sorted(offered)):
+        command = commands.get_command(context, name)
+        assert command is not None and command.help, name
+        paragraph = inspect.cleandoc(command.help).partition("\n\n")[0]
+        lines.append(f"{name}: {' '.join(paragraph.split())}\n")
+    return "".join(lines)
+
+
 def hidden_effect_page() -> str:
     """Return the tutorial of the hidden effect with as many candidates as the catalogue has now."""
     count = sum(len(effect.places) or 1 for effect in CATALOGUE.values() if effect.diagnosable)
@@ -342,6 +360,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "wiring.md": wiring_page(),
         ROOT / "docs" / "reference" / "readers.md": readers_page(),
         ROOT / "docs" / "reference" / "command-line.md": commands_page(),
+        SUMMARIES: command_summaries(),
         HIDDEN_EFFECT_PAGE: hidden_effect_page(),
     }
 
