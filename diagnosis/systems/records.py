@@ -70,7 +70,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
         if not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
-                "plan `screening` makes such a record"
+                "plans `screening` and `identification` make such records"
             )
         runs += [(Path(directory), run) for run in found]
     return Dataset(
