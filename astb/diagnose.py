@@ -257,7 +257,10 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     line(f"  {_roles(finding.provenance)}")
     for cause in finding.causes:
         line(f"  {_cause(cause)}")
-    for rival in finding.ambiguous_with:
+        for law in cause.laws:
+            line(f"  or, as a law of {cause.phenomenon}: {law.effect} ({law.title})")
+    laws = {(cause.effect, law.effect) for cause in finding.causes for law in cause.laws}
+    for rival in (one for one in finding.ambiguous_with if (one.instead_of, one.effect) not in laws):
         line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
     for suspect in finding.suspects:
         line(f"  candidate, but not accepted: {suspect.effect}")

@@ -83,6 +83,9 @@ class Hypothesis:
     #: χ² of what stretches of sound rigs show in the directions of this effect, per χ² of what chance shows there.
     overdispersion: float = 1.0
     plain: str = ""  #: what is so where the effect is, a sentence without its end; "": the title says it
+    #: What it is one law of, such as "friction of the rubber", where others of the catalogue describe the same.
+    phenomenon: str = ""
+    separated_by: str = ""  #: the run that tells it from what it is easily mistaken for
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -51,7 +51,8 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     ``strength`` is λ, the norm of its footprint in standard deviations of the noise after the base model was refitted;
     ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) say how
     much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
-    that goes with it, all channels together.
+    that goes with it, all channels together. Where there are ``laws``, only the ``phenomenon`` is claimed: the cause is
+    the simplest of its laws that suffices.
     """
 
     effect: str
@@ -66,6 +67,9 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     equation: str = ""
     source: str = ""
     plain: str = ""  #: what is so, a sentence without its end; "": the title says it
+    phenomenon: str = ""  #: what it is one law of; "": of nothing else in the catalogue
+    laws: list[Rival] = []  #: others of the phenomenon that these runs do not tell from it
+    separated_by: str = ""  #: what would tell them apart; "" where nothing has to be
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):

@@ -9,6 +9,7 @@ import msgspec
 from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.next_of_kin import kin
 from diagnosis.contracts import Simulator
+from diagnosis.engine.laws import alike_laws
 from diagnosis.finding import Z95, Estimate, Finding, Verdict
 
 #: From this λ on, what is hidden must be seen.
@@ -23,9 +24,10 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     """One case: what was hidden, what was said, and how right that was.
 
     ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden, on the bench in the noise of the
-    case; ``apart`` is what next of kin leave of the least one. ``errors`` are those of the amplitudes of rightly named
-    causes, relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base``
-    those of the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
+    case; ``apart`` is what next of kin leave of the least one. ``laws`` are others of the phenomenon of a cause, from
+    which the finding does not tell it. ``errors`` are those of the amplitudes of rightly named causes,
+    relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base`` those of
+    the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
     """
 
     system: str
@@ -39,6 +41,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     causes: list[str]
     rivals: list[str]
     suspects: list[str] = []
+    laws: list[str] = []
     strongest: float = 0.0
     near: list[str] = []
     errors: list[float] = []
@@ -57,12 +60,28 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def exact(self) -> bool:
         """Whether exactly what was hidden was named, and nothing else was left possible."""
-        return sorted(self.causes) == sorted(self.hidden) and not self.rivals
+        return sorted(self.causes) == sorted(self.hidden) and not self.rivals and not self.laws
+
+    @property
+    def in_family(self) -> bool:
+        """Whether what was hidden is among the laws of a phenomenon that is named, of which none is told plainly."""
+        told = {*self.causes, *self.rivals, *self.laws}
+        open_ = bool(self.rivals or self.laws)
+        return open_ and set(self.hidden) <= told <= {*self.hidden, *self.near}
+
+    @property
+    def wrong_law(self) -> bool:
+        """Whether a next of kin of what was hidden is told plainly in its place."""
+        return bool(set(self.causes) & set(self.near)) and not set(self.hidden) <= {
+            *self.causes,
+            *self.rivals,
+            *self.laws,
+        }
 
     @property
     def reported(self) -> bool:
         """Whether all that was hidden stands in the finding: as a cause, what may be one instead, or as a suspect."""
-        return set(self.hidden) <= {*self.causes, *self.rivals, *self.suspects}
+        return set(self.hidden) <= {*self.causes, *self.rivals, *self.suspects, *self.laws}
 
     @property
     def wrong(self) -> list[str]:
@@ -70,7 +89,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
         Next of kin of what is hidden do not count: one relaxation time in the place of two is no lie about the cause.
         """
-        free = set(self.rivals) & set(self.hidden)
+        free = {*self.rivals, *self.laws} & set(self.hidden)
         strange = [c for c in self.causes if c not in self.hidden and c not in self.near]
         return [] if free and len(strange) <= len(free) else strange
 
@@ -80,6 +99,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
         said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
         if self.rivals:
             said += f" or {', '.join(self.rivals)}"
+        if self.laws:
+            said += f", as one law of several with {', '.join(self.laws)}"
         if self.suspects:
             said += f", near: {', '.join(self.suspects)}"
         if self.failure:
@@ -123,12 +144,16 @@ def judge(
         if shift.name in truth.base and not shift.run and shift.after is not None and shift.sd_after
     ]
     total = next((gain for gain in finding.gains if gain.channel == "all"), None)
+    hidden = _hidden(truth, system, elapsed)
+    laws = (one for name in truth.effects for one in alike_laws(simulator.catalogue, name))
     return msgspec.structs.replace(
-        _hidden(truth, system, elapsed),
+        hidden,
+        near=sorted({*hidden.near, *laws} - set(hidden.hidden)),
         verdict=finding.verdict.value,
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
         suspects=[suspect.effect for suspect in finding.suspects],
+        laws=[law.effect for cause in finding.causes for law in cause.laws],
         errors=errors,
         deviations=deviations,
         base=base,

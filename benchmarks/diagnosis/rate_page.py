@@ -7,6 +7,7 @@ from statistics import mean, median
 from typing import Final
 
 from benchmarks.diagnosis.judge import Judged, covered
+from benchmarks.diagnosis.law_table import law_table
 from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.measure import machine
@@ -121,6 +122,9 @@ def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Pat
             path = DRAWINGS / f"diagnosis-{system}-{draw.__name__}.svg"
             draw(path, cases)
             lines += [f"{title}:", "", f"![{title}, {system}](../gallery/{path.name})", ""]
+    for system, cases in good.items():
+        if table := law_table([j for j in cases if j.condition != SIBLING]):
+            lines += [f"## Laws of one phenomenon, {system}", "", *table, ""]
     lines += ["## Failures", "", *_failures(kept)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return PAGE

@@ -12,6 +12,7 @@ with its theory of operation at the head; levels and limits of all of them stand
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
                           understudies.py (steps 6 to 8 without what displaced a better cause);
+                          laws.py (laws of one phenomenon that these runs do not tell apart);
                           then confusability.py (what was not seen) and next_run.py (what would decide)
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
 
@@ -27,7 +28,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from itertools import combinations
 
-from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
+from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted
@@ -40,6 +41,7 @@ from diagnosis.engine.foretold import at_most_left
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.intervals import intervals
+from diagnosis.engine.laws import not_told
 from diagnosis.engine.memory import share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
@@ -53,8 +55,8 @@ from diagnosis.engine.threads import aside
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
-from diagnosis.engine.wording import cause, further, rivals, scores, sentence
-from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
+from diagnosis.engine.wording import cause, further, laws, rivals, scores, sentence
+from diagnosis.finding import Cause, Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
 
 
 def diagnose(
@@ -126,8 +128,7 @@ def _finding(
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     bound = at_most_left(data.of("select"), found.floors)
     covariance = widened(named, judgement.screened.tests, bound)
-    told = ((a, hypotheses[a.effect]) for a in found.accepted)
-    accepted = [cause(a, one, intervals(one, named, covariance), left) for a, one in told]
+    accepted = _causes(found, named, covariance, hypotheses, left, config)
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
@@ -161,6 +162,26 @@ def _finding(
         doubts=[*data.doubts, *contradicted(extended)],
         readings=list(data.readings),
     )
+
+
+def _causes(
+    found: SearchResult,
+    named: FittedModel,
+    covariance: Array,
+    hypotheses: Mapping[str, Hypothesis],
+    left: Remainder,
+    config: Config,
+) -> list[Cause]:
+    """Return what was accepted as the finding has it, each with the laws of its phenomenon that it is not told from."""
+    fits = not_told(found, hypotheses, config.ambiguous, config.rough)
+    causes = []
+    for one in found.accepted:
+        effect = hypotheses[one.effect]
+        others = laws(found, hypotheses, one.effect, fits[one.effect])
+        would = next((hypotheses[law.effect].separated_by for law in others), "") or effect.separated_by
+        told = intervals(effect, named, covariance)
+        causes.append(cause(one, effect, told, left, others, would if others else ""))
+    return causes
 
 
 def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) -> FittedModel:

@@ -4,7 +4,8 @@ Theory of operation
 -------------------
 What entered first was the best alone. Beside a second cause, or under the noise that is estimated with it in the model,
 another may be better. So after each entry the alternatives of every accepted effect are fitted in its place: those
-which explained a good part when it entered, and those which it replaced itself. The best swap that lowers the BIC is
+which explained a good part when it entered, other laws of the same phenomenon (`laws.py`), and those which it replaced
+itself. The best swap that lowers the BIC is
 made and the pass begins anew, under the noise of the new model.
 
 Under another noise, what went may look better again. Then the two sets of effects are compared, each under its own
@@ -22,6 +23,7 @@ from dataclasses import replace
 
 from diagnosis.engine.config import RIVALS
 from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.laws import alike_laws
 from diagnosis.engine.search_state import Problem, SearchState, Trial
 from diagnosis.engine.trials import current_model, fit_physical
 
@@ -88,6 +90,8 @@ def _rivals(problem: Problem, state: SearchState, old: str) -> tuple[Trial, ...]
     """Return physical models with an alternative in the place of an accepted effect, best first."""
     current = state.current
     outside = [name for name in state.alternatives[old] if name not in current.effects][:RIVALS]
+    laws = (name for name in alike_laws(problem.hypotheses, old) if name in state.last_fit)
+    outside += [name for name in laws if name not in (*outside, *current.effects)]
     fits = [
         fit_physical(
             problem,

@@ -15,7 +15,7 @@ from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
-from diagnosis.engine.search_state import Accepted, SearchResult
+from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.engine.undecided import Undecided
 from diagnosis.finding import (
     Cause,
@@ -52,8 +52,18 @@ def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estim
     return found
 
 
-def cause(accepted: Accepted, effect: Hypothesis, parameters: list[Estimate], left: Remainder) -> Cause:
-    """Return an accepted effect as the finding has it."""
+def cause(
+    accepted: Accepted,
+    effect: Hypothesis,
+    parameters: list[Estimate],
+    left: Remainder,
+    laws: Sequence[Rival] = (),
+    would_tell: str = "",
+) -> Cause:
+    """Return an accepted effect as the finding has it.
+
+    ``laws`` are others of its phenomenon that it is not told from, ``would_tell`` the run that would.
+    """
     return Cause(
         effect=effect.name,
         title=effect.title,
@@ -67,7 +77,28 @@ def cause(accepted: Accepted, effect: Hypothesis, parameters: list[Estimate], le
         equation=effect.equation,
         source=effect.source,
         plain=effect.plain,
+        phenomenon=effect.phenomenon,
+        laws=list(laws),
+        separated_by=would_tell,
     )
+
+
+def laws(
+    found: SearchResult, effects: Mapping[str, Hypothesis], instead_of: str, trials: Sequence[Trial]
+) -> list[Rival]:
+    """Return laws of one phenomenon as the finding has them, from their fits in the place of a cause."""
+    return [
+        Rival(
+            effect=trial.effect,
+            title=effects[trial.effect].title,
+            family=effects[trial.effect].family,
+            instead_of=instead_of,
+            parameters=estimates(effects[trial.effect], trial.point, trial.covariance),
+            bic_gap=number(trial.bic - found.model.bic),
+            cosine=_cosine(found, instead_of, trial.effect),
+        )
+        for trial in trials
+    ]
 
 
 def rivals(
@@ -150,22 +181,49 @@ def sentence(
     ``also`` is what may be there beside the named causes.
     """
     titles = {c.effect: c.title for c in causes}
+    others = [r for r in others if r.effect not in _laws_of(causes, r.instead_of)]
+    if verdict is Verdict.AMBIGUOUS and causes and not others:
+        verdict = Verdict.NAMED  # The phenomenon is, and of its laws the next sentence tells.
     said = SENTENCES[verdict].format(
-        causes=_begun(" and ".join(f"{_plain(c)} ({_size(c.parameters)})" for c in causes)),
+        causes=_begun(" and ".join(map(_claimed, causes))),
         rivals=" or ".join(
-            f"{r.title} ({_size(r.parameters)}) instead of {titles.get(r.instead_of, r.instead_of)}"
-            for r in others
+            f"{_with_size(r)} instead of {titles.get(r.instead_of, r.instead_of)}" for r in others
         ),
         unknown=" ".join(u.sentence for u in unknowns),
         near=_nearest(causes, suspects),
     )
     parts = [said.strip()]
+    if verdict is not Verdict.UNRESOLVED:
+        parts += [_which_law(one, alone=len(causes) == 1) for one in causes]
     if causes or unknowns or left.large:
         parts.append(_gained(left))
     if verdict is not Verdict.UNRESOLVED:
         parts += [_worth(one) for one in causes]
         parts += [also] if causes else []
     return " ".join(part for part in parts if part)
+
+
+def _laws_of(causes: Sequence[Cause], name: str) -> set[str]:
+    return {law.effect for one in causes if one.effect == name for law in one.laws}
+
+
+def _claimed(one: Cause) -> str:
+    """Say what is claimed: the cause with its size, or the phenomenon alone where its law is not told."""
+    return f"there is {one.phenomenon}" if one.laws else f"{_plain(one)} ({_size(one.parameters)})"
+
+
+def _which_law(one: Cause, *, alone: bool) -> str:
+    """Say between which laws these runs do not tell, and what would; "" where one law is told."""
+    if not one.laws:
+        return ""
+    told = " or ".join([_with_size(one), *map(_with_size, one.laws)])
+    of = "it" if alone else one.phenomenon
+    would = f" What would tell: {one.separated_by}." if one.separated_by else ""
+    return f"Which law {of} follows these runs do not tell: {told}.{would}"
+
+
+def _with_size(one: Cause | Rival) -> str:
+    return f"{one.title} ({_size(one.parameters)})"
 
 
 def _plain(one: Cause) -> str:

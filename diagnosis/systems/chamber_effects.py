@@ -83,8 +83,9 @@ def _leak(
 ) -> Hypothesis:  # fmt: skip
     confusers = (*(other for other in _LEAK_NAMES if other != name), "sensor_drift")
     return Hypothesis(
-        name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer, equation, source
-    )
+        name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer, equation, source,
+        phenomenon="a leak", separated_by="one discharge from the highest pressure to the lowest",
+    )  # fmt: skip
 
 
 def _conductance(unit: str, typical: float, display: str, scale: float) -> Parameter:

@@ -49,6 +49,7 @@ _EFFECTS: Final = (
         grid=((0.02,), (0.1,), (0.5,)),
         confusers=("coulomb",),
         richer=("maxwell_two",),
+        phenomenon="relaxation of the rubber",
         equation="F = a (x − q), dq/dt = (x − q)/τ",
     ),
     _effect(
@@ -63,6 +64,8 @@ _EFFECTS: Final = (
             _time_constant("tau_two", 0.5),
         ),
         grid=((0.03, 1.0, 0.3), (0.03, 1.0, 1.0), (0.1, 1.0, 1.0)),
+        phenomenon="relaxation of the rubber",
+        separated_by="free decays and slow sines, over two decades of frequency",
         equation="F = a ((x − q) + r (x − q_2)), dq/dt = (x − q)/τ, dq_2/dt = (x − q_2)/τ_2",
     ),
     _effect("lag", "s", 5e-3, low=0.0, family="sensor", equation="a ẋ_m + x_m = x"),

@@ -267,6 +267,8 @@ def effects_page() -> str:
                 print(f"Mistaken for {_listed(effect.confusers)}.", end=" ", file=out)
             if effect.richer:
                 print(f"Contained in {_listed(effect.richer)}.", end=" ", file=out)
+            if effect.phenomenon:
+                print(f"One law of: {effect.phenomenon.format(side='left or right')}.", end=" ", file=out)
             if not effect.diagnosable:
                 print("No replay of a measured motion can tell it.", end=" ", file=out)
             print(f"Told by: {effect.separated_by}. Source: {effect.source}.\n", file=out)

@@ -26,6 +26,7 @@ EFFECT: Final = Effect(
     touches=frozenset({"flow"}),
     confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),
     richer=("discharge_reynolds", "asymmetric_orifice"),
+    phenomenon="another discharge of the orifice",
     equation="C_d ← (1+e) C_d",
     source="size assumed",
     separated_by="sine around 1 Hz: frequency of the damping maximum, at two amplitudes",

@@ -26,6 +26,7 @@ EFFECT: Final = Effect(
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("discharge", "pipe_inertia"),
+    phenomenon="another discharge of the orifice",
     equation="C_d = C_d∞/(1 + k/√Re)",
     source="boundary layer of nozzles and short holes (ISO 5167); sizes assumed",
     separated_by="sine at 1 Hz with amplitudes from 0.5 to 15 mm: f_peak √a",

@@ -49,6 +49,7 @@ EFFECT: Final = Effect(
     grid=((0.15,), (0.3,), (0.5,), (0.7,)),
     touches=frozenset({"force"}),
     confusers=("maxwell", "maxwell_two", "friction"),
+    phenomenon="relaxation of the rubber",
     equation="K(iω) = r k_sh (iω/ω₀)^α",
     source="Bagley & Torvik 1983; Sjöberg & Kari 2003; sizes assumed",
     separated_by="one amplitude from 0.05 to 10 Hz: stiffness and loss rise with the same power of the frequency",

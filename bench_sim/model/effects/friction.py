@@ -42,6 +42,7 @@ EFFECT: Final = Effect(
     touches=frozenset({"force"}),
     confusers=("maxwell", "fractional", "force_lag"),
     richer=("friction_distributed",),
+    phenomenon="friction of the rubber",
     equation="F = F_s + (x−x_s)/(x_2(1−α) + x−x_s) · (F_max−F_s)",
     source="Berg 1998; sizes assumed",
     separated_by="quasi-static loop at two speeds (same width), and one frequency at several amplitudes",

@@ -38,6 +38,7 @@ EFFECT: Final = Effect(
     grid=((0.3e-3, 3e-3, 0.5), (1e-3, 8e-3, 0.5), (2e-3, 20e-3, 0.5)),
     touches=frozenset({"force"}),
     confusers=("friction", "maxwell", "fractional"),
+    phenomenon="friction of the rubber",
     equation="F = F_max (s f(x; x_2,a) + (1−s) f(x; x_2,b))",
     source="Iwan 1966, Berg 1998; sizes assumed",
     separated_by="one frequency at amplitudes from 0.2 to 20 mm",

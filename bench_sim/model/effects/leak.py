@@ -38,6 +38,7 @@ EFFECT: Final = Effect(
     places=PLACES,
     touches=frozenset({"gas"}),
     confusers=("leak_laminar", "heat", "creep", "pressure_drift"),
+    phenomenon="a leak of the {side} bellows",
     equation="G = C ρ₀ p √(T₀/T) iso(p_atm/p), C = 0.6847 A/(ρ₀ √(R T₀))",
     source="ISO 6358-1; sizes assumed",
     separated_by="hold at two pressures, leveling valve isolated: the mass pV/(RT) goes on falling, ln p on a line",

@@ -38,6 +38,7 @@ EFFECT: Final = Effect(
     places=PLACES,
     touches=frozenset({"gas"}),
     confusers=("leak", "heat", "creep", "pressure_drift"),
+    phenomenon="a leak of the {side} bellows",
     equation="G = k (p² − p_atm²)",
     source="compressible Poiseuille flow; Zillen 2021 for a test chamber; sizes assumed",
     separated_by="holds at pressures a factor of five apart: G grows with p² instead of p",

@@ -42,6 +42,7 @@ EFFECT: Final = Effect(
     touches=frozenset({"force"}),
     confusers=("friction", "fractional", "force_lag"),
     richer=("maxwell_two", "fractional"),
+    phenomenon="relaxation of the rubber",
     equation="F = r k_sh q, dq/dt = dx/dt − q/τ",
     source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
     separated_by="one amplitude at several frequencies, and hold after a step: the loss peaks at 1/(2πτ)",

@@ -38,6 +38,7 @@ EFFECT: Final = Effect(
     grid=tuple((fast, slow, 0.5) for fast, slow in _PAIRS),
     touches=frozenset({"force"}),
     confusers=("friction", "maxwell", "fractional"),
+    phenomenon="relaxation of the rubber",
     equation="F = r k_sh (s q₁ + (1−s) q₂), dq_j/dt = dx/dt − q_j/τ_j",
     source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
     separated_by="one amplitude from 0.05 to 10 Hz: the loss has two peaks; hold after a step",

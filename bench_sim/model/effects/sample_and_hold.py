@@ -30,6 +30,7 @@ EFFECT: Final = Effect(
     grid=((0.02,), (0.05,), (0.1,)),
     touches=frozenset({"sensor", "timing"}),
     confusers=("pressure_latency", "pressure_lag"),
+    phenomenon="a delay of the pressure readings",
     equation="p_m(t) = p(t − a (t mod T))",
     source="a module that converts or polls more rarely than it sends",
     separated_by="a fast motion sampled at 200 Hz: stairs",

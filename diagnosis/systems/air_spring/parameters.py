@@ -307,6 +307,8 @@ def _hypothesis(
         imitated=imitated if len(imitated) == len(effect.grid) else (),
         overdispersion=_sound()["overdispersion"].get(effect.name, 1.0),
         plain=effect.plain.format(side=place),
+        phenomenon=effect.phenomenon.format(side=place),
+        separated_by=effect.separated_by,
     )
 
 

@@ -1,0 +1,38 @@
+"""Of causes that are laws of a phenomenon: how many were told exactly, as the phenomenon, wrongly, or not at all."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from benchmarks.diagnosis.judge import CLEAR, Judged
+
+_HEAD: Final = """\
+| hidden, λ ≥ 10 | n | exactly | its phenomenon | another law, plainly | another cause | not named |
+|---|---|---|---|---|---|---|"""
+
+
+def told(judged: Judged) -> str:
+    """Return the column of a case in which one effect was hidden."""
+    if judged.exact:
+        return "exactly"
+    if judged.wrong:
+        return "another cause"
+    if judged.in_family:
+        return "its phenomenon"
+    if judged.wrong_law:
+        return "another law"
+    return "not named"
+
+
+def law_table(judged: Sequence[Judged]) -> list[str]:
+    """Return the lines of the table, of single effects and near misses that have next of kin."""
+    clear = [j for j in judged if len(j.hidden) == 1 and j.near and j.weakest >= CLEAR]
+    rows = {}
+    for name in sorted({_bare(j.hidden[0]) for j in clear}):
+        mine = [told(j) for j in clear if _bare(j.hidden[0]) == name]
+        columns = ("exactly", "its phenomenon", "another law", "another cause", "not named")
+        rows[name] = f"| {name} | {len(mine)} | {' | '.join(str(mine.count(one)) for one in columns)} |"
+    return [*_HEAD.splitlines(), *rows.values()] if rows else []
+
+
+def _bare(name: str) -> str:
+    return name.partition(".")[0]

@@ -1,0 +1,69 @@
+"""Where runs do not tell laws of one phenomenon apart, the phenomenon is named, and no law plainly."""
+
+from collections import Counter
+from functools import cache
+
+import pytest
+
+from bench_sim.model.effects import CATALOGUE
+from benchmarks.diagnosis.oscillator_cases import OscillatorCases
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.engine.laws import alike_laws
+from diagnosis.finding import Finding
+from diagnosis.systems.chamber_effects import chamber_effects
+from diagnosis.systems.oscillator import Oscillator
+from diagnosis.systems.piston_effects import PISTON_EFFECTS
+
+#: Two branches of a λ of 20 to 40, and one branch of 20 to 70: each is near to the other.
+CASES = [
+    ("near", 1125),
+    pytest.param("near", 1785, marks=pytest.mark.slow),
+    pytest.param("single", 300017, marks=pytest.mark.slow),
+]
+
+
+@cache
+def told(kind: str, seed: int) -> tuple[str, Finding]:
+    cases = OscillatorCases()
+    truth = cases.draw(seed, kind, "white")
+    config = Config(seed=seed, workers=1, with_panel=False, with_gain=False)
+    return next(iter(truth.effects)), diagnose(cases.data(truth), cases.simulator, config)
+
+
+@pytest.mark.parametrize(("kind", "seed"), CASES)
+def test_no_law_is_told_plainly_where_the_runs_do_not_tell_it(kind, seed):
+    hidden, finding = told(kind, seed)
+    (cause,) = finding.causes
+    assert hidden in {cause.effect, *(law.effect for law in cause.laws)}
+    assert cause.laws and {law.family for law in cause.laws} == {"rubber"}
+    first, second = finding.sentence.split(". ")[:2]
+    assert first == "There is relaxation of the rubber, which the model did not have"
+    assert second.startswith("Which law it follows these runs do not tell: ")
+    assert all(f"{one.title} (" in second for one in (cause, *cause.laws))
+    assert f"What would tell: {cause.separated_by}." in finding.sentence
+
+
+@pytest.mark.slow
+def test_a_law_is_told_where_the_runs_tell_it():
+    for kind, seed in (("near", 1165), ("single", 300072)):
+        hidden, finding = told(kind, seed)
+        assert finding.names == (hidden,) and not finding.causes[0].laws
+        assert "Which law" not in finding.sentence
+
+
+@pytest.mark.parametrize(
+    "catalogue",
+    [Oscillator().catalogue, PISTON_EFFECTS, chamber_effects(0.02), CATALOGUE],
+    ids=["oscillator", "piston", "chamber", "bench"],
+)
+def test_every_phenomenon_has_several_laws_and_something_tells_them(catalogue):
+    laws = Counter(one.phenomenon for one in catalogue.values() if one.phenomenon)
+    assert laws and min(laws.values()) >= 2
+    for phenomenon in laws:
+        names = [name for name, one in catalogue.items() if one.phenomenon == phenomenon]
+        assert any(catalogue[name].separated_by for name in names)
+        for name in names:
+            assert alike_laws(catalogue, name) == [other for other in names if other != name]
+            richer = [one for one in catalogue[name].richer if catalogue[one].phenomenon]
+            assert set(richer) < set(names), f"{name}: a richer law describes the same phenomenon"
