@@ -105,6 +105,7 @@ def _about(parts: Parts) -> dict[str, Any]:
         "file": str(parts.watch.path),
         "out": str(parts.out),
         "signals": parts.watch.shown,
+        "dimensions": parts.watch.dimensions,
         "assumed": any(one.source == ASSUMED for one in parts.watch.limits),
         "contacts": CONTACTS,
         "views": [{"name": view.name, "title": view.title} for view in VIEWS],

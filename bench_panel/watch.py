@@ -13,7 +13,7 @@ from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
-from astb.session import open_wiring
+from astb.session import dimensions_of, open_wiring
 from bench_panel.envelope import Envelope, Ints
 from bench_panel.signals import Shown, shown_signals
 from bench_protocol.clock import RealClock
@@ -21,7 +21,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.system import LINUX
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
-from bench_protocol.words import FAULT_STATES, LimitKind
+from bench_protocol.words import FAULT_STATES, SIDES, LimitKind
 from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Readings
 from drivers.settings import UNKNOWN
@@ -41,6 +41,11 @@ BLIND: Final = 1.5 * s
 #: Blocks of samples that wait to be sorted; more of them means that nobody sorts, and what comes then is lost.
 _WAITING_MAX: Final = 2000
 _CONNECT: Final = 5 * s
+#: Settings that say how the valves stand.
+VALVES: Final = (
+    *(f"air.{side}_{what}" for side in SIDES for what in ("mode", "reservoir")),
+    "air.dpv",
+)
 #: Kinds of limit that judge the reading itself, and tell it in its steps.
 _IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
@@ -61,9 +66,12 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     at_rest: bool = False  #: whether its wiring calls the state one of rest
     reason: str = ""
     first_out: str = ""  #: the limit that tripped first
+    tripped: str = ""  #: the signal that it watches
     program: str = ""
     contacts: dict[str, bool] = {}
     readings: tuple[Reading, ...] = ()
+    lacking: dict[str, str] = {}  #: measurements of which nothing is known now, each with why
+    valves: dict[str, str] = {}  #: `VALVES` as they are in force
     late: int | None = None  #: ticks since the rig started
     latest: float | None = None  #: s
     lease: bool = False  #: whether somebody commands
@@ -79,6 +87,7 @@ class Watch:
         self.rig, self.path = rig, path
         self.clock = RealClock()
         self.limits = known_limits(rig)
+        self.dimensions = {name: one.value for name, one in dimensions_of(rig, path).known.items()}
         self.shown: tuple[Shown, ...] = shown_signals(self.limits)
         rows = [TABLE.index[one.name] for one in self.shown]
         self._row = np.full(len(TABLE.signals), -1, np.int64)
@@ -91,6 +100,7 @@ class Watch:
         self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
         self._contacts: dict[str, bool] = {}
+        self._valves: dict[str, str] = {}
         self._listening: Listening | None = None
         self._looks: int | None = None  # when the thread last went round (ns); None before it begins
         self._end = threading.Event()
@@ -173,6 +183,7 @@ class Watch:
             if now - asked >= ASK * NS:
                 asked = now
                 self._contacts = listening.settings.contacts()
+                self._valves = valves(listening)
             if now - looked >= LOOK * NS:
                 looked = now
                 self.status = self._look(listening)
@@ -218,9 +229,12 @@ class Watch:
             at_rest=state in listening.wiring.conduct.at_rest,
             reason=_choice(readings, "rig.reason") if state in FAULT_STATES else "",
             first_out=first_out(readings),
+            tripped=getattr(TABLE.tripped(readings.glimpse("rig.tripped")), "name", ""),
             program=_choice(readings, "rig.program"),
             contacts=self._contacts,
             readings=tuple(self._reading(readings, one) for one in self.shown if one.key),
+            lacking=self._lacking(listening),
+            valves=self._valves,
             late=None if np.isnan(late) else round(late),
             latest=None if np.isnan(latest) else latest,
             lease=lease > 0,
@@ -235,6 +249,21 @@ class Watch:
         value = None if np.isnan(sample.value) else sample.value / one.factor
         return Reading(one.name, value, None if np.isinf(sample.age) else sample.age)
 
+    def _lacking(self, listening: Listening) -> dict[str, str]:
+        readings, absent = listening.readings, listening.wiring.absent
+        return {
+            one.name: absent.get(one.name) or readings.unknown(one.name)
+            for one in self.shown
+            if one.name in absent or np.isnan(readings.glimpse(one.name))
+        }
+
+
+def valves(listening: Listening) -> dict[str, str]:
+    """Return how the valves of a rig are set, as far as it has them."""
+    has = [name for name in VALVES if name not in listening.wiring.absent]
+    told = listening.settings.readings(*has) if has else {}
+    return {name: _word(name, value) for name, value in told.items()}
+
 
 def _comes(readings: Readings, name: str) -> bool:
     """Whether a reading comes by itself on this rig."""
@@ -242,7 +271,11 @@ def _comes(readings: Readings, name: str) -> bool:
 
 
 def _choice(readings: Readings, name: str) -> str:
-    value, choices = readings.glimpse(name), TABLE[name].choices
+    return _word(name, readings.glimpse(name))
+
+
+def _word(name: str, value: float) -> str:
+    choices = TABLE[name].choices
     return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
 
 

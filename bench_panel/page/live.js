@@ -1,6 +1,7 @@
 /** The live view: key readings with their limits, plots, the run, the interlocks. */
 
 import { fixed, make, plain } from "/page/format.js";
+import { picture } from "/page/picture.js";
 import { OverSignal, OverTime } from "/page/plots.js";
 import { runCard } from "/page/run.js";
 import { help } from "/page/words.js";
@@ -21,6 +22,7 @@ export function show(element, panel) {
   const readings = panel.about.signals.filter((one) => one.key).map(reading);
   const locks = interlocks(panel.about.contacts);
   const run = runCard(panel);
+  const drawing = picture(panel);
   const charts = [
     timeChart(panel, "Spring heights", 30),
     timeChart(panel, "Vertical actuator forces", 30),
@@ -31,7 +33,7 @@ export function show(element, panel) {
       make("section", { class: "card readings", "aria-label": "readings" },
         ...readings.map((one) => one.element),
         panel.about.assumed ? make("p", { class: "said" }, "Limits that the rig's file does not tell are assumed.") : null),
-      make("section", { class: "plots" }, ...charts.map((one) => one.element)),
+      make("section", { class: "plots" }, drawing.element, ...charts.map((one) => one.element)),
       make("section", { class: "side" }, run.element, locks.element)),
   );
   charts.forEach((one) => one.begin());
@@ -40,11 +42,13 @@ export function show(element, panel) {
     if (!rig) return;
     const values = new Map(rig.readings.map((one) => [one.name, one.value]));
     readings.forEach((one) => one.tell(values.get(one.name) ?? null));
+    drawing.tell(rig);
     locks.tell(rig);
     run.tell(panel.link.status);
   });
   return () => {
     leave();
+    drawing.close();
     charts.forEach((one) => one.close());
   };
 }

@@ -1,0 +1,185 @@
+"""The bench as a drawing, in a real browser: where its pieces stand for given readings, and what it says of them."""
+
+import math
+import random
+from pathlib import Path
+
+import msgspec
+import pytest
+
+import bench_records
+from astb.rig_file import RigFile, Simulation, read
+from astb.rig_limits import known_limits
+from bench_panel.signals import shown_signals
+from bench_panel.watch import Watch
+from bench_protocol.dimensions import ordinary
+from tests.foreign.conftest import running, write_files
+
+pytestmark = pytest.mark.slow
+
+ASSETS = Path(bench_records.__file__).parent / "assets"
+DIMENSIONS = {name: one.value for name, one in ordinary().known.items()}
+SIGNALS = msgspec.to_builtins(shown_signals(known_limits(RigFile("test", simulation=Simulation()))))
+FACTOR = {one["name"]: one["factor"] for one in SIGNALS}
+
+#: Where points of the drawing stand, in m: corners of the springs, ends of the lasers' beams, the lateral actuator.
+POSES = """([dimensions, many]) => {
+  const { layout, pose, point, corners } = window.benchDrawing;
+  const at = layout(dimensions);
+  return many.map(([told, times]) => {
+    const now = pose(at, told, times);
+    return { times: now.times, seen: now.seen,
+      springs: [-1, 1].map((way) => corners(at, now, way)),
+      beams: at.lasers.map((left) => [point(now.platform, -left, 0), point(now.bolster, -left, -at.centre)]),
+      arm: point(now.bolster, 0, at.arm) };
+  });
+}"""
+SHOW = """([dimensions, signals, look, times]) => {
+  document.body.replaceChildren();
+  const drawing = new window.benchDrawing.Drawing(document.body, { dimensions, signals });
+  drawing.times = times;
+  drawing.show(look);
+  window.drawing = drawing;
+  const told = ({ value, group, hint }) => [value.textContent, group.getAttribute("class"), hint.textContent];
+  return { alternative: drawing.alternative,
+    labels: Object.fromEntries([...drawing.labels].map(([name, one]) => [name, told(one)])),
+    valves: [...drawing.svg.querySelectorAll(".valve")].map((one) => one.getAttribute("class")),
+    over: [...drawing.svg.querySelectorAll(".air.over")].map((one) => one.dataset.part) };
+}"""
+#: What a second picture changes in the page, and how long a picture takes (ms).
+AGAIN = """([look]) => {
+  let built = 0;
+  const elements = (all) => all.filter((one) => [...one.addedNodes].some((node) => node.nodeType === 1)).length;
+  const seen = new MutationObserver((all) => (built += elements(all)));
+  seen.observe(document.body, { childList: true, subtree: true });
+  const before = document.querySelectorAll("*").length, began = performance.now();
+  for (let k = 0; k < 100; k++) {
+    for (const name of Object.keys(look.values)) look.values[name] = 10 * Math.sin(k / 9);
+    window.drawing.show(look);
+    document.body.getBoundingClientRect();
+  }
+  const took = (performance.now() - began) / 100;
+  built += elements(seen.takeRecords());
+  return [built, document.querySelectorAll("*").length - before, took];
+}"""
+
+
+@pytest.fixture
+def sheet(browser):
+    """An empty page with the drawing's script."""
+    context = browser.new_context(viewport={"width": 1000, "height": 560})
+    page, failures = context.new_page(), []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.add_style_tag(path=ASSETS / "bench_drawing.css")
+    page.add_script_tag(path=ASSETS / "bench_drawing.js")
+    yield page
+    context.close()
+    assert not failures
+
+
+def test_pieces_stand_where_the_readings_say(sheet) -> None:
+    chance = random.Random(41)
+    half, up, lever = 1.15, 0.25, 0.35
+    known = DIMENSIONS | {
+        "spring_half_spacing": half,
+        "left.height across": 0.9,
+        "right.height across": -1.05,
+        "centre_height": up,
+        "lateral_actuator_height": lever,
+        "column_height": 0.3,
+    }
+    many = []
+    for _ in range(60):
+        told = {f"{side}.height": chance.uniform(-0.02, 0.02) for side in ("left", "right")}
+        moving = ("platform.roll", "platform.vertical", "platform.lateral", "lateral.displacement")
+        told |= {name: chance.uniform(-0.01, 0.01) for name in moving}
+        many.append([told, 1])
+    for (told, _), found in zip(many, sheet.evaluate(POSES, [known, many]), strict=True):
+        assert (found["seen"], found["times"]) == ("heights", 1)
+        for side, (below, above) in zip(("left", "right"), found["beams"], strict=True):
+            lean = told["platform.roll"]  # a laser looks at a right angle from the platform
+            long = (above[0] - below[0]) * math.sin(lean) + (above[1] - below[1]) * math.cos(lean)
+            assert long - 0.3 == pytest.approx(told[f"{side}.height"], abs=0.0012), (side, told)
+        assert found["arm"][0] == pytest.approx(-told["lateral.displacement"], abs=1e-3), (
+            "left is on the left"
+        )
+        theta = (told["left.height"] - told["right.height"]) / 1.95
+        for way, (outer, inner, top_inner, top_outer) in zip((-1, 1), found["springs"], strict=True):
+            middle = [(a + b) / 2 for a, b in zip(top_inner, top_outer, strict=True)]
+            foot = [(a + b) / 2 for a, b in zip(outer, inner, strict=True)]
+            height = told["left.height"] - theta * (0.9 + way * half)  # over the design height, at the spring
+            assert middle[1] - foot[1] - 0.3 == pytest.approx(height, abs=0.0012)
+
+
+def test_motion_is_magnified_as_far_as_there_is_room_and_without_lasers_the_pistons_tell(sheet) -> None:
+    small = {"left.height": 0.004, "right.height": -0.002}
+    large = {"left.height": 0.08, "right.height": -0.1}
+    pistons = {"vertical_left.displacement": 0.01, "vertical_right.displacement": -0.01}
+    asked = [[small, 1], [small, 10], [large, 10], [{"left.height": 0.01}, 1], [pistons, 1], [{}, 3]]
+    one, ten, much, single, from_pistons, nothing = sheet.evaluate(POSES, [DIMENSIONS, asked])
+    gap = [[spring[3][1] - spring[0][1] - 0.2 for spring in found["springs"]] for found in (one, ten)]
+    assert ten["times"] == 10
+    assert gap[1] == pytest.approx([10 * value for value in gap[0]], rel=0.02)
+    assert 1 <= much["times"] < 10, "springs do not go through the platform"
+    assert min(y for spring in much["springs"] for _, y in spring[2:]) > 0
+    assert (single["seen"], from_pistons["seen"], nothing["seen"]) == ("heights", "pistons", "nothing")
+    left, right = (spring[3][1] - spring[0][1] for spring in single["springs"])
+    assert left == pytest.approx(right) and left == pytest.approx(0.21)
+    left, right = ((spring[2][1] + spring[3][1]) / 2 for spring in from_pistons["springs"])
+    assert (left, right) == (pytest.approx(0.21, abs=1e-3), pytest.approx(0.19, abs=1e-3))
+
+
+def test_readings_stand_at_their_places_red_beyond_limits_and_crossed_out_where_there_are_none(sheet) -> None:
+    values = {one["name"]: 1.0 for one in SIGNALS} | {"right.height": -131.0, "left.bellows_pressure": 4.83}
+    look = {
+        "values": values,
+        "first": "right.height",
+        "lacking": {
+            "lateral.acceleration": "no accelerometer on the bolster",
+            "load_cell.3": "stale for 3 s",
+        },
+        "settings": {"air.left_mode": "fill", "air.right_mode": "hold", "air.dpv": "off"},
+    }
+    told = sheet.evaluate(SHOW, [DIMENSIONS, SIGNALS, look, 1])
+    labels = told["labels"]
+    pistons = {"vertical_left.displacement", "vertical_right.displacement"}  # the rods show them
+    assert set(labels) == set(values) - pistons
+    assert labels["left.bellows_pressure"][:2] == ["4.83 bar", "label"]
+    assert labels["right.height"][:2] == ["−131.0 mm", "label over first"]
+    assert told["over"] == ["right spring"]
+    assert labels["lateral.acceleration"] == [
+        "acceleration",
+        "label lacking minor",
+        "lateral acceleration: no accelerometer on the bolster",
+    ]
+    assert labels["load_cell.3"][1].startswith("label lacking")
+    assert sorted(told["valves"]) == ["valve open", "valve shut", "valve shut"]
+    for words in ("height −131.0 mm is beyond a limit", "no accelerometer", "valve fills", "valve shut"):
+        assert words in told["alternative"]
+    built, more, took = sheet.evaluate(AGAIN, [look])
+    assert (built, more) == (0, 0), "only attributes and texts change"
+    assert took < 50, "ten pictures a second leave half of the time to the rest"
+
+
+def test_a_described_rig_is_drawn_with_its_own_dimensions_and_says_what_it_lacks(sheet, tmp_path) -> None:
+    with running("plant_a") as address:
+        path = write_files("plant_a", address, tmp_path)
+        watch = Watch(read(path), path)
+        watch.start()
+        try:
+            for _ in range(200):
+                if not watch.status.link and watch.status.valves:
+                    break
+                sheet.wait_for_timeout(50)
+            status = msgspec.to_builtins(watch.present())
+        finally:
+            watch.close()
+    assert watch.dimensions["spring_half_spacing"] != DIMENSIONS["spring_half_spacing"]
+    values = {one["name"]: one["value"] for one in status["readings"]}
+    look = {"values": values, "lacking": status["lacking"], "settings": status["valves"], "first": ""}
+    told = sheet.evaluate(SHOW, [watch.dimensions, msgspec.to_builtins(watch.shown), look, 1])
+    assert told["labels"]["lateral.acceleration"][2].endswith("no accelerometer on the bolster")
+    assert told["labels"]["left.auxiliary_temperature"][2].endswith("no thermometer in the chambers")
+    assert told["labels"]["left.height"][0].endswith(" mm")
+    assert sheet.evaluate("drawing.at.spacing") == watch.dimensions["spring_half_spacing"]
+    assert status["valves"]["air.left_mode"] in ("hold", "vent", "level", "fill")
