@@ -1,5 +1,6 @@
 """What stands behind ``import astb``: a bench to try things on, and plans that run on it."""
 
+import atexit
 import logging
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
@@ -8,8 +9,19 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
+from astb.operators import with_hand
 from astb.rig_file import RigFile, RigFileError, find_rig
+from astb.run import describe, new_directory, undisturbed
+from astb.session import open_session
 from bench_protocol.suggestion import meant
+from bench_records.checksums import write_sums
+from bench_records.report import write_report
+from bench_sim.parameters import load
+from drivers.errors import BenchError
+from test_plans.discovery import in_file, plans
+from test_plans.execution import execute
+from test_plans.operator import Script
+from test_plans.run import PlanError
 
 if TYPE_CHECKING:
     from bench_records.result import Result
@@ -45,12 +57,6 @@ def open_bench(
     RigFileError for a file that is none, and for effects of a real rig; ParameterError for one that there is not;
     LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
     """
-    import atexit
-
-    from astb.run import describe
-    from astb.session import open_session
-    from drivers.errors import BenchError
-
     file, path = find_rig(rig)
     if effects:
         file = _with_effects(file, effects)
@@ -89,11 +95,6 @@ def run_plan(
     PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises nothing:
     the verdict is *blocked*, the reason says whose fault it was.
     """
-    from astb.operators import with_hand
-    from astb.run import new_directory, undisturbed
-    from test_plans.execution import execute
-    from test_plans.operator import Script
-
     operator = Script(answers) if isinstance(answers, Mapping) else answers
     chosen = find_plan(plan)
     with ExitStack() as stack:
@@ -120,9 +121,6 @@ def run_plan(
 
 
 def _finish(directory: Path, report: bool) -> None:
-    from bench_records.checksums import write_sums
-    from bench_records.report import write_report
-
     write_sums(directory)
     if report:
         write_report(directory)
@@ -143,7 +141,6 @@ def diagnose_record(
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
     """
     from astb.diagnose import chosen_effects, clear_results, conclude, read_data
-    from bench_sim.parameters import load
     from diagnosis.engine.config import Config
     from diagnosis.engine.diagnose import diagnose
 
@@ -170,9 +167,6 @@ def find_plan(plan: "str | Plan") -> "Plan":
 
     PlanError, with what is nearest, if there is none of this name, or if the file does not declare just one.
     """
-    from test_plans.discovery import in_file, plans
-    from test_plans.run import PlanError
-
     if not isinstance(plan, str):
         return plan
     if plan.endswith(".py"):

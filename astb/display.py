@@ -11,6 +11,7 @@ from rich.text import Text
 from astb.live.drawing import drawn
 from astb.live.model import Live
 from bench_records.layout import REPORT
+from bench_records.report import headline
 from bench_records.result import Check, CheckVerdict, Outcome, Result
 
 _COLOURS: Final = {
@@ -153,8 +154,6 @@ class ProgressDisplay:
 
     def conclude(self, result: Result, directory: Path) -> None:
         """Show the verdict on a plan and where its report lies."""
-        from bench_records.report import headline
-
         if self._live is not None:
             self._live.conclude(result)
             self._screen.run = None

@@ -20,6 +20,7 @@ from bench_protocol.clock import RealClock, hurry
 from bench_protocol.extras import EXTRAS, mend
 from bench_protocol.system import LINUX, processors
 from bench_protocol.units import NS, ms, s, us
+from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -340,8 +341,6 @@ def _tools() -> Iterator[MachineCheck]:
 
 
 def _printing() -> MachineCheck:
-    from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
-
     purpose = "reports as PDF (--pdf)"
     path = browser()
     if path is None:

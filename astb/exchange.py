@@ -10,10 +10,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 from astb.frames_import import LogKeys, read_frames_of
 from bench_protocol.account import Account
+from bench_protocol.table import TABLE
 from bench_records.checksums import FRAMES, sha256_of, write_sums
+from bench_records.exchange import write_arrow, write_csv, write_mdf
 from bench_records.layout import RESULT, RecordError
+from bench_records.record import read
+from bench_records.recorder import Recorder
+from bench_records.report import write_report
+from bench_records.result import conclude, read_result
+from bench_records.workbook import write_run
 from drivers.can_files.reading import ENDINGS as FRAME_ENDINGS
 from drivers.can_files.reading import MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
+from drivers.can_log import read_frames, write_frames
+from test_plans.recording import recorded_signals
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
@@ -42,17 +51,9 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
             raise RecordError(
                 f"{target} is what the run kept itself, and stays as it is; choose another file"
             )
-        from drivers.can_log import read_frames, write_frames
-
         return f"{write_frames(read_frames(source), target)} frames"
-    from bench_records.exchange import write_arrow, write_csv, write_mdf
-    from bench_records.record import read
-
     record = read(directory)
     if ending == ".xlsx":
-        from bench_records.result import read_result
-        from bench_records.workbook import write_run
-
         result = read_result(directory) if (directory / RESULT).exists() else None
         return f"{write_run(record, result, target, rate, names)} rows, checks and curves"
     if ending == ".csv":
@@ -117,9 +118,6 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:
     """Write the result of a run that nobody judged here, so that report and index know it."""
-    from bench_records.report import write_report
-    from bench_records.result import conclude
-
     title = f"Imported from {source.name}"
     reason = "imported: nothing was judged here"
     conclude("imported", title, "", [], reason=reason, warnings=account.lines()).write(directory)
@@ -130,8 +128,6 @@ def _conclude(source: Path, directory: Path, account: Account) -> None:
 def _import_frames(
     source: Path, directory: Path, keys: LogKeys, meta: dict[str, Any], account: Account
 ) -> int:
-    from bench_records.recorder import Recorder
-
     log = read_frames_of(source, keys, account)
     with Recorder(directory, log.signals, meta, start_ns=log.start, in_background=False) as recorder:
         for times, rows, values in log.samples():
@@ -144,9 +140,6 @@ def _import_frames(
 
 
 def _known_signals() -> dict[str, SignalInfo]:
-    from bench_protocol.table import TABLE
-    from test_plans.recording import recorded_signals
-
     return {one.name: one for one in recorded_signals(TABLE).values()}
 
 

@@ -6,14 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from astb.frames_import import LogKeys, read_frames_of
 from bench_protocol.account import Account
 from bench_records.layout import RecordError
+from bench_records.tables.reading import Series
 from diagnosis.contracts import DiagnosisError
 from drivers.can_files.reading import ENDINGS, MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
 
 if TYPE_CHECKING:
     from bench_records.tables.keys import Source
-    from bench_records.tables.reading import Series
     from diagnosis.systems.map_file import FrameKeys
 
 
@@ -24,11 +27,6 @@ def columns_of_frames(
 
     MDF files are logs where the keys name a DBC. DiagnosisError names the file, the key and what would be right.
     """
-    import numpy as np
-
-    from astb.frames_import import LogKeys, read_frames_of
-    from bench_records.tables.reading import Series
-
     ending = ending_of(path)
     if ending not in ENDINGS and not (ending in MDF_ENDINGS and keys.dbc is not None):
         if path.is_file() and (what := log_of_others(path)):

@@ -7,16 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from bench_protocol import j1939
 from bench_protocol.account import Account
+from bench_protocol.can_codec import Decoder
 from bench_protocol.dbc import Dbc, DbcError, Described, read_dbc
+from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.j1939_transport import ANNOUNCES, CARRIES, Reassembly
+from bench_protocol.table import TABLE
 from bench_records.layout import RecordError, SignalInfo
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.reading import read_log
+from test_plans.recording import recorded_signals
 
 if TYPE_CHECKING:
-    from bench_protocol.dbc_decoding import Decoding
     from drivers.can_files.candump import Stamps
 
 #: Times (ns), numbers of signals, values.
@@ -115,12 +120,6 @@ def _refuse_several(source: Path, what: str, channels: set[str]) -> None:
 def _by_our_table(
     source: Path, frames: Frames, counts: Mapping[Kind, int], account: Account
 ) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
-    import numpy as np
-
-    from bench_protocol.can_codec import Decoder
-    from bench_protocol.table import TABLE
-    from test_plans.recording import recorded_signals
-
     ours = {message.identifier: message.name for message in TABLE.messages if message.from_rig}
     wanted = set()
     channels: dict[int, set[str]] = {}
@@ -155,10 +154,6 @@ def _by_our_table(
 def _by_dbc(
     source: Path, frames: Frames, counts: Mapping[Kind, int], dbc: Dbc, account: Account
 ) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
-    import numpy as np
-
-    from bench_protocol.dbc_decoding import Decoding
-
     names = _names(source, counts, dbc, account)
     if not names:
         raise RecordError(f"no frame of {source} is one of {dbc.path}")
@@ -205,8 +200,6 @@ def _by_dbc(
 
 def _ranges(decodings: Mapping[str, Decoding], index: Mapping[tuple[str, str], int]) -> tuple[Any, Any]:
     """Return the least and greatest value (n,) that the DBC gives each signal, less what rounding makes of them."""
-    import numpy as np
-
     low, high = np.full(len(index), -np.inf), np.full(len(index), np.inf)
     for (name, signal), place in index.items():
         one = decodings[name].signals[signal]

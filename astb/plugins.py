@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
-
-    from click.shell_completion import CompletionItem
 
 GROUP: Final = "astb.commands"
 #: Name and first paragraph of the help, a line for each command of this distribution: `make generate` writes them.
@@ -88,10 +87,8 @@ class CommandLine(click.Group):
                 listed[name] = command
         return listed
 
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Return the commands that begin so, each with its summary, and options."""
-        from click.shell_completion import CompletionItem
-
         items = [
             CompletionItem(name, help=command.get_short_help_str())
             for name, command in self._listed(ctx).items()

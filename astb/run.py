@@ -30,8 +30,11 @@ from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances
 from bench_records.disk import NotKept, begun
 from bench_records.layout import RESULT, RecordError
+from bench_records.printing import write_pdf
 from bench_records.report import write_report
 from bench_records.result import Outcome, Result, read_result
+from bench_sim.parameters.effects import show_effect
+from drivers.can_files.frames import CanLogError
 from test_plans.execution import IN_TEAR_DOWN, execute
 from test_plans.holding import can_be_held
 from test_plans.interruptions import Interruptions
@@ -41,10 +44,9 @@ from test_plans.suspension import Suspension
 if TYPE_CHECKING:
     from astb.messages import Messages
     from bench_sim.parameters import Parameters
-    from test_plans.operator import Operator, QuestionBox
+    from test_plans.operator import Operator
     from test_plans.plan import Plan
     from test_plans.specimen import Specimen
-    from test_plans.suspension import Suspension
 
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
@@ -124,7 +126,7 @@ def run_plan(
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
     keeping: Keeping = Keeping(),
-    suspension: "Suspension | None" = None,
+    suspension: Suspension | None = None,
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
@@ -184,8 +186,6 @@ def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
 
 def _print(report: Path, display: ProgressDisplay) -> None:
     """Print the report; what cannot be printed now can be later, so that the run is not lost for it."""
-    from bench_records.printing import write_pdf
-
     try:
         display.say(f"printed: {write_pdf(report)}")
     except RecordError as error:
@@ -199,7 +199,7 @@ def _live(
     directory: Path,
     operator: "Operator | None",
     keeping: Keeping,
-    suspension: "Suspension | None",
+    suspension: Suspension | None,
 ) -> Live:
     """Return the model of a run that begins now, for whoever watches it."""
     return Live(
@@ -216,7 +216,7 @@ def _live(
     )
 
 
-def box_of(operator: "Operator | None") -> "QuestionBox | None":
+def box_of(operator: "Operator | None") -> QuestionBox | None:
     """Return where the questions to this operator wait for whoever answers, if they do."""
     return operator if isinstance(operator, QuestionBox) else None
 
@@ -227,7 +227,6 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
     if directory is None:
         yield
         return
-    from drivers.can_files.frames import CanLogError
     from drivers.can_log import CanLog
 
     if session.listen is None:
@@ -269,7 +268,7 @@ def _sessions(
 
 
 @contextmanager
-def held_by_keyboard() -> "Iterator[Suspension]":
+def held_by_keyboard() -> Iterator[Suspension]:
     """Let Ctrl-Z hold the run at the next place where its plan allows it, and once more let it go on.
 
     Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
@@ -312,8 +311,6 @@ def undisturbed() -> Iterator[None]:
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:
     """Return what a record says of its origin; of a virtual run nothing that changes from day to day."""
-    from bench_sim.parameters.effects import show_effect
-
     facts: dict[str, Any] = {
         "rig": rig.name,
         "rig_description": rig.description,

@@ -3,19 +3,34 @@
 import contextlib
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from msgspec import json, to_builtins
+
 from astb.exit_codes import MISUSE
+from astb.operators import SimulatedHand
 from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.clock import Clock, RealClock, hurry_process
 from bench_protocol.named_files import place_of
 from bench_protocol.system import require_linux
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
+from bench_sim.parameters import load
+from bench_sim.parameters.dimensions import dimensions_of as simulated
+from bench_sim.parameters.effects import read_effect_text, with_effects
+from bench_sim.parameters.model_file import load_effects, read_changes, with_changes
+from drivers.bench import Bench
+from drivers.errors import LinkLost
+from drivers.wiring.described import open_described
+from drivers.wiring.description import PACKAGE, describe, read_description
+from drivers.wiring.own import own_description
+from test_plans.instruments import UNKNOWN, InstrumentsError, ordinary, read_instruments
 
 if TYPE_CHECKING:
     from bench_protocol.dimensions import Dimensions
@@ -24,7 +39,6 @@ if TYPE_CHECKING:
     from bench_sim.rig.can_bus import Stage
     from bench_sim.rig.faults.panel import PlannedFault
     from bench_sim.rig.rig import Rig
-    from drivers.bench import Bench
     from drivers.can_port import CanPort
     from drivers.wiring.contract import Wiring
     from drivers.wiring.lines import Description
@@ -39,7 +53,7 @@ STOP_LIMIT: Final = 5 * s
 class Session:
     """A bench to run plans on, and what its records should say of it."""
 
-    bench: "Bench"
+    bench: Bench
     clock: Clock
     virtual: bool
     parameters: "Parameters | None"  #: of the simulation, None for a real rig
@@ -55,10 +69,6 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
 
     Raises ParameterError with name, value, unit and what would be right.
     """
-    from bench_sim.parameters import load
-    from bench_sim.parameters.effects import read_effect_text, with_effects
-    from bench_sim.parameters.model_file import read_changes, with_changes
-
     parameters = with_changes(load(simulation.parameters), read_changes(simulation.change))
     effects = {name: read_effect_text(name, text) for name, text in simulation.effects.items()}
     return with_effects(parameters, effects)
@@ -69,8 +79,6 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
 
     Raises ParameterError as `simulated_parameters` does, FaultError, and ValueError for a limit that does not fit.
     """
-    from bench_sim.parameters.effects import with_effects
-    from bench_sim.parameters.model_file import load_effects
     from bench_sim.rig.limit_table import limits_of
     from bench_sim.rig.rig import Rig
 
@@ -165,14 +173,8 @@ def virtual_session(
     ``run`` stands in for ``rig.run`` where somebody looks at the rig between its ticks; ``absent`` is what the bench
     is to do without, with the reasons.
     """
-    from contextlib import nullcontext
-
-    from msgspec import json
-
-    from astb.operators import SimulatedHand
     from astb.rig_in_memory import RigInMemory
     from bench_sim.rig.faults.orders import obey
-    from test_plans.instruments import ordinary
 
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
@@ -194,11 +196,7 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
 
     WiringError, before anything is connected, for a wiring that cannot be.
     """
-    from msgspec import json
-
-    from astb.operators import SimulatedHand
     from bench_sim.rig.control_socket import ask, control_path
-    from drivers.bench import Bench
     from drivers.can_port import open_can
 
     hurry_process()
@@ -222,12 +220,10 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
 
 def open_wiring(rig: RigFile, path: Path) -> "Wiring":
     """Return the wiring of ``rig``, whose file is ``path``, not yet connected; WiringError if it cannot be."""
-    from drivers.wiring.described import open_described
-
     return open_described(rig.name if rig.wiring else "the rig", wiring_of(rig, path))
 
 
-def describe_rig(bench: "Bench", rig: RigFile, path: Path) -> None:
+def describe_rig(bench: Bench, rig: RigFile, path: Path) -> None:
     """Tell a bench what the rig file at ``path`` knows of its rig: instruments and dimensions."""
     bench.instruments, bench.dimensions = instruments_of(rig, path), dimensions_of(rig, path)
 
@@ -247,8 +243,6 @@ def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
             raise RigFileError(f"rig file {path}: {error}") from None
     if rig.simulation is None:
         return UNKNOWN
-    from bench_sim.parameters.dimensions import dimensions_of as simulated
-
     return ordinary().built(simulated(simulated_parameters(rig.simulation)))
 
 
@@ -257,8 +251,6 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
 
     RigFileError for a file of instruments that is none. Of a real rig that names no such file nobody knows any.
     """
-    from test_plans.instruments import UNKNOWN, InstrumentsError, ordinary, read_instruments
-
     if not rig.instruments:
         return ordinary() if rig.simulation else UNKNOWN
     try:
@@ -269,11 +261,6 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":
     """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it cannot be."""
-    from msgspec import to_builtins
-
-    from drivers.wiring.description import PACKAGE, describe, read_description
-    from drivers.wiring.own import own_description
-
     if not rig.wiring:
         return own_description(can=to_builtins(rig.can), modbus=to_builtins(rig.modbus))
     if isinstance(rig.wiring, str):
@@ -283,7 +270,6 @@ def wiring_of(rig: RigFile, path: Path) -> "Description":
 
 def answers(rig: RigFile) -> bool:
     """Return whether a Modbus device answers at the rig's address."""
-    from drivers.errors import LinkLost
     from drivers.modbus_port import open_modbus
 
     try:
@@ -310,7 +296,7 @@ def started(
             process.kill()
 
 
-def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> "subprocess.Popen[str]":
+def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> subprocess.Popen[str]:
     """Start ``astb rig`` in a process of its own; it ends when nobody holds the other end of ``lifeline`` any more."""
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]
@@ -325,15 +311,11 @@ def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: in
     return subprocess.Popen(command, stdin=lifeline, stdout=pipe, stderr=pipe, text=True, process_group=0)
 
 
-def ready_line(process: "subprocess.Popen[str]") -> str:
+def ready_line(process: subprocess.Popen[str]) -> str:
     """Return the line in which the rig says that both its ports are open.
 
     RigFileError or LinkLost, with the rig's own words, if it ends instead.
     """
-    import threading
-
-    from drivers.errors import LinkLost
-
     assert process.stdout and process.stderr
     watchdog = threading.Timer(START_LIMIT, process.kill)
     watchdog.start()

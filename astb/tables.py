@@ -5,41 +5,36 @@ Names, remarks and paths come from outside: here no text is markup, and what is 
 
 import sys
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+import click
+import msgspec
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 #: What does not go to a terminal is as wide as it needs to be.
 _UNFOLDED: Final = 200
 
 
-def open_console() -> "Console":
+def open_console() -> Console:
     """Return the console of this terminal, or a wide one for a pipe."""
     return plain_console() if sys.stdout.isatty() else plain_console(width=_UNFOLDED)
 
 
-def plain_console(*, width: int | None = None, stderr: bool = False) -> "Console":
+def plain_console(*, width: int | None = None, stderr: bool = False) -> Console:
     """Return a console that writes every text as it stands: nothing in it is markup, or a number to colour."""
-    from rich.console import Console
-
     return Console(width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
-def styled(text: str, style: str) -> "Text":
+def styled(text: str, style: str) -> Text:
     """Return a text in a style, such as ``bold red``."""
-    from rich.text import Text
-
     return Text(text, style)
 
 
-def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> "Table":
+def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> Table:
     """Return an empty table; the columns ``whole`` are never folded or cut."""
-    from rich import box
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         table.add_column(column, no_wrap=column in whole)
@@ -48,7 +43,4 @@ def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> "Table
 
 def print_json(rows: object) -> None:
     """Print what a table shows for a program instead: structs, mappings and lists of them, as one JSON document."""
-    import click
-    import msgspec
-
     click.echo(msgspec.json.format(msgspec.json.encode(rows), indent=2).decode())

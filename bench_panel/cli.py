@@ -1,6 +1,8 @@
 """`astb panel`: the bench in a browser."""
 
+import socket
 from collections.abc import Callable
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -9,10 +11,10 @@ import click
 from astb.commands.ending import UNAWARES, end_in_order, ended_by
 from astb.commands.options import RIG_OPTION, SEED, out_option, read_rig
 from astb.exit_codes import blocked, misuse
+from bench_protocol.clock import RealClock
+from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    import socket
-
     from starlette.types import ASGIApp
 
 
@@ -42,16 +44,12 @@ def panel_command(
     Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
     started. A run goes on when the panel ends, and the next panel finds it.
     """
-    from contextlib import ExitStack
-
     from bench_panel.access import Access, kept_token
     from bench_panel.kept_rig import KeptRig
     from bench_panel.parts import Parts
     from bench_panel.runs import Runs
     from bench_panel.server import application
     from bench_panel.watch import Watch
-    from bench_protocol.clock import RealClock
-    from drivers.errors import BenchError
 
     end_in_order()
     rig, path = read_rig(rig_named)
@@ -88,10 +86,8 @@ def panel_command(
             click.echo("the run goes on; `astb panel` finds it again")
 
 
-def _serve(app: "ASGIApp", sockets: "list[socket.socket]", tell: Callable[[], None]) -> None:
+def _serve(app: "ASGIApp", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
     """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
-    from contextlib import nullcontext
-
     import uvicorn
 
     from bench_panel.pages import Pages
@@ -123,9 +119,7 @@ def _serve(app: "ASGIApp", sockets: "list[socket.socket]", tell: Callable[[], No
         server.run(sockets=sockets)
 
 
-def _listening(host: str, port: int) -> "socket.socket":
-    import socket
-
+def _listening(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     one = socket.socket(family)
     one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -139,8 +133,6 @@ def _listening(host: str, port: int) -> "socket.socket":
 
 
 def _tell(host: str, port: int, token: str, names: tuple[str, ...] = ()) -> None:
-    import socket
-
     name = (
         names[0]
         if names

@@ -13,6 +13,7 @@ from starlette.routing import Route
 
 from bench_panel.commands import command
 from bench_panel.runs import CannotDo
+from bench_sim.rig.control_socket import ask, control_path
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -49,8 +50,6 @@ def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
 
 def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
     """Return what the rig answers on its control socket. CannotDo if there is none, or it refuses."""
-    from bench_sim.rig.control_socket import ask, control_path
-
     if rig.simulation is None:
         raise CannotDo(f"{rig.name} is a real rig: it has faults of its own")
     try:

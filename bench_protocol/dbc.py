@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import cantools
+
 from bench_protocol import j1939
 from bench_protocol.input_limits import Unfit, check_dbc
 
@@ -95,8 +97,6 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
 
     Without ``charset`` a byte order mark decides, then UTF-8 if all of the file is, else cp1252.
     """
-    import cantools
-
     try:
         check_dbc(path)
         text, found = _decoded(path, path.read_bytes(), charset)

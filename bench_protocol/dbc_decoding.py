@@ -6,6 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from cantools import Error
+from cantools.database.can import Message
+
 from bench_protocol import j1939
 from bench_protocol.account import Account
 from bench_protocol.dbc import Described
@@ -19,8 +22,6 @@ class Decoding:
     """Decodes the frames of one message. What a frame lacks is counted in the account that is handed on."""
 
     def __init__(self, message: Described) -> None:
-        from cantools import Error
-
         self.message = message
         self.signals = {signal.name: signal for signal in message.coding.signals}
         # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
@@ -64,9 +65,6 @@ class Decoding:
 
 def _alone(coding: Coding) -> Iterator[Coding]:
     """Yield, for each signal that fits into a message, a message with nothing else."""
-    from cantools import Error
-    from cantools.database.can import Message
-
     for signal in coding.signals:
         selectors: list[Signal] = []
         name = signal.multiplexer_signal

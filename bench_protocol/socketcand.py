@@ -14,6 +14,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -245,8 +246,6 @@ def error_bytes(reason: str) -> bytes:
 
 def beacon_bytes(name: str, host: str, port: int, buses: tuple[str, ...], description: str) -> bytes:
     """Return the datagram by which SavvyCAN and python-can find a server."""
-    from xml.sax.saxutils import quoteattr
-
     listed = "".join(f"<Bus name={quoteattr(bus)}/>" for bus in buses)
     return (
         f'<CANBeacon name={quoteattr(name)} type="SocketCAN" description={quoteattr(description)}>'

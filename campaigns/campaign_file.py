@@ -9,10 +9,14 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from astb.api import find_plan
 from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
+from astb.session import build_rig
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from campaigns.plan_case import PlanCase, by_key
+from test_plans.run import PlanError
+from test_plans.specimen import read_specimen
 
 Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
 
@@ -129,11 +133,6 @@ def _choices(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 def _checked(cases: list[PlanCase]) -> list[PlanCase]:
     """Return the cases with the digests of the files that they name. CampaignError for one that could not run."""
-    from astb.api import find_plan
-    from astb.session import build_rig
-    from test_plans.run import PlanError
-    from test_plans.specimen import read_specimen
-
     known: dict[Any, str] = {}
 
     def once(key: Any, look: Any) -> str:

@@ -6,6 +6,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from astb.exit_codes import blocked, misuse
+from astb.tables import plain_console
+from bench_protocol.extras import installed, lacking
+from bench_records.layout import RecordError
+from campaigns.kept import KeptError, KeptFailed
+from campaigns.page import write_page, write_workbook
+from campaigns.plan_case import run_plan_cases
+from campaigns.workers import ClusterError
 
 if TYPE_CHECKING:
     from campaigns.plan_case import PlanCase
@@ -51,12 +58,7 @@ def campaign_command(
 
     Ends with 0 if every case has a verdict, whichever it is, 2 for misuse, 3 if a case failed or the cluster is gone.
     """
-    from astb.tables import plain_console
-    from bench_protocol.extras import installed, lacking
     from campaigns.display import CampaignDisplay, failed_checks, verdicts
-    from campaigns.kept import KeptError, KeptFailed
-    from campaigns.plan_case import run_plan_cases
-    from campaigns.workers import ClusterError
 
     if not only_list and not installed("campaign"):
         misuse(lacking("campaign", "campaigns"))
@@ -93,12 +95,8 @@ def campaign_command(
         blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")
 
 
-def _write_beside(rows: "list[dict[str, Any]]", out: Path) -> None:
+def _write_beside(rows: list[dict[str, Any]], out: Path) -> None:
     """Write the page and the workbook of a campaign beside its rows, which are in a directory of their own."""
-    from bench_protocol.extras import installed, lacking
-    from bench_records.layout import RecordError
-    from campaigns.page import write_page, write_workbook
-
     page, book = (out.with_name(f"{out.name}.{ending}") for ending in ("html", "xlsx"))
     try:
         write_page(rows, page, out.name)

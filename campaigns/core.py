@@ -1,6 +1,7 @@
 """Many cases of one function on a cluster: one for each of its threads, each told as soon as it is finished."""
 
 from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -109,8 +110,6 @@ def _address(client: "Client") -> str:
 
 def _result(one: _Submitted, limit: float | None) -> Finished:
     """Return what a future that has ended holds. ClusterError if it was lost with the cluster."""
-    from concurrent.futures import CancelledError
-
     from distributed import KilledWorker
 
     elapsed = (_CLOCK.now() - one.at) / NS

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from markupsafe import Markup
+
 from bench_records.check_table import SIGNS
 from bench_records.disk import kept
 from bench_records.templates import template
@@ -113,8 +115,6 @@ def _spread(one: Distribution) -> Spread:
 
 def _drawing(one: Distribution) -> Any:
     """Every value as a stroke over the permitted band; strokes on one another are darker."""
-    from markupsafe import Markup
-
     ends = [*one.values, *(n for n in (one.low, one.high) if n is not None)]
     low, high = min(ends, default=0.0), max(ends, default=1.0)
     room = 0.06 * (high - low or abs(high) or 1.0)

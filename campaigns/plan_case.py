@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from astb.rig_file import RigFile, Simulation
+from bench_records.disk import NotKept
 from campaigns.run import run_cases
 
 if TYPE_CHECKING:
@@ -98,7 +99,6 @@ def _run(case: PlanCase, directory: Path) -> "Result":
     from astb.api import find_plan
     from astb.run import connected, describe
     from astb.session import build_rig, virtual_session
-    from bench_records.disk import NotKept
     from test_plans.execution import BY_THE_RECORD, execute
     from test_plans.specimen import read_specimen
 

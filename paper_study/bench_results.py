@@ -9,10 +9,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from astb.rig_file import RigFile, Simulation
+from astb.run import connected, describe
+from astb.session import build_rig, virtual_session
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
+from bench_records.record import read
 from bench_records.result import Outcome, Result, read_result
 from paper_study import combined
+from test_plans.discovery import plans
+from test_plans.execution import execute
 
 if TYPE_CHECKING:
     from bench_records.record import Record
@@ -52,12 +58,6 @@ def measure(
 
     ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called.
     """
-    from astb.rig_file import RigFile, Simulation
-    from astb.run import connected, describe
-    from astb.session import build_rig, virtual_session
-    from test_plans.discovery import plans
-    from test_plans.execution import execute
-
     simulation = Simulation(seed=seed)
     rig = RigFile(name="virtual", time="virtual", simulation=simulation)
     with virtual_session(build_rig(simulation), simulation) as session, connected(session):
@@ -144,8 +144,6 @@ class BenchResults:
 
 def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
     """Read what `measure` left; NoBenchResult, with the reason, if a plan was blocked."""
-    from bench_records.record import read
-
     results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
     at_once = {name: read_result(directory_of(out, name, seeds[0])) for name, *_ in combined.cases()}
     for plan, found in {**results, **{name: [one] for name, one in at_once.items()}}.items():

@@ -6,6 +6,8 @@ import click
 
 from astb.commands.options import SEED
 from astb.exit_codes import blocked, misuse
+from bench_protocol.extras import installed, lacking
+from bench_records.layout import RecordError
 
 
 @click.command("paper")
@@ -23,8 +25,6 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
     Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
     claim that does not hold is a result, not an error.
     """
-    from bench_protocol.extras import installed, lacking
-    from bench_records.layout import RecordError
     from paper_study.bench_results import NoBenchResult
     from paper_study.make import make
 

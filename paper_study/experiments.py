@@ -4,6 +4,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
@@ -83,8 +84,6 @@ def damping(
 @remembered
 def damping_peak(subject: Subject, load: str, amplitude: float, *without: str) -> tuple[float, float]:
     """Frequency in Hz and height in N·s/m of the largest vertical damping between 0.3 and 10 Hz."""
-    from scipy.optimize import minimize_scalar
-
     best = minimize_scalar(
         lambda log_f: -damping(subject, load, amplitude, float(np.exp(log_f)), *without),
         bounds=(np.log(0.3), np.log(10.0)),

@@ -9,7 +9,9 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_records.templates import environment
 from paper_study.checks.evaluation import to_json
+from paper_study.comfort import describe_mean_comfort
 from paper_study.comparisons.comparison import MINUS, beside
 from paper_study.comparisons.validation import deviations
 from paper_study.experiments import OTHER_RIDES
@@ -49,8 +51,6 @@ class ClaimRow:
 
 def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Path:
     """Draw the figures and write page, claims and table into ``out``; return the page."""
-    from bench_records.templates import environment
-
     names = [one.name for one in (*SECTIONS, GLOBAL)]
     futures = {name: executor.submit(draw, name, study, out) for name in names}
     progress(DRAWN, 0, len(futures) + 1)
@@ -155,7 +155,6 @@ def _deviation(one: Any) -> tuple[str, ...]:
 
 def _ride_table(study: Study) -> list[dict[str, Any]]:
     """Return one row per wind speed and load, both layers side by side."""
-    from paper_study.comfort import describe_mean_comfort
 
     def with_width(value: float, width: float, digits: int) -> str:
         return f"{value:.{digits}f}" + ("" if isnan(width) else f" ± {width:.{digits}f}")

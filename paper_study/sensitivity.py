@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import qmc, sobol_indices
 
 from bench_protocol.units import Hz, mm
 from bench_sim.model.experiments import LATERAL, dynamic_stiffness
@@ -115,8 +116,6 @@ def nominal(subject: Subject, layer: str) -> dict[str, float]:
 
 def sets(values: Mapping[str, float], n: int) -> Floats:
     """Sobol's sample as one table of parameter sets, shape (parameters, n (parameters + 2)): A, B, then every AB."""
-    from scipy.stats import qmc
-
     d = len(values)
     sample = qmc.Sobol(2 * d, seed=np.random.default_rng(_SEED)).random(n).T
     A, B = sample[:d], sample[d:]
@@ -158,8 +157,6 @@ def indices(layer: str, values: Floats, n: int) -> Indices:
 
 
 def _sobol(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
-    from scipy.stats import sobol_indices
-
     found = sobol_indices(func={"f_A": f_A, "f_B": f_B, "f_AB": f_AB}, n=f_A.shape[1])
     shape = f_A.shape[0], f_AB.shape[0]  # which scipy squeezes
     return found.first_order.reshape(shape), found.total_order.reshape(shape)

@@ -10,9 +10,16 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from msgspec.structs import asdict, replace
+
 from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
 from bench_protocol.dimensions import Dimensions
 from bench_protocol.table_signals import MEASUREMENTS
+from bench_records.disk import give_room, kept
+from bench_records.incident import write_incident
+from bench_records.junit import write_junit
+from bench_records.layout import JUNIT, RESULT, Condition, RecordError, phases_of
+from bench_records.result import Outcome, SpecimenFacts, conclude
 from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
@@ -161,9 +168,6 @@ def _clocks(bench: Bench) -> dict[str, Any]:
 
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
     """Return the result of a run that is over."""
-    from bench_records.layout import phases_of
-    from bench_records.result import SpecimenFacts, conclude
-
     return conclude(
         plan.name,
         plan.title,
@@ -222,10 +226,6 @@ def _look_at(plan: Plan, run: Run) -> None:
 
 def _unmet(run: Run, one: Precondition) -> list[str]:
     """Look at a precondition and keep what was found; return it if the plan must not begin."""
-    from msgspec.structs import asdict
-
-    from bench_records.layout import Condition
-
     found = one.look(run)
     condition = Condition(one.text, found.met, found.found)
     run.preconditions.append(condition)
@@ -239,11 +239,6 @@ def _written(result: Result, incident: Incident | None, directory: Path) -> Resu
 
     Where the disk refuses some of it, the run is blocked for that, and whatever finds room says so.
     """
-    from msgspec.structs import replace
-
-    from bench_records.disk import give_room
-    from bench_records.result import Outcome
-
     give_room(directory)
     if not (lost := _refused(result, incident, directory)):
         return result
@@ -255,11 +250,6 @@ def _written(result: Result, incident: Incident | None, directory: Path) -> Resu
 
 def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
     """Write what a run leaves beside its record, as far as that can be; return what cannot."""
-    from bench_records.disk import kept
-    from bench_records.incident import write_incident
-    from bench_records.junit import write_junit
-    from bench_records.layout import JUNIT, RESULT, RecordError
-
     lost: list[str] = []
 
     def attempt(name: str, write: Callable[[], object]) -> None:
@@ -301,8 +291,6 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
     ``first`` is what went wrong up to tear-down, ``last`` in it, ``more`` what else to know: what the springs hold,
     who else tried to command the bench. What a person has to do stands before all of it.
     """
-    from bench_records.result import Outcome, conclude
-
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
         return ""  # it was judged and failed; that the bench then misbehaved stands among the events
     reason = "; then ".join(trouble for trouble in (first, last and f"{IN_TEAR_DOWN}{last}") if trouble)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.rates import LATENESS_BINS, TICK
+from bench_records.result import Timing
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench_records.result import Timing
     from drivers.bench import Bench
 
 #: What the rig counts of its own ticks.
@@ -32,8 +32,6 @@ def lateness(bench: Bench) -> dict[str, float] | None:
 
 def timing(before: dict[str, float] | None, after: dict[str, float] | None) -> Timing | None:
     """The punctuality during the run: differences of counters; quantiles are the upper edges of their bins."""
-    from bench_records.result import Timing
-
     if before is None or after is None:
         return None
     counts = [round(after[one.signal] - before[one.signal]) for one in LATENESS_BINS]

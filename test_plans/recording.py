@@ -16,10 +16,10 @@ from bench_protocol.clock import VirtualClock
 from bench_protocol.signals import MEASURED, PANELS, Kind
 from bench_protocol.units import FACTORS, NS, ms
 from bench_protocol.wires import Table
+from bench_records.layout import RecordError, SignalInfo
+from bench_records.recorder import Recorder
 
 if TYPE_CHECKING:
-    from bench_records.layout import SignalInfo
-    from bench_records.recorder import Recorder
     from drivers.bench import Bench
     from test_plans.run import Run
 
@@ -36,8 +36,6 @@ _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "s
 
 def recorded_signals(table: Table) -> dict[int, SignalInfo]:
     """Return for every table row that a rig reports how the record describes it."""
-    from bench_records.layout import SignalInfo
-
     found = {}
     for row, signal in enumerate(table.signals):
         if signal.kind not in (*MEASURED, Kind.STATUS):
@@ -92,8 +90,6 @@ class Recording:
 
     def close(self) -> None:
         """End the record; ``failure`` says if the disk failed."""
-        from bench_records.layout import RecordError
-
         with suppress(RecordError):  # the recorder says it again when it is closed
             self._hand_on()
         try:
@@ -133,8 +129,6 @@ class Recording:
 
 def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -> Recording:
     """Return the recording of a run that begins now; RecordError if there is a record in the directory that is open."""
-    from bench_records.recorder import Recorder
-
     table, clock = bench.table, bench.clock
     signals = {
         row: one

@@ -7,9 +7,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from msgspec.structs import asdict
+
 from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
 from bench_protocol.dimensions import Dimensions
 from bench_protocol.units import FACTORS, NS, minutes
+from bench_records.curves import curve
+from bench_records.layout import RecordedEvent, RecordError
+from bench_records.result import MARGIN, unavailable
+from bench_records.result import check as judged
 from test_plans.analysis.uncertainty import Evaluation, Exact, Measured, Readings, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
@@ -23,7 +29,7 @@ from test_plans.suspension import HOLD_WITHIN, Suspension
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis, Curve
-    from bench_records.layout import Condition, RecordedEvent
+    from bench_records.layout import Condition
     from bench_records.result import Check
     from drivers.bench import Bench
     from test_plans.loads import Band
@@ -152,9 +158,6 @@ class Run:
         read. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met. What was
         measured ``since`` a time (ns), while the run was held, is *not available*.
         """
-        from bench_records.result import MARGIN
-        from bench_records.result import check as judged
-
         if unit not in FACTORS:
             raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
         if since is not None and any(begun >= since for begun, _ in self.held):
@@ -242,16 +245,12 @@ class Run:
 
     def lack(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""
-        from bench_records.result import unavailable
-
         for name in checks:
             phase = self._open[-1] if self._open else ""
             one = unavailable(str(name), reason, phase=phase, about=about(name))
             self._judged(one)
 
     def _judged(self, one: Check) -> None:
-        from msgspec.structs import asdict
-
         self.checks.append(one)
         # Whole, for whoever reads the record of a run that was killed before it had a result.
         self.keep("check", str(one), verdict=one.verdict.value, whole=asdict(one))
@@ -314,8 +313,6 @@ class Run:
             self.watcher.phase(tuple(self._open), begins=False)
 
     def _edge(self, name: str, edge: str) -> None:
-        from bench_records.layout import RecordedEvent
-
         self.phases.append(RecordedEvent(self.now, "phase", name, {"edge": edge}))
         self.keep("phase", name, edge=edge)
 
@@ -323,8 +320,6 @@ class Run:
         self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
     ) -> None:
         """Keep a closed curve of ``ys`` over ``xs`` (SI) for the report."""
-        from bench_records.curves import curve
-
         self.curves.append(curve(name, x, y, xs, ys, kind="loop", group=group))
 
     def curve(
@@ -342,8 +337,6 @@ class Run:
 
         What was measured with an uncertainty has it in the table, too.
         """
-        from bench_records.curves import curve
-
         pairs, points = [(band.low, band.high) for band in limits], list(ys)
         numbers = [float(one) for one in points]
         expanded = [one.expanded if isinstance(one, Measured) else None for one in points]
@@ -370,8 +363,6 @@ class Run:
 
         A disk that fails must not keep the tear-down from its work: the record says so itself when it is closed.
         """
-        from bench_records.layout import RecordError
-
         with suppress(RecordError):
             self.log.event(self.now, kind, text, **data)
 

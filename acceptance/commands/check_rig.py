@@ -5,8 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
+from msgspec.structs import replace
 
 from astb.exit_codes import FAIL, PASS, blocked, misuse
+from astb.rig_file import RigFileError, find_rig
+from astb.tables import open_console, open_table, styled
+from drivers.errors import BenchError, WiringError
 
 if TYPE_CHECKING:
     from acceptance.checking.report import CheckReport, MoveLine
@@ -33,10 +37,6 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
     whoever commands the rig goes on. Ends with 0 if all is fine, 1 if something is doubtful, 2 for misuse, 3 if no rig
     answers.
     """
-    from msgspec.structs import replace
-
-    from astb.rig_file import RigFileError, find_rig
-    from drivers.errors import BenchError, WiringError
 
     def say(text: str) -> None:
         click.echo(text, err=True)
@@ -80,8 +80,6 @@ def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveL
 
 
 def _show(report: "CheckReport") -> None:
-    from astb.tables import open_console, open_table, styled
-
     style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
     console = open_console()
     console.print(styled(report.rig, "bold") + f", {report.state}; identity: {report.identity}")

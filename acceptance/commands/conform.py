@@ -5,10 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from acceptance.conformance.finding import Report, ReportError, differences, read_report
 from astb.exit_codes import FAIL, PASS, blocked, misuse
+from astb.rig_file import RigFileError, find_rig
+from astb.tables import open_console, open_table, styled
+from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from acceptance.conformance.finding import Difference, Report
+    from acceptance.conformance.finding import Difference
 
 
 @click.command("conform")
@@ -36,10 +40,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     TARGET is a rig file, or a name of `astb rigs`. Nothing moves without --allow-motion. Ends with 0 if all is right
     and nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
     """
-    from acceptance.conformance.finding import Report, ReportError, differences, read_report
     from acceptance.conformance.suite import examine_rig
-    from astb.rig_file import RigFileError, find_rig
-    from drivers.errors import BenchError
 
     def say(text: str) -> None:
         click.echo(text, err=True)
@@ -62,9 +63,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     raise click.exceptions.Exit(FAIL if report.wrong or apart else PASS)
 
 
-def _show(report: "Report") -> None:
-    from astb.tables import open_console, open_table, styled
-
+def _show(report: Report) -> None:
     style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
     table = open_table(f"{report.rig}, {report.time} time", "", "what", "found", "right", whole=("",))
     group = ""
@@ -80,9 +79,7 @@ def _show(report: "Report") -> None:
     console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong")
 
 
-def _show_differences(here: "Report", there: "Report", apart: "list[Difference]") -> None:
-    from astb.tables import open_console, open_table
-
+def _show_differences(here: Report, there: Report, apart: "list[Difference]") -> None:
     console = open_console()
     if not apart:
         console.print(f"{here.rig} and {there.rig} do the same, in all that both were asked")

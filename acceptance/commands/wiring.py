@@ -6,6 +6,7 @@ from typing import Literal
 import click
 
 from astb.exit_codes import misuse
+from drivers.errors import WiringError
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -39,7 +40,6 @@ def new_command(
     Signs, offsets and states nobody can know from names: read every line, then let `astb check-rig` look.
     """
     from acceptance.skeleton.writing import skeleton
-    from drivers.errors import WiringError
 
     if dbc is None and registers is None:
         misuse("there is nothing to describe: --dbc, --registers or both would be right")

@@ -17,6 +17,7 @@ from bench_protocol.frames import Block, join
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
+from drivers.can_port import open_can
 from drivers.errors import LinkLost
 
 if TYPE_CHECKING:
@@ -192,8 +193,6 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
 
             door = Door(memory.clock, memory.can, lines_in_memory)
         else:
-            from drivers.can_port import open_can
-
             if rig.simulation and not answers(rig):
                 stack.enter_context(started(rig.simulation, path, None, say))
             clock = RealClock()

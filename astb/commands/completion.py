@@ -1,12 +1,12 @@
 """What the shell offers after the tab key: names of plans, specimens, effects and signals, and the script for it."""
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
+from click.shell_completion import CompletionItem, get_completion_class
 
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
+from astb.rig_file import rigs
 
 SHELLS: Final = ("bash", "zsh", "fish")
 Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
@@ -18,9 +18,7 @@ def complete_from(names: Callable[[], Iterable[str]], *, files: bool = False) ->
     With ``files`` a shell offers its own as well: bash where no name fits, the others beside the names.
     """
 
-    def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> "list[CompletionItem]":
-        from click.shell_completion import CompletionItem
-
+    def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         del ctx, param
         try:
             known = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
@@ -44,8 +42,6 @@ def _specimen_names() -> Iterable[str]:
 
 
 def _rig_names() -> Iterable[str]:
-    from astb.rig_file import rigs
-
     return rigs()
 
 
@@ -62,7 +58,7 @@ complete_rigs: Final = complete_from(_rig_names, files=True)
 complete_effects: Final = complete_from(_effect_names)
 
 
-def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> "list[CompletionItem]":
+def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer ``NAME=`` for the parameters of the plans named before, and their choices."""
     from test_plans.discovery import plans
 
@@ -85,8 +81,6 @@ def completion_command(context: click.Context, shell: str) -> None:
 
     For bash: astb completion bash > ~/.local/share/bash-completion/completions/astb
     """
-    from click.shell_completion import get_completion_class
-
     kind = get_completion_class(shell)
     assert kind is not None, shell
     click.echo(kind(context.find_root().command, {}, "astb", "_ASTB_COMPLETE").source())

@@ -1,5 +1,7 @@
 """`astb diagnose`, `astb investigate` and `astb identify`: what a model gets wrong, and what springs are."""
 
+import os
+import signal
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +17,9 @@ from astb.commands.options import (
     simulated,
 )
 from astb.exit_codes import BLOCKED, blocked, misuse
+from astb.tables import open_console, plain_console, print_json
+from bench_records.layout import RecordError
+from drivers.errors import BenchError
 
 _MAP_OPTION: Final = click.option(
     "--map",
@@ -66,8 +71,6 @@ def diagnose_command(
     """
     _keep_algebra_to_one_core()
     from astb.diagnose import Request, diagnose_data, show
-    from astb.tables import plain_console
-    from bench_records.layout import RecordError
 
     try:
         finding = diagnose_data(
@@ -104,11 +107,7 @@ def investigate_command(
     model as `astb diagnose` does. Ends with 0 whatever the verdict, 2 for misuse, 3 if the rig keeps it from one.
     """
     _keep_algebra_to_one_core()
-    import signal
-
     from astb.investigate import investigate_rig
-    from bench_records.layout import RecordError
-    from drivers.errors import BenchError
 
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, None, effects, sealed)
@@ -162,8 +161,6 @@ def identify_command(
         misuse(f"--out {out}: without a record nothing is identified; name a RUN, or leave --out out")
     _keep_algebra_to_one_core()
     from astb.identify import Request, identify_data, show
-    from astb.tables import open_console, plain_console, print_json
-    from bench_records.layout import RecordError
 
     specimen = read_specimen(specimen_name) if specimen_name else None
     try:
@@ -183,6 +180,4 @@ def _keep_algebra_to_one_core() -> None:
 
     On a machine that has other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
     """
-    import os
-
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from astb.commands.options import JSON_OPTION, RIG_OPTION, out_option, read_rig
+from astb.doctor import examine_machine
 from astb.exit_codes import BLOCKED, PASS
 from astb.tables import open_console, open_table, print_json, styled
 
@@ -18,8 +19,6 @@ def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
 
     Ends with 0 if the bench works here, though perhaps not everything of it, and with 3 if it does not.
     """
-    from astb.doctor import examine_machine
-
     rig, _ = read_rig(rig_named)
     findings = examine_machine(rig, out)
     if as_json:

@@ -6,6 +6,7 @@ from typing import Literal
 import click
 
 from astb.exit_codes import misuse
+from bench_records.layout import RecordError
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -22,7 +23,6 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     sample; .blf, .asc, .log (candump) and .trc hold the CAN frames of a run that kept them.
     """
     from astb.exchange import export_run
-    from bench_records.layout import RecordError
     from drivers.can_files.frames import CanLogError
 
     try:
@@ -70,7 +70,6 @@ def import_command(
     """
     from astb.exchange import import_file
     from astb.frames_import import LogKeys
-    from bench_records.layout import RecordError
 
     try:
         keys = LogKeys(dbc, charset, channel, stamps)

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 import click
+import msgspec
 
 from astb.commands.options import RIG_OPTION, pairs, read_rig
 from astb.exit_codes import blocked, misuse
@@ -76,8 +77,6 @@ def off_command(name: str, rig_named: str | None, modbus_port: int | None) -> No
 
 def _ask(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
     """Return what the rig answers to ``order``; ends the command if there is no rig, or it refuses."""
-    import msgspec
-
     from bench_sim.rig.control_socket import ask, control_path
 
     rig, path = read_rig(rig_named)

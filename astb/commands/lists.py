@@ -1,5 +1,6 @@
 """`astb plans`, `astb effects`, `astb limits` and `astb signals`: what there is."""
 
+import os
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -180,8 +181,6 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_jso
 
 
 def _write_new(names: tuple[str, ...]) -> None:
-    import os
-
     from test_plans.discovery import FOLDER
     from test_plans.new import write_new
     from test_plans.run import PlanError

@@ -10,7 +10,12 @@ import click
 from astb.commands.completion import complete_from
 from astb.commands.options import JSON_OPTION, read_rig, read_specimen
 from astb.exit_codes import misuse
+from astb.rig_file import rigs
 from astb.tables import print_json
+from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
+from bench_protocol.named_files import named_files, named_folders, place_of
+from bench_protocol.units import kN
+from drivers.errors import WiringError
 
 if TYPE_CHECKING:
     from test_plans.instruments import Instruments
@@ -74,8 +79,6 @@ def _copy(command: str, known: Mapping[str, Path], names: tuple[str, ...], targe
 
 
 def _rigs() -> Mapping[str, Path]:
-    from astb.rig_file import rigs
-
     return rigs()
 
 
@@ -95,16 +98,12 @@ def _rig(name: str) -> Listed:
 
 def _named(package: str) -> Callable[[], Mapping[str, Path]]:
     def known() -> Mapping[str, Path]:
-        from bench_protocol.named_files import named_files
-
         return named_files(package)
 
     return known
 
 
 def _specimen(name: str) -> Listed:
-    from bench_protocol.units import kN
-
     one = read_specimen(name)
     loads = {load.name: load.preload for load in one.loads.values()}
     carried = ", ".join(f"{load} {preload / kN:g} kN" for load, preload in loads.items())
@@ -130,8 +129,6 @@ def _read_instruments(name: str) -> "Instruments":
 
 
 def _dimensions(name: str) -> Listed:
-    from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
-
     try:
         one = read_dimensions(name)
     except DimensionsError as error:
@@ -142,9 +139,7 @@ def _dimensions(name: str) -> Listed:
 
 
 def _wiring(name: str) -> Listed:
-    from bench_protocol.named_files import place_of
     from bench_protocol.table import TABLE
-    from drivers.errors import WiringError
     from drivers.wiring.description import PACKAGE, read_description
 
     path = place_of(PACKAGE, name)
@@ -156,7 +151,6 @@ def _wiring(name: str) -> Listed:
 
 
 def _sets() -> Mapping[str, Path]:
-    from bench_protocol.named_files import named_files
     from bench_sim.parameters import SETS
 
     return {name: named_files("bench_sim.parameters")[name] for name in SETS}
@@ -177,8 +171,6 @@ def _parameters(name: str) -> Listed:
 
 
 def _demos() -> Mapping[str, Path]:
-    from bench_protocol.named_files import named_folders
-
     return named_folders("demos")
 
 

@@ -7,6 +7,9 @@ import click
 from astb.commands.options import JSON_OPTION
 from astb.exit_codes import misuse
 from astb.tables import print_json
+from bench_records.layout import RecordError
+from bench_records.notes import add_note, is_as_added, notes_of
+from bench_records.run_folder import SIGNS
 
 
 @click.command("note")
@@ -27,10 +30,6 @@ def note_command(directory: Path, text: str, by: str, files: tuple[Path, ...], a
     What the run left and what was signed is not touched: notes lie beside it, and a report that is made anew shows them
     behind the signatures.
     """
-    from bench_records.layout import RecordError
-    from bench_records.notes import add_note, is_as_added, notes_of
-    from bench_records.run_folder import SIGNS
-
     if not any((directory / name).exists() for name in SIGNS):
         misuse(f"{directory} is no folder of a run: it has none of {', '.join(SIGNS)}")
     try:

@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec.structs import replace
 
 from astb.commands.completion import complete_effects, complete_rigs
 from astb.exit_codes import misuse
+from astb.rig_file import ORDINARY, RigFileError, find_rig
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -75,8 +77,6 @@ def read_specimen(name: str | None) -> "Specimen":
 
 def read_rig(named: str | None) -> "tuple[RigFile, Path]":
     """Return the rig of a file or of a name, and the path of its file; without either the ordinary one."""
-    from astb.rig_file import ORDINARY, RigFileError, find_rig
-
     try:
         return find_rig(named or ORDINARY)
     except RigFileError as error:
@@ -87,8 +87,6 @@ def simulated(
     rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
 ) -> "RigFile":
     """Return ``rig`` with what the options of `simulation_options` say over the rig file."""
-    from msgspec.structs import replace
-
     if not (model or effects or sealed):
         return rig
     if rig.simulation is None:

@@ -4,11 +4,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec.structs import replace
 
 from astb.commands.completion import complete_plans
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, PASS, REFUSED, blocked, misuse
+from astb.operators import operator_for
+from astb.rig_file import RigFileError
+from astb.tables import plain_console
+from bench_records.circumstances import circumstances
+from bench_records.layout import RecordError
+from drivers.errors import BenchError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,12 +59,7 @@ def rehearse_command(
     Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
     reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
     """
-    from astb.operators import operator_for
     from astb.rehearsal.page import word, write_page
-    from astb.rig_file import RigFileError
-    from astb.tables import plain_console
-    from bench_records.layout import RecordError
-    from drivers.errors import BenchError
 
     chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
@@ -85,7 +87,6 @@ def _rehearsed(
     """Rehearse ``plan`` with a bar on the screen; ``others`` are for `rehearse`."""
     from astb.display import ProgressDisplay
     from astb.rehearsal.rehearsing import rehearse
-    from bench_records.circumstances import circumstances
     from test_plans.run import Nobody
 
     with ProgressDisplay(console) as display:
@@ -107,8 +108,6 @@ def _simulation(
     rig: "RigFile", path: Path, model: str | None, effects: tuple[str, ...], sealed: str | None
 ) -> "Simulation":
     """Return what simulates ``rig``, with what the options say over it."""
-    from msgspec.structs import replace
-
     from astb.rehearsal.rehearsing import simulation_of
 
     acting = simulated(replace(rig, simulation=simulation_of(rig)), path, model, effects, sealed)

@@ -1,7 +1,9 @@
 """`astb rig`: the simulated rig in real time."""
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from functools import partial
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from msgspec.structs import replace
 
 from astb.commands.ending import UNAWARES, ended_by
 from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
@@ -17,8 +20,6 @@ from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
 from bench_protocol.system import require_linux
 
 if TYPE_CHECKING:
-    import threading
-
     from astb.rig_file import RigFile, Simulation
     from bench_sim.rig.capture import Capture
     from bench_sim.rig.rig import Rig
@@ -74,8 +75,6 @@ def rig_command(
     Prints `ready can=… modbus=… control=…` when its ports are open; the last is for `astb fault`. SIGUSR1 presses the
     emergency stop, SIGUSR2 releases it.
     """
-    import threading
-
     require_linux("a rig in real time")
     _at_tick_rate(tick_rate)
     from astb.session import build_rig, bus_stages
@@ -127,8 +126,6 @@ def _simulated_only(rig: "RigFile", path: Path) -> "RigFile":
 
 def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
     """Return the simulation of ``rig`` with the bit rate of the option, if there is one."""
-    from msgspec.structs import replace
-
     simulation = rig.simulation
     assert simulation is not None
     return replace(simulation, can=replace(simulation.can, bit_rate=bit_rate)) if bit_rate else simulation
@@ -147,11 +144,8 @@ def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
         yield capture
 
 
-def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:
+def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
     """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or work its emergency stop."""
-    import signal
-    import threading
-
     if (
         until_eof
     ):  # whoever started this rig holds the other end: the rig stops when its parent ends, however it does
@@ -160,7 +154,7 @@ def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
 
 
-def _end(stop: "threading.Event", by: str) -> None:
+def _end(stop: threading.Event, by: str) -> None:
     """Stop the rig, and say by what, where whoever did it may not know."""
     if not stop.is_set() and by in UNAWARES:
         click.echo(f"astb: the rig was ended by {by}", err=True)

@@ -5,12 +5,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from rich import get_console
 
 from astb.commands.completion import complete_plans
 from astb.commands.ending import end_in_order
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
+from astb.messages import MessageError, Messages, receiver
+from astb.operators import operator_for
+from astb.rig_file import RigFileError
+from bench_records.conversion import recover
+from bench_records.layout import STREAM, RecordError
+from bench_records.letterhead import read_letterhead
+from bench_records.printing import write_pdf
+from bench_records.report import write_report
+from drivers.errors import BenchError
 
 if TYPE_CHECKING:
     from astb.run import Keeping
@@ -97,13 +107,7 @@ def run_command(
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
     passes and something is not available on it.
     """
-    from rich import get_console
-
-    from astb.operators import operator_for
-    from astb.rig_file import RigFileError
     from astb.run import run_plans
-    from bench_records.layout import RecordError
-    from drivers.errors import BenchError
 
     chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
@@ -134,7 +138,6 @@ def run_command(
 def _keeping(
     *, keep_frames: bool, pdf: bool, run_by: str, ambient: str, message: str, message_elsewhere: bool
 ) -> "Keeping":
-    from astb.messages import MessageError, Messages, receiver
     from astb.run import Keeping
 
     try:
@@ -154,12 +157,6 @@ def _keeping(
 )
 def report_command(directory: Path, pdf: bool, letterhead: Path | None) -> None:
     """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
-    from bench_records.conversion import recover
-    from bench_records.layout import STREAM, RecordError
-    from bench_records.letterhead import read_letterhead
-    from bench_records.printing import write_pdf
-    from bench_records.report import write_report
-
     try:
         if (directory / STREAM).exists():
             click.echo(recover(directory))

@@ -1,5 +1,6 @@
 """`astb runs`, `astb compare` and `astb trend`: the runs that a folder keeps."""
 
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
@@ -8,11 +9,20 @@ import click
 from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
+from bench_protocol.suggestion import meant
+from bench_records.checksums import broken_files
+from bench_records.comparison import compare_runs
+from bench_records.index import RunIndex
+from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trends
+from bench_records.layout import RecordError
+from bench_records.run_folder import Unfinished
+from bench_records.trend import trend_of
+from bench_records.workbook import write_trends_book
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench_records.index import KeptCheck, KeptRun, RunIndex
+    from bench_records.index import KeptCheck, KeptRun
     from bench_records.trend import Trend
 
 OUT_OPTION: Final = out_option("The folder in which `astb run` keeps its runs.", "folder")
@@ -62,8 +72,6 @@ def runs_command(
     as_json: bool,
 ) -> None:
     """List the runs that are kept, oldest first."""
-    from bench_records.layout import RecordError
-
     index = _index(folder)
     try:
         if rebuild:
@@ -116,10 +124,6 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
 
     In rig, specimen and parameters, in limits, in results, and in curves, which the page draws on top of each other.
     """
-    from bench_records.comparison import compare_runs
-    from bench_records.kept_pages import comparison_row, write_comparison
-    from bench_records.layout import RecordError
-
     try:
         found = compare_runs(a, b)
         if page:
@@ -199,11 +203,6 @@ def trend_command(
     otherwise is never mixed: where a check of one name comes from several plans, phases, rigs, circumstances or
     parameters, these are listed, and one has to be chosen.
     """
-    from bench_records.kept_pages import write_trends
-    from bench_records.layout import RecordError
-    from bench_records.trend import trend_of
-    from bench_records.workbook import write_trends_book
-
     if table and table.suffix.lower() != ".xlsx":
         misuse(f"{table} is no name of a workbook for Excel; {table.with_suffix('.xlsx')} would be one")
     index = _index(folder)
@@ -237,9 +236,9 @@ def trend_command(
 
 
 def _measured(
-    index: "RunIndex",
+    index: RunIndex,
     checks: tuple[str, ...],
-    chosen: "dict[str, str | None]",
+    chosen: dict[str, str | None],
     phase: str | None,
     wanted: dict[str, str],
 ) -> "Iterator[tuple[str, list[KeptCheck]]]":
@@ -256,10 +255,8 @@ def _measured(
             misuse(_no_such(index, check, chosen["serial_number"] or ""))
 
 
-def _named(index: "RunIndex", checks: tuple[str, ...]) -> list[str]:
+def _named(index: RunIndex, checks: tuple[str, ...]) -> list[str]:
     """Return the names of checks, with those in the place of a pattern that fit it."""
-    from fnmatch import fnmatchcase
-
     known = index.names("check")
     found: dict[str, None] = {}
     for one in checks:
@@ -269,8 +266,6 @@ def _named(index: "RunIndex", checks: tuple[str, ...]) -> list[str]:
 
 
 def _show_trend(found: "Trend", specimen: str) -> None:
-    from bench_records.kept_pages import trend_words
-
     columns = ("", "when (UTC)", "run", "value", "± U")
     table = open_table(f"{found.name}, specimen {specimen}", *columns, whole=("", "value", "± U"))
     for one in found.checks:
@@ -285,9 +280,6 @@ def _show_trend(found: "Trend", specimen: str) -> None:
 
 
 def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:
-    from bench_records.checksums import broken_files
-    from bench_records.run_folder import Unfinished
-
     ended = [one.directory for one in runs if one.verdict not in tuple(Unfinished)]
     broken = {name: found for name in ended if (found := broken_files(folder / name))}
     for name, found in broken.items():
@@ -299,24 +291,19 @@ def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:
     raise click.exceptions.Exit(FAIL if broken else PASS)
 
 
-def _index(folder: Path) -> "RunIndex":
-    from bench_records.index import RunIndex
-    from bench_records.layout import RecordError
-
+def _index(folder: Path) -> RunIndex:
     try:
         return RunIndex(folder)
     except RecordError as error:
         misuse(error)
 
 
-def _tell_unreadable(index: "RunIndex") -> None:
+def _tell_unreadable(index: RunIndex) -> None:
     for directory, why in index.unreadable.items():
         click.echo(f"{directory} is left out: {why}", err=True)
 
 
-def _no_such(index: "RunIndex", check: str, specimen: str) -> str:
-    from bench_protocol.suggestion import meant
-
+def _no_such(index: RunIndex, check: str, specimen: str) -> str:
     serials = index.names("serial_number")
     if specimen not in serials:
         there = ", ".join(filter(None, serials)) or "none"

@@ -12,6 +12,7 @@ from bench_records.circumstances import circumstances
 from bench_records.disk import kept
 from bench_records.layout import ICE
 from bench_records.record import Record, read
+from bench_records.report_plots import time_panel
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
 from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
@@ -125,8 +126,6 @@ def _extreme_row(one: Extreme) -> _ExtremeRow:
 
 def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list[str]:
     """Return a drawing for each quantity that has a limit, with its limits in it, and when the first one trips."""
-    from bench_records.report_plots import time_panel
-
     limited = list(dict.fromkeys(row.signal for row in found.limits))
     finest = max((phase.level for phase in record.phases), default=0)
     shaded = [phase for phase in record.phases if phase.level == finest]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 from msgspec.structs import replace
 
+from astb.operators import with_hand
 from astb.rehearsal.envelope import Extreme, envelope, step_at
 from astb.rehearsal.watch import Closest, LimitWatch, Trip
 from astb.rig_file import RigFile, Simulation
@@ -19,10 +20,12 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS
 from bench_protocol.words import LimitKind
 from bench_records.disk import kept
+from bench_records.record import read
 from bench_records.result import Outcome, Result
 from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.limit_table import ACTIONS
 from bench_sim.rig.limits import LimitAction
+from test_plans.execution import execute
 
 if TYPE_CHECKING:
     from test_plans.operator import Operator
@@ -116,9 +119,6 @@ def rehearse(
     ValueError for a limit or parameter that cannot be, WiringError for such a wiring, RecordError for a directory that
     cannot be written.
     """
-    from astb.operators import with_hand
-    from test_plans.execution import execute
-
     limits, absent = known_limits(rig), _lacking(rig, path)
     simulation = simulation or simulation_of(rig)
     simulated = build_rig(simulation, seed)
@@ -158,8 +158,6 @@ def _conclude(
     directory: Path,
 ) -> Rehearsal:
     """Bring together what the detectors judged, what the plan concluded, and the record in ``directory``."""
-    from bench_records.record import read
-
     record = read(directory)
 
     def seconds(tick: int) -> float:

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from bench_sim.model.actuator import bolster_point
 from bench_sim.model.air_spring import air_spring
@@ -242,8 +243,6 @@ class Motion(NamedTuple):
     @classmethod
     def through(cls, displacement: NDArray[np.float64], interval: float) -> "Motion":
         """Return the motion along the cubic spline through samples (n, DIRECTIONS): accelerations are continuous."""
-        from scipy.interpolate import CubicSpline
-
         if displacement.ndim != 2 or displacement.shape[1] != DIRECTIONS or len(displacement) < 4:
             raise ValueError(
                 f"a motion has shape {displacement.shape}; at least 4 samples of {DIRECTIONS} displacements are needed"
@@ -258,8 +257,6 @@ class Motion(NamedTuple):
 
     def accelerated(self, direction: int, acceleration: NDArray[np.float64]) -> "Motion":
         """Return the same motion with an ``acceleration`` (n,) in one direction that was measured by itself."""
-        from scipy.interpolate import CubicSpline
-
         if acceleration.shape != (len(self.displacement),) or not np.isfinite(acceleration).all():
             raise ValueError(
                 f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} gaps (NaN); "

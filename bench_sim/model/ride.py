@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t
 
 from bench_sim.model.car import Ride, RideChannel
 from bench_sim.model.vehicle import Vehicle
@@ -102,8 +103,6 @@ class SampleMean:
     @classmethod
     def of(cls, values: Sequence[float]) -> "SampleMean":
         """From one value per realisation; a single one has no width (nan)."""
-        from scipy.stats import t
-
         n = len(values)
         mean = float(np.mean(values))
         if n < 2:

@@ -4,13 +4,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, NullLocator
 
 from bench_records.plots import INK, PALETTE
 from paper_study.bench_results import Points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Floats = npt.NDArray[np.float64]
 
@@ -34,9 +37,6 @@ PLANT_MODEL: Final[tuple[str, dict[str, Any]]] = ("plant's model, identified par
 
 def panels_of(columns: int, rows: int = 1, height: float = 3.15, **kwargs: Any) -> tuple["Figure", Any]:
     """Return a new figure and its panels, an array (rows, columns); ``height`` of a row in inches."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     width = PANEL_IN * columns if columns > 2 else WIDE_IN * columns
     engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06, wspace=0.03, hspace=0.05)
     figure = Figure(figsize=(width, height * rows + 0.35), layout=engine, facecolor="white")
@@ -97,10 +97,8 @@ def draw_line(
     axes.plot(x, y, color=colour, linestyle=dash, label=label or None, **({"linewidth": 1.25} | kw))
 
 
-def add_key(figure: "Figure", *entries: tuple[str, dict[str, Any]], columns: int = 0) -> None:
+def add_key(figure: Figure, *entries: tuple[str, dict[str, Any]], columns: int = 0) -> None:
     """Add one key below the panels that says what points, lines and dashes are."""
-    from matplotlib.lines import Line2D
-
     styles: list[dict[str, Any]] = [{"color": INK, "linewidth": 1.25} | style for _, style in entries]
     handles = [Line2D([], [], **style) for style in styles]
     figure.legend(
@@ -122,8 +120,6 @@ def add_legend(axes: "Axes", **kwargs: Any) -> None:
 
 def plain_log_ticks(panel: "Axes", ticks: tuple[float, ...]) -> None:
     """Label a logarithmic axis at ``ticks``, as plain numbers."""
-    from matplotlib.ticker import NullFormatter, NullLocator
-
     panel.set_xticks(ticks, [f"{one:g}" for one in ticks])
     panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_minor_formatter(NullFormatter())

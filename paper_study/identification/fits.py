@@ -8,6 +8,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.stats import t
 
 from bench_protocol.units import mbar
 
@@ -41,8 +43,6 @@ class Fit:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Return the confidence interval of a value (Student's t)."""
-        from scipy.stats import t
-
         reach = float(t.ppf(0.5 * (1 + level), max(self.freedom, 1))) * self.sigma(name)
         return self[name] - reach, self[name] + reach
 
@@ -58,8 +58,6 @@ def fit(residuals: Callable[[Mapping[str, float]], Floats], start: Mapping[str, 
     The covariance is (JᵀJ)⁻¹ at the minimum, times the square of the misfit where that exceeds 1: what was expected too
     small counts as it came. NotIdentified if there are too few residuals or the minimum is not found.
     """
-    from scipy.optimize import least_squares
-
     names = tuple(start)
     scale = np.array([abs(value) or 1.0 for value in start.values()])
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bench_protocol.units import FACTORS, Hz, kN, mm, mrad, ms, s
 from bench_protocol.words import SIDES
+from bench_records.curves import Axis
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples, Stiffness
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
@@ -320,8 +321,6 @@ def spread(found: list[float]) -> float:
 
 
 def _keep(run: Run, load: Load, seen: Seen, values: Values) -> None:
-    from bench_records.curves import Axis
-
     shear = shear_of(values, run.rig) - values["platform.lateral"]
     force = -sideways_force(values, run.rig)
     roll, torque = roll_of(values, run.rig), roll_torque(values, run.rig)

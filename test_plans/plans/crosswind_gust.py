@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
+from bench_records.curves import Axis
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
@@ -180,8 +181,6 @@ def crosswind_gust(
 
 def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
     """Check what the springs did ``at`` times since the wind began (s), and keep it."""
-    from bench_records.curves import Axis
-
     limits = run.specimen.load(load).limits
     area = run.specimen.effective_area
     y, roll, pushed, parted = _answer(at, run.rig, values)

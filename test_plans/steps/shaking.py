@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
+from bench_records.curves import Axis
 from test_plans.analysis import (
     Samples,
     Stiffness,
@@ -197,8 +198,6 @@ def check_stiffness(
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
     """Keep force over displacement, both about their means, for the report."""
-    from bench_records.curves import Axis
-
     run.loop(
         name,
         Axis("displacement", "mm", mm),

@@ -6,17 +6,15 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.units import UNITS
+from bench_records.curves import Axis
 
 if TYPE_CHECKING:
-    from bench_records.curves import Axis
     from test_plans.analysis.uncertainty import Measured
     from test_plans.loads import Band
     from test_plans.run import Run
 
 
 def _axis(label: str, unit: str) -> Axis:
-    from bench_records.curves import Axis
-
     found = UNITS.get(unit, UNITS["1"])
     return Axis(label, "" if unit == "1" else unit, found.factor, found.zero)
 

@@ -128,7 +128,7 @@ class Broken:
 
 def test_only_the_page_that_commands_breaks_and_mends_a_simulated_rig(panel, monkeypatch) -> None:
     rig = Broken()
-    monkeypatch.setattr("bench_sim.rig.control_socket.ask", rig)
+    monkeypatch.setattr("bench_panel.faults.ask", rig)
     order = {"name": "leak", "values": {"area": "2 mm2"}, "for": "3 s"}
     for path in ("on", "off"):
         assert panel(command=False).post(f"/api/faults/{path}", json=order).status_code == 403

@@ -7,9 +7,13 @@ import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
+from cantools import Error
+from cantools.database.can import Message as Coding
+from cantools.database.can import Signal
+from cantools.database.conversion import BaseConversion
 
 from bench_protocol.dbc import DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
@@ -21,10 +25,6 @@ from drivers.wiring.can.keys import DBC_SAYS, CommonKeys, MessageKeys, SignalKey
 from drivers.wiring.can.message import Message
 from drivers.wiring.can.protection import E2E_COUNTER_PERIOD, ChecksumKeys, checksum
 from drivers.wiring.keys import convert, duration, meant
-
-if TYPE_CHECKING:
-    from cantools.database.can import Message as Coding
-    from cantools.database.can import Signal
 
 _ALL: Final = "*"
 _OTHERWISE: Final = "another DBC, or id and points here, would be right"
@@ -133,11 +133,6 @@ def _from_file(where: str, name: object, charset: object, directory: Path) -> di
 def _own_coding(
     where: str, name: str, keys: MessageKeys, signals: Mapping[str, SignalKeys], most: int
 ) -> Coding:
-    from cantools import Error
-    from cantools.database.can import Message as Coding
-    from cantools.database.can import Signal
-    from cantools.database.conversion import BaseConversion
-
     assert keys.id is not None
     extended = keys.id > STANDARD_ID_MAX if keys.extended is None else keys.extended
     highest = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
@@ -291,8 +286,6 @@ def _raw_null(where: str, signal: Signal, null: float) -> float:
 
 def _guard(where: str, message: Message, functions: Path | None) -> None:
     """Give ``message`` its counter and checksum."""
-    from cantools.database.can import Message as Coding
-
     keys, coding = message.keys, message.coding
     names = [signal.name for signal in coding.signals]
     guard = None if keys.checksum is None else convert(f"{where}.checksum", keys.checksum, ChecksumKeys)

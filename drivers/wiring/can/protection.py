@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
+from bench_protocol.e2e import crc_of
 from drivers.errors import WiringError
 from drivers.wiring.keys import meant
+from drivers.wiring.user_functions import find_function
 
 #: Returns the checksum of a frame: its identifier, and its data with the checksum's own bits 0.
 Checksum = Callable[[int, bytes], int]
@@ -59,10 +62,6 @@ def _profile_1(where: str, data_id: int) -> Checksum:
     if not 0 <= data_id <= 0xFFFF:
         raise WiringError(f"{where}: data_id = {data_id:#x} does not fit in 16 bits")
 
-    import numpy as np
-
-    from bench_protocol.e2e import crc_of
-
     def crc(identifier: int, data: bytes) -> int:
         del identifier
         return int(crc_of(np.frombuffer(bytearray(data), np.uint8), data_id))
@@ -71,8 +70,6 @@ def _profile_1(where: str, data_id: int) -> Checksum:
 
 
 def _own(where: str, name: str, functions: Path | None) -> Checksum:
-    from drivers.wiring.user_functions import find_function
-
     if functions is None:
         raise WiringError(f'{where} = "function:{name}" needs functions = "file.py" in the description')
     function: Callable[..., Any] = find_function(where, functions, name)

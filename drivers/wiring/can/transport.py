@@ -58,6 +58,7 @@ from bench_protocol.clock import Clock, wall_time_ns
 from bench_protocol.frames import LENGTH_MAX, frame, join, payload
 from bench_protocol.units import NS, ms, s
 from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
+from drivers.can_port import open_bus, open_can
 from drivers.errors import LinkLost, WiringError
 from drivers.stamps import UNCERTAINTY
 from drivers.wiring.can.hearing import Hearing
@@ -268,8 +269,6 @@ class CanTransport:
         self._ear.when_lost(lost)
 
     def _join(self) -> CanPort:
-        from drivers.can_port import open_bus, open_can
-
         keys = self._keys
         fd = Fd(keys.bitrate_switch) if keys.fd else None
         if keys.interface is not None:

@@ -11,6 +11,8 @@ from msgspec import Meta
 
 from bench_protocol.modbus import REGISTERS_READ_MAX
 from drivers.errors import WiringError
+from drivers.modbus_port import open_modbus, open_serial
+from drivers.modbus_words import SerialLine
 from drivers.wiring.keys import convert
 from drivers.wiring.modbus.registers import ByteOrder, WordOrder
 
@@ -105,9 +107,6 @@ def opener(keys: ModbusKeys | RtuKeys, timeout: float) -> Callable[[float], Modb
     """Return what opens the port that ``keys`` describe, within so many s."""
 
     def open_port(within: float) -> ModbusPort:
-        from drivers.modbus_port import open_modbus, open_serial
-        from drivers.modbus_words import SerialLine
-
         rtu = isinstance(keys, RtuKeys)
         if isinstance(keys, RtuKeys) and keys.line is not None:
             line = SerialLine(keys.line, keys.baudrate, keys.parity, keys.stopbits, keys.local_echo)
