@@ -22,6 +22,9 @@ from bench_records.comparison import compare_runs
 from bench_records.index import RunIndex
 from bench_records.kept_pages import write_comparison, write_trends
 from bench_records.layout import REPORT, RecordError
+from bench_records.plot_data import PlotData
+from bench_records.record import read
+from bench_records.replay import replay_of
 from bench_records.report import report_page
 from bench_records.run_folder import Unfinished, open_run
 from bench_records.trend import trend_of
@@ -71,6 +74,7 @@ def routes(parts: Parts) -> Sequence[Route]:
         ),
         Route("/api/kept", answered(lambda request: kept.runs())),
         Route("/api/kept/checks", answered(lambda request: kept.checks(request.query_params["run"]))),
+        Route("/api/kept/replay", answered(lambda request: kept.replay(request.query_params["run"]))),
         Route("/api/diagnoses", answered(lambda request: kept.diagnoses())),
         Route("/kept/report", answered(lambda request: kept.report(request.query_params["run"]))),
         Route(
@@ -123,6 +127,14 @@ class Kept:
             }
             for place, one in enumerate(open_run(self.known(run)).result.checks)
         ]
+
+    def replay(self, run: str) -> dict[str, Any]:
+        """Return a run for the drawing of the bench, and its numbers as a report packs them."""
+        numbers = PlotData()
+        told = replay_of(read(self.known(run)), numbers)
+        if told is None:
+            raise RecordError(f"{run} has no reading that the drawing of the bench shows")
+        return {"told": told, "packed": numbers.packed}
 
     def report(self, run: str) -> str:
         """Return the report of a run: the one that lies there, or one made now; nothing is written."""

@@ -10,6 +10,7 @@ from bench_protocol.signals import PANELS, Group, Signal
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import FACTORS
 from bench_protocol.words import LimitKind
+from bench_records.replay import DECIMALS
 
 #: What is read from two metres away, in this order.
 KEY: Final = (
@@ -23,7 +24,6 @@ KEY: Final = (
     "lateral.force",
     "supply.pressure",
 )
-_DECIMALS: Final = {"mm": 1, "bar": 2, "kN": 1, "K": 1, "mrad": 2, "m/s2": 2}
 _UNITS: Final = {"m/s2": "m/s²"}
 
 
@@ -58,7 +58,7 @@ def _shown(signal: Signal, limits: Sequence[KnownLimit]) -> Shown:
         signal.name.replace(".", " ").replace("_", " "),
         PANELS[signal.group],
         _UNITS.get(signal.unit, signal.unit),
-        _DECIMALS.get(signal.unit, 2),
+        DECIMALS.get(signal.unit, 2),
         factor,
         max(lows, default=None),
         min(highs, default=None),

@@ -70,16 +70,16 @@ class PlotData:
                 "color": one.color,
                 "dash": one.dash,
                 "width": one.width,
-                "x": self._place(one.xs),
-                "y": self._place(one.ys),
-                "expanded": None if one.expanded is None else self._place(one.expanded),
+                "x": self.place(one.xs),
+                "y": self.place(one.ys),
+                "expanded": None if one.expanded is None else self.place(one.expanded),
             }
             for one in plot.traces
         ]
         self._plots.append(told)
         return len(self._plots) - 1
 
-    def _place(self, numbers: Numbers) -> list[float]:
+    def place(self, numbers: Numbers) -> list[float]:
         """Keep a series of numbers; return where it begins, how many they are, and their range."""
         import numpy as np
 
@@ -98,12 +98,17 @@ class PlotData:
     @property
     def told(self) -> str:
         """What the script is told of each plot, as JSON that cannot end the element in which it stands."""
-        return json.dumps(self._plots, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+        return embedded(self._plots)
 
     @property
     def packed(self) -> str:
         """All numbers: 16 bits each, the low byte first, deflated, in base 64."""
         return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
+
+
+def embedded(told: Any) -> str:
+    """Plain data as JSON that cannot end the element of a page in which it stands."""
+    return json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @cache

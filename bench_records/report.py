@@ -16,8 +16,9 @@ from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT, put
 from bench_records.letterhead import CHOSEN, Letterhead, read_letterhead
 from bench_records.notes import notes_of
-from bench_records.plot_data import PlotData, asset
+from bench_records.plot_data import PlotData, asset, embedded
 from bench_records.record import Record, read
+from bench_records.replay import replay_of
 from bench_records.result import Check, CheckVerdict, Outcome, Result, read_result
 from bench_records.run_drawings import curve_plots, curve_tables, numbered, phase_strips, time_panels
 from bench_records.run_folder import result_without
@@ -56,6 +57,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
     phases = record.phases or result.phases
     span = (0.0, max(record.duration, result.duration, 1e-3))
     files, plots = files_of(directory), PlotData()
+    replay = replay_of(record, plots)
     # The numbers of a plot come into the page's data while the page is written: those first that are seen first.
     return template("report.html.j2").render(
         result=result,
@@ -74,6 +76,8 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
         bar=bar_drawing,
         primed=primed,
         plots=plots,
+        replay=replay,
+        replay_told=embedded(replay),
         asset=asset,
         identification=identification(record, result, span[1]),
         instruments=instruments_of(record.meta),

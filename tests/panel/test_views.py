@@ -57,6 +57,8 @@ def test_past_runs_are_listed_with_their_checks_and_opened_as_pages(panel, keep,
     (judged,) = page.get("/api/kept/checks", params={"run": "one"}).json()
     assert (judged["phase"], judged["verdict"]) == ("main", "pass")
     assert "Title" in page.get("/kept/report", params={"run": "one"}).text
+    none = page.get("/api/kept/replay", params={"run": "one"})
+    assert (none.status_code, "no reading that the drawing" in none.text) == (404, True)
     assert not (runs / "one" / "report.html").exists(), "who looks on writes nothing"
     beside = page.get("/kept/compare", params={"a": "one", "b": "two"}).text
     assert "A: " in beside and "height" in beside

@@ -9,7 +9,12 @@ import pytest
 
 from bench_records.layout import RecordError
 from bench_records.printing import CHOSEN, write_pdf
+from bench_records.record import read
 from bench_records.report import write_report
+
+#: What the drawing says of the left height.
+DRAWN = """() => [...document.querySelectorAll(".replay .label")]
+  .find((one) => one.querySelector("title").textContent === "left height").querySelector(".value").textContent"""
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +56,41 @@ def test_plots_zoom_together_and_show_values(page: Any) -> None:
     assert all(-6.0 <= height <= 6.0 for height in pointed[1:])
     page.mouse.dblclick(*at[2])
     assert heights.evaluate(scale) == pytest.approx(whole)
+    assert page.faults == []
+
+
+@pytest.mark.slow
+def test_the_run_is_seen_in_the_drawing_at_any_instant(page: Any, passed_run: Path) -> None:
+    record, place = read(passed_run), page.locator(".replay")
+    times, values = record.series("left.height")
+
+    def height() -> float:
+        text = page.evaluate(DRAWN)
+        return float(text.removesuffix(" mm").replace("−", "-"))
+
+    def stands(time: float) -> float:
+        return float(values[times.searchsorted(time + 1e-6, side="right") - 1] * 1e3)
+
+    for time in (12.3, 47.5, 60.0):
+        page.evaluate("time => (location.hash = `t=${time}`)", time)
+        page.wait_for_selector(f".replay[data-time='{time:.3f}']")
+        assert height() == pytest.approx(stands(time), abs=0.06)
+    slider = place.get_by_label("instant of the run")
+    slider.press("ArrowRight")
+    assert place.get_attribute("data-time") == "60.100"
+    event = place.get_by_label("go to an event")
+    phase = record.phases[-1]
+    event.select_option(
+        label=next(one for one in event.locator("option").all_inner_texts() if phase.name in one)
+    )
+    assert float(place.get_attribute("data-time")) == pytest.approx(phase.start, abs=0.051)
+    plot = page.locator(".zoom:has(.u-title:text-is('Heights')) .u-over")
+    plot.click(position={"x": plot.bounding_box()["width"] / 2, "y": 20})
+    assert float(place.get_attribute("data-time")) == pytest.approx(record.duration / 2, abs=2.0)
+    place.get_by_text("Play").click()
+    before = float(place.get_attribute("data-time"))
+    page.wait_for_function("before => document.querySelector('.replay').dataset.time > before", arg=before)
+    place.get_by_text("Pause").click()
     assert page.faults == []
 
 

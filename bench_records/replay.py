@@ -1,0 +1,116 @@
+"""A run for the drawing of the bench: readings at the instants that an eye tells apart, valves, states, events."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol.table_signals import MEASUREMENTS
+from bench_records.event_table import tabled_events
+from bench_records.run_drawings import TRIP
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_records.plot_data import PlotData
+    from bench_records.record import Record
+
+#: Decimals with which people read a unit; two for any other.
+DECIMALS: Final = {"mm": 1, "bar": 2, "kN": 1, "K": 1, "degC": 1, "mrad": 2, "m/s2": 2}
+#: So many pictures of a run at most, and so far apart at least (s).
+PICTURES: Final = 3000
+APART: Final = 0.1
+#: A reading stands for so long (s): the slowest comes once a second.
+STANDS: Final = 2.5
+_EVENTS: Final = 300
+_UNITS: Final = {"m/s2": "m/s²", "degC": "°C"}
+_STATE: Final = "rig.state"
+
+
+def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
+    """What the script of the drawing is told of a run, its series kept in ``numbers``; None if it has no reading."""
+    step = max(APART, math.ceil(1000 * record.duration / PICTURES) / 1000)
+    signals = [_signal(record, one.name, one.unit, numbers, step) for one in MEASUREMENTS]
+    if all(one["at"] is None for one in signals):
+        return None
+    known = record.meta.get("dimensions") or {}
+    return {
+        "duration": record.duration,
+        "step": step,
+        "dimensions": {name: one["value"] for name, one in known.get("known", {}).items()},
+        "signals": signals,
+        "settings": [
+            (
+                _when(record, event),
+                {name: told for name, told in event.data.items() if name.startswith("air.")},
+            )
+            for event in record.events
+            if event.kind == "setting" and any(name.startswith("air.") for name in event.data)
+        ],
+        "states": _states(record),
+        "phases": [(round(phase.start, 3), phase.name) for phase in record.phases],
+        "trips": [
+            (_when(record, event), event.data.get("signal", ""))
+            for event in record.events
+            if event.kind == TRIP
+        ],
+        "events": _events(record),
+    }
+
+
+def _signal(record: Record, name: str, unit: str, numbers: PlotData, step: float) -> dict[str, Any]:
+    info = record.signals.get(name)
+    shown = info.shown_unit if info else unit
+    decimals = DECIMALS.get(shown, 2)
+    times, values = record.series(name) if info else (None, None)
+    at = None
+    if info is not None and times is not None and times.size:
+        at = numbers.place(thinned(times, info.shown(values), record.duration, step, decimals))
+    return {
+        "name": name,
+        "label": name.replace(".", " ").replace("_", " "),
+        "unit": _UNITS.get(shown, shown),
+        "decimals": decimals,
+        "factor": info.scale if info else 1.0,
+        "at": at,
+    }
+
+
+def thinned(
+    times: npt.NDArray[np.float64],
+    values: npt.NDArray[np.float64],
+    duration: float,
+    step: float,
+    decimals: int,
+) -> npt.NDArray[np.float64]:
+    """The sample that stands at each of the instants 0, ``step`` ... (s), as it is read; NaN where none does."""
+    import numpy as np
+
+    grid = np.arange(math.floor(duration / step + 1e-6) + 1) * step
+    rows = np.searchsorted(times, grid + 1e-9, side="right") - 1
+    stands = (rows >= 0) & (grid - times[rows] <= STANDS)
+    return np.where(stands, np.round(values[rows], decimals), np.nan)
+
+
+def _states(record: Record) -> list[tuple[float, str]]:
+    import numpy as np
+
+    if _STATE not in record.signals:
+        return []
+    times, values = record.series(_STATE)
+    if not times.size:
+        return []
+    names = record.signals[_STATE].names
+    changes = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
+    return [(round(float(times[k]), 3), names.get(int(values[k]), "").replace("_", " ")) for k in changes]
+
+
+def _events(record: Record) -> list[tuple[float, str]]:
+    told = [(_when(record, event), event.text or event.kind) for event in tabled_events(record)]
+    told += [(round(phase.start, 3), f"phase {phase.name}") for phase in record.phases]
+    return sorted(told)[:_EVENTS]
+
+
+def _when(record: Record, event: Any) -> float:
+    return round(record.time_of(event), 3)
