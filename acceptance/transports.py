@@ -24,7 +24,7 @@ from typing import Final
 
 from bench_protocol.clock import Clock, RealClock
 from bench_protocol.units import NS, ms, s
-from drivers.errors import LinkLost, WiringError
+from drivers.errors import LinkLost, Refused, WiringError
 from drivers.wiring.contract import Transport
 
 _UNKNOWN: Final = "no.such.point.of.this.rig"
@@ -50,6 +50,7 @@ class Subject:
     )  #: points to stream, each with where it is read back
     values: tuple[float, float] = (1.0, 0.0)  #: two numbers that all of these can take
     unavailable: str = ""  #: a point of which the rig says that it has no value
+    refused: str = ""  #: a point that the rig does not take
     nobody: Callable[[], Transport] | None = None  #: one to where nobody answers
     cut: Callable[[], None] | None = None  #: cuts the connection of the transport made last
     clock: Clock = field(default_factory=RealClock)
@@ -281,6 +282,56 @@ def _streaming(subject: Subject) -> None:
             bench.until(arrived, f"{', '.join(subject.streamed.values())} = {value:g} after streaming it")
 
 
+def _nothing_streamed(subject: Subject) -> None:
+    """A beat without points changes nothing and is no loss."""
+    backs = sorted({*subject.written.values(), *subject.streamed.values()} or subject.readable)
+    with _Bench(subject) as bench:
+        bench.wait(2 * bench.transport.period)
+        before = bench.transport.read(backs)
+        for _ in range(_ROUNDS):
+            bench.transport.stream({}, bench.clock.now())
+            bench.wait(_POLL)
+        after = bench.transport.read(backs)
+        if bench.listener.lost:
+            raise Breach(f"the connection is lost by it: {bench.listener.lost[0]}")
+    for name in sorted({*subject.written.values(), *subject.streamed.values()}):
+        if before[name] != after[name] and not math.isnan(before[name]):
+            raise Breach(f"{name} was {before[name]:g} and is {after[name]:g} after it")
+
+
+def _all_or_nothing(subject: Subject) -> None:
+    """Of points that are given together, one of which does not exist, none is sent."""
+    if not subject.written:
+        raise _Skipped("the subject has nothing `written`")
+    old, new = subject.values
+    with _Bench(subject) as bench:
+        bench.transport.write(dict.fromkeys(subject.written, old))
+        for name, back in subject.written.items():
+            bench.until(partial(_reads, bench.transport, back, old), f"{back} = {old:g}, written to {name},")
+        wrong = {**dict.fromkeys(subject.written, new), _UNKNOWN: 1.0}
+        _expect(WiringError, "write with an unknown point", lambda: bench.transport.write(wrong))
+        now = bench.clock.now()
+        also = {**dict.fromkeys(subject.streamed, new), _UNKNOWN: 1.0}
+        _expect(WiringError, "stream with an unknown point", lambda: bench.transport.stream(also, now))
+        bench.wait(max(3 * bench.transport.period, 5 * _POLL))
+        for name, back in subject.written.items():
+            if not _reads(bench.transport, back, old):
+                raise Breach(f"{name} = {new:g} was sent before the unknown point was noticed")
+
+
+def _refusing(subject: Subject) -> None:
+    """What the rig does not take is Refused, in words, and no loss."""
+    if not subject.refused:
+        raise _Skipped("the subject has nothing `refused`")
+    with _Bench(subject) as bench:
+        for value in subject.values:
+            one = {subject.refused: value}
+            _expect(Refused, f"write of {subject.refused}", partial(bench.transport.write, one))
+        bench.transport.read(list(subject.readable))
+        if bench.listener.lost:
+            raise Breach(f"the refusal is told as a loss: {bench.listener.lost[0]}")
+
+
 def _unavailable(subject: Subject) -> None:
     """What the rig marks as not available is NaN."""
     if not subject.unavailable:
@@ -371,6 +422,9 @@ _RULES: Final[tuple[Callable[[Subject], None], ...]] = (
     _reading,
     _round_trip,
     _streaming,
+    _nothing_streamed,
+    _all_or_nothing,
+    _refusing,
     _unavailable,
     _threads,
     _closing,

@@ -13,7 +13,7 @@ from types import ModuleType
 import pytest
 
 from acceptance.transports import Finding, Subject, check_transport
-from drivers.errors import LinkLost
+from drivers.errors import LinkLost, Refused
 from drivers.wiring.transports import open_transport
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "write-a-transport.md"
@@ -50,6 +50,8 @@ class Controller:
     def answer(self, line: str) -> str:
         verb, name, *value = line.split()
         if verb == "!":
+            if name == "height":
+                return "no: it is measured"
             self.values[name] = value[0]
             return "ok"
         return self.values[name]
@@ -167,6 +169,44 @@ class Deaf(Good):
         pass
 
 
+class LostByNothing(Good):
+    def stream(self, points, time):
+        if not points:
+            self._ear.lose("there is nothing to stream")
+        super().stream(points, time)
+
+
+class ZeroForNothing(Good):
+    def stream(self, points, time):
+        super().stream(points or {"target": 0.5}, time)
+
+
+class SendsTheFirst(Good):
+    def write(self, points):
+        for name, value in points.items():
+            super().write({name: value})
+
+
+class StreamsWhatItKnows(Good):
+    def stream(self, points, time):
+        super().stream({name: value for name, value in points.items() if name in self._points}, time)
+
+
+class SwallowsANo(Good):
+    def write(self, points):
+        with contextlib.suppress(Refused):
+            super().write(points)
+
+
+class LostByANo(Good):
+    def write(self, points):
+        try:
+            super().write(points)
+        except Refused as no:
+            self._ear.lose(str(no))
+            raise
+
+
 class NumberForNothing(Good):
     @staticmethod
     def _number(answer):
@@ -249,6 +289,12 @@ BAD = {
     Disorder: "Reading gives just",
     Forgets: "What was written",
     Deaf: "What is streamed",
+    LostByNothing: "A beat without points",
+    ZeroForNothing: "A beat without points",
+    SendsTheFirst: "Of points that are given together",
+    StreamsWhatItKnows: "Of points that are given together",
+    SwallowsANo: "What the rig does not take",
+    LostByANo: "What the rig does not take",
     NumberForNothing: "What the rig marks",
     Impatient: "Several threads",
     TwoAtOnce: "Several threads",
@@ -269,6 +315,7 @@ def broken(kind: type, rule: str, rig: Controller, dead_port: int) -> list[Findi
         written={"target": "target"},
         streamed={"target": "target"},
         unavailable="broken",
+        refused="height",
         nobody=lambda: kind("press", "127.0.0.1", dead_port, POINTS),
         cut=rig.hang_up,
         within=0.3,
@@ -287,5 +334,5 @@ def test_each_rule_bites(way: type, rig: Controller, dead_port: int) -> None:
 def test_what_is_not_offered_is_not_checked(rig: Controller) -> None:
     make: Callable = lambda: lines.Controller("press", "127.0.0.1", rig.port, POINTS)  # noqa: E731
     skipped = [finding for finding in check_transport(Subject(make, readable=["height"])) if finding.skipped]
-    assert len(skipped) == 5
+    assert len(skipped) == 7
     assert all(str(finding).endswith(finding.skipped) for finding in skipped)

@@ -46,6 +46,7 @@ PLC = {
         "valve": {"table": "coil", "address": 3},
         "vent": {"table": "coil", "address": 4},
         "beat": {"table": "holding", "address": 50},
+        "beyond": {"table": "holding", "address": 60_000},
         "serial": {"table": "holding", "address": 60, "type": "string", "length": 4},
     },
 }
@@ -150,6 +151,7 @@ def test_it_conforms_with_a_foreign_server(plc: ForeignPlc, dead_port: int) -> N
         written={"target": "target", "rate": "rate", "start": "start", "valve": "valve"},
         streamed={"far": "far", "vent": "vent"},
         unavailable="broken",
+        refused="beyond",
         nobody=lambda: ModbusTransport("plc", {**PLC, "port": dead_port}),
         cut=plc.stop,
     )
@@ -177,6 +179,7 @@ def test_it_conforms_in_memory_and_in_virtual_time(bank) -> None:
         written={"target": "target", "rate": "rate", "start": "start", "valve": "valve"},
         streamed={"far": "far", "vent": "vent"},
         unavailable="broken",
+        refused="beyond",
         nobody=nobody,
         cut=lambda: silent.append("cut"),
         clock=clock,

@@ -163,6 +163,7 @@ def test_it_conforms_with_a_foreign_server(cell: Cell, dead_port: int) -> None:
         written={"target": "target", "valve": "valve"},
         streamed={"rate": "rate"},
         unavailable="broken",
+        refused="force",
         nobody=lambda: make(f"opc.tcp://127.0.0.1:{dead_port}"),
         cut=cell.hang_up,
     )
