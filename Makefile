@@ -65,8 +65,9 @@ check: $(READY)  ## lint, format, types, import contracts, generated files
 
 .PHONY: format
 format: $(READY)  ## let ruff put the code in order
-	$(BIN)/ruff check --fix .
+	$(BIN)/ruff check --fix --exit-zero --quiet .
 	$(BIN)/ruff format .
+	$(BIN)/ruff check .
 
 .PHONY: generate
 generate: $(READY)  ## write the files that come from the table of signals and of states

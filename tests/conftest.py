@@ -18,6 +18,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: What gives a test away that has deadlines; others say it themselves.
 HERE = Path(__file__).parent
+# The asserts of modules that tests share say what they saw, as those of the tests do.
+pytest.register_assert_rewrite(
+    *(f"tests.{one.stem}" for one in HERE.iterdir() if one.stem != "conftest" and one.name != "__pycache__")
+)
 WIRES = HERE / "wires"
 RIGS = {"site", "start_rig", "shared_rig", "bench_panel"}
 #: Where such tests are. The choice of them alone reads no other directory, which would take longer than some of them.
