@@ -12,13 +12,13 @@ from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
-from astb.live.door import SAFE, NoRun, knock
+from astb.live.door import NoRun, knock
 from astb.operators import PANEL
 from bench_panel.kept_rig import KeptRig
 from bench_panel.watch import Watch
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.units import s
-from bench_protocol.words import SIDES
+from bench_protocol.words import SIDES, TO_SAFE
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
@@ -190,7 +190,7 @@ class Runs:
 
     def _directly(self) -> str:
         try:
-            self._watch.act(SAFE)
+            self._watch.act(TO_SAFE)
         except BenchError as error:
             rig = self._watch.present()
             if not rig.link and rig.at_rest:

@@ -77,8 +77,21 @@ FAULTS: Final = (
     BenchState.ESTOP,
 )
 
+#: States in which the bench takes its safe position: held while there is pressure, vented, set down, let go.
+SAFE: Final = (
+    BenchState.OFF,
+    BenchState.BOOT,
+    BenchState.INIT,
+    BenchState.DISABLED,
+    BenchState.FAULT_DISABLED,
+    BenchState.ESTOP,
+)
+#: The action that brings it there: the actuators hold, the air is let off, then what hangs is set down.
+TO_SAFE: Final = "action.disable"
+
 STATES: Final = tuple(state.name for state in BenchState)
 LIVE_STATES: Final = tuple(state.name for state in LIVE)
+SAFE_STATES: Final = tuple(state.name for state in SAFE)
 FAULT_STATES: Final = tuple(state.name for state in FAULTS)
 PROGRAM_STATES: Final = tuple(state.name for state in Program)
 LIMIT_KINDS: Final = tuple(kind.name.lower() for kind in LimitKind)

@@ -18,6 +18,7 @@ import msgspec
 
 from astb.live.model import Live
 from bench_protocol.system.own_folder import own_directory
+from bench_protocol.words import TO_SAFE
 from bench_sim.rig.control_socket import LINE_MAX, ask, control_path, is_alive
 from drivers.errors import BenchError
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from test_plans.operator import QuestionBox
     from test_plans.suspension import Suspension
 
-#: What brings the bench to its safe position: the actuators hold, the air is let off, then what hangs is set down.
-SAFE: Final = "action.disable"
 _PATIENCE: Final = 2.0  # s, for a line to come
 _LOOK_UP: Final = 0.1  # s, until the end is noticed
 
@@ -95,7 +94,7 @@ class Door:
                 # First the bench, and then the plan, which might arm it again.
                 try:
                     if (live := self._live()) is not None:
-                        live.bench.settings.act(SAFE)
+                        live.bench.settings.act(TO_SAFE)
                 finally:
                     self._interrupt()
                 return {"done": do, "bench": live is not None}

@@ -58,9 +58,7 @@ MAINS: Final = "the mains are there"
 ENGAGED: Final = (_S.HOLD, _S.ACTIVE)
 #: States in which they are shut in, whatever they were told: a held force would let a moving bolster fly on.
 SHUT_IN: Final = (_S.FAULT_HOLD,)
-#: States in which the bench takes its safe position: held while there is pressure, vented, set down, let go.
-SAFE: Final = (_S.OFF, _S.BOOT, _S.INIT, _S.DISABLED, _S.FAULT_DISABLED, _S.ESTOP)
-#: What leads from one of these towards the next command; all else that leads there ends one.
+#: What leads from a state of `SAFE` towards the next command; all else that leads there ends one.
 WAKING: Final = (_E.POWER_ON, _E.BOOTED, _E.CHECKED, _E.RESET)
 
 TRANSITIONS: Final[tuple[Transition, ...]] = (

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
-from bench_protocol.words import FAULTS, LIVE, BenchState, LimitKind
+from bench_protocol.words import FAULTS, LIVE, SAFE, BenchState, LimitKind
 from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened
 from bench_sim.rig.emergencies import Emergencies
@@ -21,7 +21,6 @@ from bench_sim.rig.states import (
     ESTOP_RELEASED,
     MAINS,
     REASON_OF,
-    SAFE,
     SHUT_IN,
     STATUS_CODES,
     WAKING,
