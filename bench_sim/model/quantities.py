@@ -1,6 +1,7 @@
 """What the plant's parameters are called, their SI units and shapes, and the records that carry them compiled."""
 
 from dataclasses import dataclass
+from enum import Flag, auto
 from math import inf
 from typing import Final
 
@@ -20,6 +21,19 @@ from bench_sim.model.layout import (
 )
 
 
+class Lanes(Flag):
+    """What a quantity is for the lanes, in which the diagnosis integrates many springs at once."""
+
+    UNKNOWN = (
+        0  #: where it has not its default, or is not 0, the bench's own equations replay: right, and slower
+    )
+    COLUMN = auto()  #: trajectories depend on it, and the column of a spring holds it
+    SURFACE = auto()  #: of a surface, which stands beside the column
+    FEEDS = auto()  #: of what fills and exhausts a spring, where anything does
+    JOINS = auto()  #: of what joins both springs of a bench, where that opens or leaks
+    ELSEWHERE = auto()  #: an imposed motion leaves it out, or readings alone depend on it
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators.
@@ -33,17 +47,26 @@ class Quantity:
     default: float | None = None
     low: float = -inf
     high: float = inf
+    lanes: Lanes = Lanes.UNKNOWN
 
 
-def _each(unit: str, *names: str, shape: tuple[int, ...] = ()) -> tuple[Quantity, ...]:
-    return tuple(Quantity(name, unit, shape) for name in names)
+def _each(
+    unit: str, *names: str, shape: tuple[int, ...] = (), lanes: Lanes = Lanes.UNKNOWN
+) -> tuple[Quantity, ...]:
+    return tuple(Quantity(name, unit, shape, lanes=lanes) for name in names)
 
 
 def _off(
-    unit: str, *names: str, low: float, high: float, default: float = 0.0, shape: tuple[int, ...] = ()
+    unit: str,
+    *names: str,
+    low: float,
+    high: float,
+    default: float = 0.0,
+    shape: tuple[int, ...] = (),
+    lanes: Lanes = Lanes.UNKNOWN,
 ) -> tuple[Quantity, ...]:
     """What a healthy bench does not have: left out of the parameter files, where its effect sets it."""
-    return tuple(Quantity(name, unit, shape, default, low, high) for name in names)
+    return tuple(Quantity(name, unit, shape, default, low, high, lanes) for name in names)
 
 
 _SIDE = (SIDES,)
@@ -55,139 +78,189 @@ _UPRIGHT_CELLS = (4,)
 #: Every parameter that the equations read, except those of the sensors.
 PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     # gas, surroundings, supply
-    *_each("J/(kg*K)", "gas_constant"),
-    *_each("1", "heat_capacity_ratio"),
-    *_each("Pa", "atmospheric_pressure"),
-    *_each("K", "ambient_temperature", "wall_temperature_offset", "supply_temperature"),
-    *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high"),
-    *_each("1", "supply_sawtooth"),
-    *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag"),
+    *_each("J/(kg*K)", "gas_constant", lanes=Lanes.COLUMN),
+    *_each("1", "heat_capacity_ratio", lanes=Lanes.COLUMN),
+    *_each("Pa", "atmospheric_pressure", lanes=Lanes.COLUMN),
+    *_each("K", "ambient_temperature", "wall_temperature_offset", lanes=Lanes.COLUMN),
+    *_each("K", "supply_temperature", lanes=Lanes.FEEDS),
+    *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high", lanes=Lanes.ELSEWHERE),
+    *_each("1", "supply_sawtooth", lanes=Lanes.ELSEWHERE),
+    *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag", lanes=Lanes.ELSEWHERE),
     # volumes and areas
-    *_each("m2", "effective_area", shape=_SIDE),
-    *_each("m", "effective_area_slope", shape=_SIDE),
-    *_each("m3", "bellows_volume", "auxiliary_volume", shape=_SIDE),
-    *_each("m", "membrane_length", shape=_SIDE),
-    *_each("1", "membrane_length_slope", shape=_SIDE),
-    *_each("m", "membrane_travel", shape=_SIDE),
+    *_each("m2", "effective_area", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("m", "effective_area_slope", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("m3", "bellows_volume", "auxiliary_volume", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("m", "membrane_length", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "membrane_length_slope", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("m", "membrane_travel", shape=_SIDE, lanes=Lanes.COLUMN),
     # heat
-    *_each("W/K", "bellows_heat_transfer", "auxiliary_heat_transfer", shape=_SIDE),
-    *_each("kg/m3", "heat_reference_density"),
-    *_each("1", "heat_density_exponent"),
-    *_each("J/K", "wall_heat_capacity", shape=_SIDE),
-    *_each("W/K", "wall_outer_heat_transfer", shape=_SIDE),
+    *_each("W/K", "bellows_heat_transfer", "auxiliary_heat_transfer", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("kg/m3", "heat_reference_density", lanes=Lanes.COLUMN),
+    *_each("1", "heat_density_exponent", lanes=Lanes.COLUMN),
+    *_each("J/K", "wall_heat_capacity", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("W/K", "wall_outer_heat_transfer", shape=_SIDE, lanes=Lanes.COLUMN),
     # orifice and leak
-    *_each("m", "orifice_diameter", shape=_SIDE),
-    *_each("1", "discharge_coefficient", shape=_SIDE),
-    *_each("1", "laminar_limit"),
-    *_each("m3/(s*Pa)", "leak_conductance", shape=_SIDE),
-    *_each("1", "leak_critical_ratio"),
-    *_each("kg/(s*Pa2)", "leak_laminar", shape=_SIDE),
+    *_each("m", "orifice_diameter", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "discharge_coefficient", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "laminar_limit", lanes=Lanes.COLUMN),
+    *_each("m3/(s*Pa)", "leak_conductance", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "leak_critical_ratio", lanes=Lanes.COLUMN),
+    *_each("kg/(s*Pa2)", "leak_laminar", shape=_SIDE, lanes=Lanes.COLUMN),
     # connecting pipe
-    *_each("m", "pipe_length", "pipe_diameter", shape=_SIDE),
-    *_each("1", "pipe_friction", shape=_SIDE),
+    *_each("m", "pipe_length", shape=_SIDE),
+    *_each("m", "pipe_diameter", shape=_SIDE, lanes=Lanes.ELSEWHERE),
+    *_each("1", "pipe_friction", shape=_SIDE, lanes=Lanes.ELSEWHERE),
     # valves
-    *_each("m", "leveling_deadband", "leveling_hysteresis", "leveling_range", "lever_offset", shape=_SIDE),
-    *_each("s", "leveling_lag", shape=_SIDE),
-    *_each("m3/(s*Pa)", "fill_conductance", "exhaust_conductance", "service_conductance", shape=_SIDE),
-    *_each("1", "valve_critical_ratio"),
-    *_each("Pa", "dpv_opening", "dpv_reclosing"),
-    *_each("m3/(s*Pa)", "dpv_conductance"),
+    *_each(
+        "m",
+        "leveling_deadband",
+        "leveling_hysteresis",
+        "leveling_range",
+        "lever_offset",
+        shape=_SIDE,
+        lanes=Lanes.FEEDS,
+    ),
+    *_each("s", "leveling_lag", shape=_SIDE, lanes=Lanes.FEEDS),
+    *_each(
+        "m3/(s*Pa)",
+        "fill_conductance",
+        "exhaust_conductance",
+        "service_conductance",
+        shape=_SIDE,
+        lanes=Lanes.FEEDS,
+    ),
+    *_each("1", "valve_critical_ratio", lanes=Lanes.FEEDS | Lanes.JOINS),
+    *_each("Pa", "dpv_opening", "dpv_reclosing", lanes=Lanes.JOINS),
+    *_each("m3/(s*Pa)", "dpv_conductance", lanes=Lanes.JOINS),
     # rubber
-    *_each("N/m", "shell_stiffness_vertical", "shell_stiffness_lateral", shape=_SIDE),
-    *_each("1", "maxwell_ratio", shape=(BRANCHES,)),
-    *_each("s", "maxwell_time", shape=(BRANCHES,)),
-    *_each("N", "friction_vertical", "friction_lateral", shape=_SIDE),
-    *_each("N/Pa", "friction_vertical_slope", "friction_lateral_slope", shape=_SIDE),
-    *_each("m", "friction_vertical_travel", "friction_lateral_travel", shape=_SIDE),
-    *_each("1", "friction_small_loop"),
+    *_each("N/m", "shell_stiffness_vertical", "shell_stiffness_lateral", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "maxwell_ratio", shape=(BRANCHES,), lanes=Lanes.COLUMN),
+    *_each("s", "maxwell_time", shape=(BRANCHES,), lanes=Lanes.COLUMN),
+    *_each("N", "friction_vertical", "friction_lateral", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("N/Pa", "friction_vertical_slope", "friction_lateral_slope", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("m", "friction_vertical_travel", "friction_lateral_travel", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "friction_small_loop", lanes=Lanes.COLUMN),
     # emergency spring and contact
-    *_each("N", "nominal_preload", shape=_SIDE),
-    *_each("1", "emergency_spring"),
-    *_each("N/m", "emergency_stiffness_vertical", "emergency_stiffness_lateral", shape=_SIDE),
-    *_each("m", "contact_height"),
-    *_each("N/m", "contact_stiffness"),
-    *_each("s/m", "contact_loss"),
+    *_each("N", "nominal_preload", shape=_SIDE, lanes=Lanes.COLUMN),
+    *_each("1", "emergency_spring", lanes=Lanes.COLUMN),
+    *_each(
+        "N/m", "emergency_stiffness_vertical", "emergency_stiffness_lateral", shape=_SIDE, lanes=Lanes.COLUMN
+    ),
+    *_each("m", "contact_height", lanes=Lanes.COLUMN),
+    *_each("N/m", "contact_stiffness", lanes=Lanes.COLUMN),
+    *_each("s/m", "contact_loss", lanes=Lanes.ELSEWHERE),
     # roll and coupling
-    *_each("N*m/rad", "torsional_stiffness", shape=_SIDE),
-    *_each("N*m/(rad*Pa)", "torsional_stiffness_slope", shape=_SIDE),
-    *_each("m", "column_height"),
-    *_each("rad", "coupling_angle"),
-    *_each("1", "coupling_sign"),
+    *_each("N*m/rad", "torsional_stiffness", shape=_SIDE, lanes=Lanes.ELSEWHERE),
+    *_each("N*m/(rad*Pa)", "torsional_stiffness_slope", shape=_SIDE, lanes=Lanes.ELSEWHERE),
+    *_each("m", "column_height", lanes=Lanes.ELSEWHERE),
+    *_each("rad", "coupling_angle", lanes=Lanes.ELSEWHERE),
+    *_each("1", "coupling_sign", lanes=Lanes.ELSEWHERE),
     # bolster and bump stop
-    *_each("kg", "bolster_mass"),
-    *_each("kg*m2", "bolster_inertia"),
-    *_each("m/s2", "gravity"),
-    *_each("m", "spring_half_spacing", "centre_height", "actuator_half_spacing", "lateral_actuator_height"),
-    *_each("m", "accelerometer_height"),
-    *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,)),
-    *_each("N", "bump_stop_force", shape=(BUMP_POINTS,)),
+    *_each("kg", "bolster_mass", lanes=Lanes.ELSEWHERE),
+    *_each("kg*m2", "bolster_inertia", lanes=Lanes.ELSEWHERE),
+    *_each("m/s2", "gravity", lanes=Lanes.ELSEWHERE),
+    *_each(
+        "m",
+        "spring_half_spacing",
+        "centre_height",
+        "actuator_half_spacing",
+        "lateral_actuator_height",
+        lanes=Lanes.ELSEWHERE,
+    ),
+    *_each("m", "accelerometer_height", lanes=Lanes.ELSEWHERE),
+    *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,), lanes=Lanes.ELSEWHERE),
+    *_each("N", "bump_stop_force", shape=(BUMP_POINTS,), lanes=Lanes.ELSEWHERE),
     # actuators and platform
-    *_each("Hz", "actuator_frequency", shape=_ACTUATOR),
-    *_each("1", "actuator_damping", shape=_ACTUATOR),
-    *_each("s", "actuator_delay", shape=_ACTUATOR),
-    *_each("m", "actuator_stroke", shape=_ACTUATOR),
-    *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR),
-    *_each("N", "actuator_force_limit", shape=_ACTUATOR),
-    *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR),
-    *_each("N", "actuator_relief_force", shape=_ACTUATOR),
-    *_each("m/(N*s)", "actuator_relief_flow", shape=_ACTUATOR),
-    *_each("N/m", "frame_stiffness", shape=_ACTUATOR),
-    *_each("N*s/m", "frame_damping", shape=_ACTUATOR),
-    *_each("Hz", "platform_frequency"),
-    *_each("1", "platform_damping"),
+    *_each("Hz", "actuator_frequency", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("1", "actuator_damping", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("s", "actuator_delay", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("m", "actuator_stroke", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("N", "actuator_force_limit", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("N", "actuator_relief_force", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("m/(N*s)", "actuator_relief_flow", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("N/m", "frame_stiffness", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("N*s/m", "frame_damping", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
+    *_each("Hz", "platform_frequency", lanes=Lanes.ELSEWHERE),
+    *_each("1", "platform_damping", lanes=Lanes.ELSEWHERE),
     # load cells
-    *_each("m", "load_cell_x", "load_cell_y", "load_cell_height"),
-    *_each("1", "load_cell_crosstalk", shape=(6, 6)),
-    *_off("kg", "platen_mass", low=0.0, high=1e4),
-    *_off("m", "seat_ahead", low=-0.5, high=0.5, shape=_SIDE),
-    *_off("m", "load_ahead", low=-0.5, high=0.5),
-    *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS),
-    *_off("N", "platform_twist", low=-5e4, high=5e4),
+    *_each("m", "load_cell_x", "load_cell_y", "load_cell_height", lanes=Lanes.ELSEWHERE),
+    *_each("1", "load_cell_crosstalk", shape=(6, 6), lanes=Lanes.ELSEWHERE),
+    *_off("kg", "platen_mass", low=0.0, high=1e4, lanes=Lanes.ELSEWHERE),
+    *_off("m", "seat_ahead", low=-0.5, high=0.5, shape=_SIDE, lanes=Lanes.ELSEWHERE),
+    *_off("m", "load_ahead", low=-0.5, high=0.5, lanes=Lanes.ELSEWHERE),
+    *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS, lanes=Lanes.ELSEWHERE),
+    *_off("N", "platform_twist", low=-5e4, high=5e4, lanes=Lanes.ELSEWHERE),
     # acquisition: how late the readings of a group of sensors arrive
-    *_off("s", "force_latency", "pressure_latency", low=0.0, high=0.25),
-    *_off("1", "pressure_clock_skew", low=0.0, high=0.01),
-    *_off("1", "pressure_hold", low=0.0, high=1.0),
-    *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02),
+    *_off("s", "force_latency", "pressure_latency", low=0.0, high=0.25, lanes=Lanes.ELSEWHERE),
+    *_off("1", "pressure_clock_skew", low=0.0, high=0.01, lanes=Lanes.ELSEWHERE),
+    *_off("1", "pressure_hold", low=0.0, high=1.0, lanes=Lanes.ELSEWHERE),
+    *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02, lanes=Lanes.ELSEWHERE),
     # what rubber may do beyond the above: lists that end at the first element of nothing
-    *_off("1", "extra_branch_ratio", low=0.0, high=1e4, shape=(EXTRA_BRANCHES,)),
-    *_off("s", "extra_branch_time", default=1.0, low=1e-3, high=1e4, shape=(EXTRA_BRANCHES,)),
-    *_off("N", "extra_friction", low=0.0, high=1e5, shape=(EXTRA_FRICTIONS,)),
-    *_off("m", "extra_friction_travel", default=3e-3, low=1e-5, high=0.1, shape=(EXTRA_FRICTIONS,)),
-    *_off("1", "creep_ratio", low=0.0, high=10.0, shape=_SIDE),
-    *_off("s", "creep_time", default=300.0, low=1.0, high=1e6, shape=_SIDE),
-    *_off("N/m", "extra_stop_stiffness", low=0.0, high=1e8),
-    *_off("m", "extra_stop_gap", low=0.0, high=0.5),
+    *_off("1", "extra_branch_ratio", low=0.0, high=1e4, shape=(EXTRA_BRANCHES,), lanes=Lanes.COLUMN),
+    *_off(
+        "s", "extra_branch_time", default=1.0, low=1e-3, high=1e4, shape=(EXTRA_BRANCHES,), lanes=Lanes.COLUMN
+    ),
+    *_off("N", "extra_friction", low=0.0, high=1e5, shape=(EXTRA_FRICTIONS,), lanes=Lanes.COLUMN),
+    *_off(
+        "m",
+        "extra_friction_travel",
+        default=3e-3,
+        low=1e-5,
+        high=0.1,
+        shape=(EXTRA_FRICTIONS,),
+        lanes=Lanes.COLUMN,
+    ),
+    *_off("1", "creep_ratio", low=0.0, high=10.0, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("s", "creep_time", default=300.0, low=1.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("N/m", "extra_stop_stiffness", low=0.0, high=1e8, lanes=Lanes.ELSEWHERE),
+    *_off("m", "extra_stop_gap", low=0.0, high=0.5, lanes=Lanes.ELSEWHERE),
     # gas and flow beyond the above
-    *_off("m3/Pa", "bellows_compliance", low=0.0, high=1e-7, shape=_SIDE),
-    *_off("1", "orifice_reynolds", low=0.0, high=1e3, shape=_SIDE),
-    *_off("1", "orifice_asymmetry", low=-0.9, high=0.9, shape=_SIDE),
-    *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE),
-    *_off("m3/(s*Pa)", "dpv_leak", low=0.0, high=1e-6),
+    *_off("m3/Pa", "bellows_compliance", low=0.0, high=1e-7, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("1", "orifice_reynolds", low=0.0, high=1e3, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("1", "orifice_asymmetry", low=-0.9, high=0.9, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("m3/(s*Pa)", "dpv_leak", low=0.0, high=1e-6, lanes=Lanes.JOINS),
     # terms without a name, each over the span of its two coordinates; without a span there is none
-    *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE),
-    *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN),
-    *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN),
-    *_off("m/s", "force_surface_unit_speed", default=0.01, low=1e-6, high=10.0),
-    *_off("kg/s", "flow_surface", low=-10.0, high=10.0, shape=SURFACE),
-    *_off("Pa", "flow_surface_difference", low=-2e6, high=2e6, shape=_SPAN),
-    *_off("Pa", "flow_surface_pressure", low=0.0, high=2e6, shape=_SPAN),
-    *_off("W", "heat_surface", low=-1e6, high=1e6, shape=SURFACE),
-    *_off("Pa", "heat_surface_pressure", low=0.0, high=2e6, shape=_SPAN),
-    *_off("K", "heat_surface_temperature", low=-500.0, high=500.0, shape=_SPAN),
+    *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE, lanes=Lanes.ELSEWHERE),
+    *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN, lanes=Lanes.ELSEWHERE),
+    *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN, lanes=Lanes.ELSEWHERE),
+    *_off("m/s", "force_surface_unit_speed", default=0.01, low=1e-6, high=10.0, lanes=Lanes.ELSEWHERE),
+    *_off("kg/s", "flow_surface", low=-10.0, high=10.0, shape=SURFACE, lanes=Lanes.SURFACE),
+    *_off("Pa", "flow_surface_difference", low=-2e6, high=2e6, shape=_SPAN, lanes=Lanes.SURFACE),
+    *_off("Pa", "flow_surface_pressure", low=0.0, high=2e6, shape=_SPAN, lanes=Lanes.SURFACE),
+    *_off("W", "heat_surface", low=-1e6, high=1e6, shape=SURFACE, lanes=Lanes.SURFACE),
+    *_off("Pa", "heat_surface_pressure", low=0.0, high=2e6, shape=_SPAN, lanes=Lanes.SURFACE),
+    *_off("K", "heat_surface_temperature", low=-500.0, high=500.0, shape=_SPAN, lanes=Lanes.SURFACE),
 )
 
 #: Properties of every sensor; the unit "signal" is that of the sensor itself.
 SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
-    *_each("1", "sensor_gain", shape=_SENSOR),
-    *_each("signal", "sensor_bias", shape=_SENSOR),
-    *_each("signal/s", "sensor_drift", shape=_SENSOR),
-    *_each("s", "sensor_lag", shape=_SENSOR),
-    *_each("signal", "sensor_noise", "sensor_resolution", "sensor_low", "sensor_high", shape=_SENSOR),
+    *_each("1", "sensor_gain", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each("signal", "sensor_bias", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each("signal/s", "sensor_drift", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each("s", "sensor_lag", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each(
+        "signal",
+        "sensor_noise",
+        "sensor_resolution",
+        "sensor_low",
+        "sensor_high",
+        shape=_SENSOR,
+        lanes=Lanes.ELSEWHERE,
+    ),
     # The maker's bound on the bias: nothing reads it but whoever draws the bias of a rig as built.
-    *_each("signal", "sensor_accuracy", shape=_SENSOR),
+    *_each("signal", "sensor_accuracy", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
 )
 
 QUANTITIES: Final = PLANT_QUANTITIES + SENSOR_QUANTITIES
+
+
+def in_lanes(part: Lanes) -> tuple[str, ...]:
+    """Return the quantities that are this for the lanes."""
+    return tuple(one.name for one in QUANTITIES if part in one.lanes)
+
 
 #: The record that compiled code reads as ``par.name``.
 PARAMETERS: Final = np.dtype([(q.name, np.float64, q.shape) for q in QUANTITIES])

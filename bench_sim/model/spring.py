@@ -78,11 +78,9 @@ def stretched_pressure(par: Any, side: int, content: float, V: float) -> float:
 
 @compiled
 def shell_pull(
-    x: Any, mem: Any, par: Any, side: int, zeta: float, y: float
+    x: Any, mem: Any, par: Any, side: int, k_z: float, k_y: float, zeta: float, y: float
 ) -> tuple[float, float, float, float]:
     """Force and stiffness of all that relaxes in the shell of one bellows, vertical and lateral."""
-    k_z = par.shell_stiffness_vertical[side]
-    k_y = par.shell_stiffness_lateral[side]
     branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
     branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
     if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
@@ -107,7 +105,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
     k_z = par.shell_stiffness_vertical[side]
     k_y = par.shell_stiffness_lateral[side]
-    branch_z, stiff_z, branch_y, stiff_y = shell_pull(x, mem, par, side, zeta, y)
+    branch_z, stiff_z, branch_y, stiff_y = shell_pull(x, mem, par, side, k_z, k_y, zeta, y)
     f_z, slope_z = friction_curve(
         zeta, mem.friction_origin[0, side], mem.friction_level[0, side], par.friction_vertical_travel[side]
     )

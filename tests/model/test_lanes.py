@@ -8,10 +8,10 @@ import pytest
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.lanes.layout import LANES
 from bench_sim.model.lanes.springs import integrate_pairs, integrate_springs
-from bench_sim.model.lanes.start import has_lanes, power_coefficients, refuse_unplaced
+from bench_sim.model.lanes.start import has_lanes, power_coefficients
 from bench_sim.model.lanes.traces import TracedReplay
 from bench_sim.model.layout import INPUTS, Input, Sensor
-from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.quantities import QUANTITIES, Lanes
 from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, Motion, replay
 from bench_sim.parameters import load
 
@@ -198,10 +198,17 @@ def test_what_lanes_cannot_do_they_leave_alone():
         integrate_springs((springs[0], fine.springs(record, run.gas, 0.0)[0]))
 
 
-def test_a_quantity_that_nobody_has_placed_is_named():
-    known = list(PARAMETERS.names)
-    refuse_unplaced(known)
-    with pytest.raises(ImportError, match=r"what the lanes do with pipe_inertia: name it in _IN_COLUMN"):
-        refuse_unplaced([*known, "pipe_inertia"])
-    with pytest.raises(ImportError, match=r"names flow_inertance, and quantities.py has no such quantity"):
-        refuse_unplaced([one for one in known if one != "flow_inertance"])
+def test_a_quantity_is_for_the_lanes_what_its_row_says():
+    """What they do not know is left to the scalar replay unless it is absent; of what is elsewhere nothing depends."""
+    sound, run = load("astb").record, shaken(20)
+    assert has_lanes(sound)
+    replayed = traced(sound, run)
+    keys = [spring.key for spring in replayed.springs(sound, run.gas, 0.0)]
+    for one in QUANTITIES:
+        changed = sound.copy()
+        changed[one.name] = np.asarray(sound[one.name]) + 1e-3
+        if not one.lanes:
+            assert not has_lanes(changed), one.name
+        elif one.lanes is Lanes.ELSEWHERE:
+            assert has_lanes(changed)
+            assert [spring.key for spring in replayed.springs(changed, run.gas, 0.0)] == keys, one.name

@@ -44,7 +44,6 @@ from bench_sim.model.lanes.layout import (
     LaneState,
 )
 from bench_sim.model.lanes.slope import Having, lane_slope
-from bench_sim.model.lanes.start import FEEDING, JOINING, SURFACES
 from bench_sim.model.lanes.valves import (
     gather_valves,
     settle_levers,
@@ -52,7 +51,7 @@ from bench_sim.model.lanes.valves import (
     switch_leveling_valves,
 )
 from bench_sim.model.layout import EXTRA_BRANCHES, STATES, TINY
-from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.model.quantities import MEMORY, PARAMETERS, Lanes, in_lanes
 from bench_sim.model.replay import STEP
 from bench_sim.model.rest import relax_rubber
 from bench_sim.model.rubber import turn_friction
@@ -63,6 +62,10 @@ STIFFEST: Final = 1.0
 #: spring (vertical, lateral), compression of the contact. Its rows are the beginnings of the steps.
 TRACE: Final = 7
 AUXILIARY_PRESSURE: Final = 2
+#: Quantities that stand beside the column.
+SURFACES: Final = in_lanes(Lanes.SURFACE)
+FEEDING: Final = in_lanes(Lanes.FEEDS)
+JOINING: Final = in_lanes(Lanes.JOINS)
 
 
 class Course(NamedTuple):

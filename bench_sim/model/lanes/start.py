@@ -4,7 +4,6 @@ The column holds most of what the integration of this spring depends on. Beside 
 surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.springs.LaneSpring.key` says.
 """
 
-from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, Final
 
@@ -29,189 +28,18 @@ from bench_sim.model.lanes.layout import (
 )
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, SIDES, State
 from bench_sim.model.orifice import effective_flow_area, nozzle_constant, nozzle_slope, reynolds_per_flow
-from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.quantities import QUANTITIES
 from bench_sim.model.replay import settle
 
-#: Quantities that change a trajectory: the column holds them.
-_IN_COLUMN: Final = frozenset(
-    [
-        "gas_constant",
-        "heat_capacity_ratio",
-        "atmospheric_pressure",
-        "ambient_temperature",
-        "wall_temperature_offset",
-        "effective_area",
-        "effective_area_slope",
-        "bellows_volume",
-        "auxiliary_volume",
-        "membrane_length",
-        "membrane_length_slope",
-        "membrane_travel",
-        "bellows_heat_transfer",
-        "auxiliary_heat_transfer",
-        "heat_reference_density",
-        "heat_density_exponent",
-        "wall_heat_capacity",
-        "wall_outer_heat_transfer",
-        "orifice_diameter",
-        "discharge_coefficient",
-        "laminar_limit",
-        "leak_conductance",
-        "leak_critical_ratio",
-        "leak_laminar",
-        "shell_stiffness_vertical",
-        "shell_stiffness_lateral",
-        "maxwell_ratio",
-        "maxwell_time",
-        "friction_vertical",
-        "friction_lateral",
-        "friction_vertical_slope",
-        "friction_lateral_slope",
-        "friction_vertical_travel",
-        "friction_lateral_travel",
-        "friction_small_loop",
-        "nominal_preload",
-        "emergency_spring",
-        "emergency_stiffness_vertical",
-        "emergency_stiffness_lateral",
-        "contact_height",
-        "contact_stiffness",
-        "extra_branch_ratio",
-        "extra_branch_time",
-        "extra_friction",
-        "extra_friction_travel",
-        "creep_ratio",
-        "creep_time",
-        "bellows_compliance",
-        "orifice_reynolds",
-        "orifice_asymmetry",
-        "flow_inertance",
-    ]
-)
-#: Surfaces, which stand beside the column.
-SURFACES: Final = (
-    "flow_surface",
-    "flow_surface_difference",
-    "flow_surface_pressure",
-    "heat_surface",
-    "heat_surface_pressure",
-    "heat_surface_temperature",
-)
-#: Quantities of what fills and exhausts a spring, where anything does.
-FEEDING: Final = (
-    "leveling_deadband",
-    "leveling_hysteresis",
-    "leveling_range",
-    "lever_offset",
-    "leveling_lag",
-    "fill_conductance",
-    "exhaust_conductance",
-    "service_conductance",
-    "supply_temperature",
-    "valve_critical_ratio",
-)
-#: Quantities of what joins both springs of a bench, where that opens or leaks.
-JOINING: Final = ("dpv_opening", "dpv_reclosing", "dpv_conductance", "dpv_leak", "valve_critical_ratio")
-#: Quantities with which a lane cannot deal unless they are 0.
-_ABSENT: Final = ("pipe_length",)
-#: Quantities of what an imposed motion leaves out, or of the readings alone.
-_ELSEWHERE: Final = frozenset(
-    [
-        "supply_pressure",
-        "sawtooth_low",
-        "sawtooth_high",
-        "supply_sawtooth",
-        "sawtooth_decay_time",
-        "sawtooth_recharge_time",
-        "supply_lag",
-        "pipe_diameter",
-        "pipe_friction",
-        "contact_loss",
-        "torsional_stiffness",
-        "torsional_stiffness_slope",
-        "column_height",
-        "coupling_angle",
-        "coupling_sign",
-        "bolster_mass",
-        "bolster_inertia",
-        "gravity",
-        "spring_half_spacing",
-        "centre_height",
-        "actuator_half_spacing",
-        "lateral_actuator_height",
-        "accelerometer_height",
-        "bump_stop_travel",
-        "bump_stop_force",
-        "actuator_frequency",
-        "actuator_damping",
-        "actuator_delay",
-        "actuator_stroke",
-        "actuator_speed_limit",
-        "actuator_force_limit",
-        "actuator_force_rate",
-        "actuator_unload_rate",
-        "actuator_relief_force",
-        "actuator_relief_flow",
-        "frame_stiffness",
-        "frame_damping",
-        "platform_frequency",
-        "platform_damping",
-        "load_cell_x",
-        "load_cell_y",
-        "load_cell_height",
-        "load_cell_crosstalk",
-        "platen_mass",
-        "seat_ahead",
-        "load_ahead",
-        "support_softness",
-        "platform_twist",
-        "force_latency",
-        "pressure_latency",
-        "pressure_clock_skew",
-        "pressure_hold",
-        "pressure_hold_period",
-        "extra_stop_stiffness",
-        "extra_stop_gap",
-        "force_surface",
-        "force_surface_displacement",
-        "force_surface_speed",
-        "force_surface_unit_speed",
-        "sensor_gain",
-        "sensor_bias",
-        "sensor_drift",
-        "sensor_lag",
-        "sensor_noise",
-        "sensor_resolution",
-        "sensor_low",
-        "sensor_high",
-        "sensor_accuracy",
-    ]
-)
-
-
-def refuse_unplaced(quantities: Iterable[str]) -> None:
-    """Raise ImportError for a quantity of which nobody has said what the lanes do with it, or that does not exist."""
-    placed = {*_IN_COLUMN, *SURFACES, *FEEDING, *JOINING, *_ABSENT, *_ELSEWHERE}
-    if new := sorted(set(quantities) - placed):
-        raise ImportError(
-            f"bench_sim/model/lanes/start.py does not say what the lanes do with {', '.join(new)}: "
-            "name it in _IN_COLUMN if the lanes compute it, in _ABSENT if they cannot, "
-            "in _ELSEWHERE if no trajectory of a spring depends on it"
-        )
-    if gone := sorted(placed - set(quantities)):
-        raise ImportError(
-            f"bench_sim/model/lanes/start.py names {', '.join(gone)}, and quantities.py has no such quantity"
-        )
-
-
-refuse_unplaced(PARAMETERS.names or ())
+#: Quantities with which a lane cannot deal unless they have these values.
+_UNKNOWN: Final = {one.name: one.default or 0.0 for one in QUANTITIES if not one.lanes}
 
 
 def has_lanes(par: Any) -> bool:
     """Whether lanes can integrate a spring with these parameters; otherwise the scalar replay must."""
     return (
         par.emergency_spring != 0.0
-        and not any(par[name].any() for name in _ABSENT)
+        and not any(np.any(par[name] != absent) for name, absent in _UNKNOWN.items())
         and not par.extra_friction[LANE_FRICTIONS:].any()
     )
 
