@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.signals import Group, Kind, Signal
-from bench_protocol.units import K, N, bar, kN, m, mbar, mm, mrad, rad, us
+from bench_protocol.units import K, N, bar, kN, m, mbar, mm, mrad, ms, rad, s, us
 from bench_protocol.words import (
     ACTUATORS,
     AIR_MODES,
@@ -23,6 +23,7 @@ from bench_protocol.words import (
     STATES,
     SWITCH,
     WAVES,
+    WAVES_AT_ONCE,
 )
 
 COUNT_MAX: Final = float(2**24 - 2)  # what 24 bits on CAN and a float32 register both hold exactly
@@ -126,7 +127,12 @@ STATUS: Final = (
     ),
     _count("rig.status_code", 162, "0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error", 499),
     _count("rig.lease", 164, "Token of the commander that holds the bench, 0 if nobody", 65535),
-    _count("rig.generator_cycle", 166, "Cycles that the function generator has completed", 65534),
+    _count(
+        "rig.generator_cycle",
+        166,
+        "Completed cycles of the function generator, of the wave added last",
+        65534,
+    ),
     _count("rig.tick", 168, "Ticks since start, modulo 2^24 - 1 (0 follows 16777214)"),
     _count("rig.late_ticks", 170, "Ticks that began more than one period after their deadline", 65534),
     Signal(
@@ -244,7 +250,7 @@ SETTINGS: Final = (
     _choice("vertical.control", 116, CONTROL_MODES, "Control mode of both vertical actuators", 1),
     _choice("lateral.control", 118, CONTROL_MODES, "Control mode of the lateral actuator", 1),
     _choice("generator.axis", 120, AXES, "What the function generator moves"),
-    _choice("generator.wave", 122, WAVES, "Waveform; sines and triangles start and end with one soft cycle"),
+    _choice("generator.wave", 122, WAVES, "Waveform; all but the cosine begin and end with one soft cycle"),
     _number(
         "generator.amplitude",
         124,
@@ -272,6 +278,14 @@ SETTINGS: Final = (
         SWITCH,
         f"on: connecting pipes of {PIPE_LENGTH / m:g} m in series with the orifices; changed by hand as the plates are",
     ),
+    _number(
+        "generator.delay",
+        138,
+        "s",
+        (0.0, 60 * s),
+        1 * ms,
+        "From the start of the program to that of this wave",
+    ),
 )
 
 
@@ -289,7 +303,12 @@ ACTIONS: Final = (
     _coil("disable", 6, "To DISABLED: held, vented, set down, unloaded"),
     _coil("program_run", 7, "Start or continue the function generator"),
     _coil("program_hold", 8, "Freeze the function generator where it is"),
-    _coil("program_stop", 9, "Stop the function generator; the axis returns softly"),
+    _coil("program_stop", 9, "Stop the function generator; what it moves returns softly"),
+    _coil(
+        "program_add",
+        10,
+        f"Keep the wave that is set: the next run starts all that were kept, {WAVES_AT_ONCE} at the most, at once",
+    ),
 )
 
 

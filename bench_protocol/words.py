@@ -130,13 +130,15 @@ ControlMode = Literal["off", "force", "displacement"]
 GeneratorAxis = Literal[
     "vertical", "roll", "lateral", "platform_vertical", "platform_lateral", "platform_roll"
 ]
-GeneratorWave = Literal["sine", "unilateral_cosine", "triangle"]
+GeneratorWave = Literal["sine", "unilateral_cosine", "triangle", "plateau"]
 
 AIR_MODES: Final[tuple[AirMode, ...]] = get_args(AirMode)
 CONTROL_MODES: Final[tuple[ControlMode, ...]] = get_args(ControlMode)
 AXES: Final[tuple[GeneratorAxis, ...]] = get_args(GeneratorAxis)
 WAVES: Final[tuple[GeneratorWave, ...]] = get_args(GeneratorWave)
 SWITCH: Final = ("off", "on")
+#: So many waves one programme of the function generator has at the most.
+WAVES_AT_ONCE: Final = 8
 
 #: Length of the connecting pipes that lie beside the bench and that ``rig.pipe`` fits.
 PIPE_LENGTH: Final = 1.5 * m

@@ -133,6 +133,7 @@ class Actions(Device):
     program_run = Action()
     program_hold = Action()
     program_stop = Action()
+    program_add = Action()
 
 
 class Interlocks(Device):

@@ -2,16 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import Final
 
 from bench_protocol.units import s
 from bench_protocol.words import PROGRAM_STATES, GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
-from drivers.errors import Misuse, Refused, RigFault
+from drivers.errors import Misuse, NotAvailable, Refused, RigFault
 from drivers.link import STREAM_BEATS
 
 #: What a program may take longer than its cycles.
 MARGIN: Final = 10 * s
+
+
+@dataclass(frozen=True, slots=True)
+class Wave:
+    """A wave of a program: whole cycles on one axis, ``delay`` s after the program's start; one amplitude (SI)."""
+
+    axis: GeneratorAxis
+    form: GeneratorWave = "sine"
+    amplitude: float | None = None  #: m, in displacement control
+    roll_amplitude: float | None = None  #: rad
+    force_amplitude: float | None = None  #: N, in force control; of a roll: up on the left, down on the right
+    _: KW_ONLY
+    frequency: float
+    cycles: int
+    delay: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """When it ends, s after the program's start."""
+        return self.delay + self.cycles / self.frequency
+
+    @property
+    def amplitudes(self) -> dict[str, float]:
+        """The amplitudes that are given, by the name of their setting."""
+        names = ("amplitude", "roll_amplitude", "force_amplitude")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 class Generator(Device):
@@ -25,6 +52,7 @@ class Generator(Device):
     force_amplitude = Setting()  #: N, in force control
     frequency = Setting()  #: Hz
     cycles = Setting()
+    delay = Setting()  #: s, from the start of the program to that of the wave
 
     def run(
         self,
@@ -41,19 +69,12 @@ class Generator(Device):
         """Move ``axis`` through ``cycles`` whole cycles and wait for the end, ``margin`` s at most beyond its duration.
 
         Exactly one amplitude: ``amplitude`` (m) of a displacement, ``roll_amplitude`` (rad) of a roll axis,
-        ``force_amplitude`` (N) of an axis in force control. Sine and triangle spend their first and last cycle
-        fading in and out.
+        ``force_amplitude`` (N) of an axis in force control. All but the unilateral cosine spend their first and last
+        cycle fading in and out.
         """
-        self.start(
-            axis,
-            wave,
-            amplitude=amplitude,
-            roll_amplitude=roll_amplitude,
-            force_amplitude=force_amplitude,
-            frequency=frequency,
-            cycles=cycles,
-        )
-        self.wait_done(within=cycles / frequency + margin)
+        one = Wave(axis, wave, amplitude, roll_amplitude, force_amplitude, frequency=frequency, cycles=cycles)
+        self._start(one)
+        self.wait_done(within=one.end + margin)
 
     def start(
         self,
@@ -67,29 +88,65 @@ class Generator(Device):
         cycles: int,
     ) -> None:
         """Begin what :meth:`run` does and return while it goes on."""
-        amplitudes = {
-            "amplitude": amplitude,
-            "roll_amplitude": roll_amplitude,
-            "force_amplitude": force_amplitude,
-        }
-        given = {name: value for name, value in amplitudes.items() if value is not None}
-        wanted = self._wanted_amplitude(axis)
-        if list(given) != [wanted]:
-            got = ", ".join(given) or "none"
-            raise Misuse(
-                f"generator on {axis}: it needs {wanted} as the axis is controlled now; given: {got}"
-            )
-        settings: dict[str, float | str] = {
-            "axis": axis,
-            "wave": wave,
-            "frequency": frequency,
-            "cycles": cycles,
-        }
-        settings.update(given)
-        self._link.settings.write({f"generator.{name}": value for name, value in settings.items()})
+        self._start(
+            Wave(axis, wave, amplitude, roll_amplitude, force_amplitude, frequency=frequency, cycles=cycles)
+        )
+
+    def run_together(self, *waves: Wave, margin: float = MARGIN) -> None:
+        """Move several axes at once, on one time base, and wait for the end of the last wave.
+
+        Waves of one axis add up. What cannot be, alone or beside the others, is refused before anything moves; what
+        stops one of them stops all.
+        """
+        self.start_together(*waves)
+        self.wait_done(within=max(wave.end for wave in waves) + margin)
+
+    def start_together(self, *waves: Wave) -> None:
+        """Begin what :meth:`run_together` does and return while it goes on."""
+        if not waves:
+            raise Misuse("a program of the generator has one wave at least")
+        link = self._link
+        if lacking := link.lacks("action.program_add", "generator.delay"):
+            raise NotAvailable(lacking)
+        added = 0
+        try:
+            for wave in sorted(waves, key=lambda one: one.end):  # of the last added the rig counts the cycles
+                self._set(wave)
+                link.settings.act("action.program_add")
+                added += 1
+        except BaseException:
+            if added:
+                link.settings.act("action.program_stop")
+            raise
+        self._go()
+
+    def _start(self, wave: Wave) -> None:
+        self._set(wave)
+        self._go()
+
+    def _go(self) -> None:
         self._link.settings.act("action.program_run")
         # Frames on their way still tell of the program before: only after two beats do they speak of this one.
         self._link.wait_beats(STREAM_BEATS, "rig.program")
+
+    def _set(self, wave: Wave) -> None:
+        """Write the settings of ``wave``; Misuse unless its amplitude is that of its axis in its present control."""
+        wanted = self._wanted_amplitude(wave.axis)
+        if list(wave.amplitudes) != [wanted]:
+            got = ", ".join(wave.amplitudes) or "none"
+            raise Misuse(
+                f"generator on {wave.axis}: it needs {wanted} as the axis is controlled now; given: {got}"
+            )
+        settings: dict[str, float | str] = {
+            "axis": wave.axis,
+            "wave": wave.form,
+            "frequency": wave.frequency,
+            "cycles": wave.cycles,
+            **wave.amplitudes,
+        }
+        if wave.delay or self._link.has("generator.delay"):
+            settings["delay"] = wave.delay
+        self._link.settings.write({f"generator.{name}": value for name, value in settings.items()})
 
     def wait_done(self, within: float) -> None:
         """Wait until the program has ended by itself; RigFault if it ended before its last cycle."""
@@ -138,9 +195,10 @@ class Generator(Device):
         if axis.startswith("platform"):
             return "amplitude"
         mode = self._link.settings.choice("lateral.control" if axis == "lateral" else "vertical.control")
-        if mode == "off" or (axis == "roll" and mode != "displacement"):
-            needed = "displacement" if axis == "roll" else "force or displacement"
-            raise Misuse(f"generator on {axis}: the axis is in control mode {mode!r}; it must be in {needed}")
+        if mode == "off":
+            raise Misuse(
+                f"generator on {axis}: the axis is in control mode 'off'; it must be in force or displacement"
+            )
         if mode == "force":
             return "force_amplitude"
         return "roll_amplitude" if axis == "roll" else "amplitude"

@@ -28,6 +28,7 @@ def coil_actions(
             "program_run": supervisor.run_program,
             "program_hold": generator.hold,
             "program_stop": generator.stop,
+            "program_add": supervisor.add_to_program,
         },
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, HOLD_AFTER, SLOW_RATE, TICK
 from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import NS, s
+from bench_protocol.words import WAVES_AT_ONCE
 from bench_sim.model.layout import Sensor
 
 TICK_NS: Final = round(TICK * NS)
@@ -130,13 +131,12 @@ CONTROLS: Final = np.dtype(
         ("reservoir", "<i8", (2,)),
         ("dpv", "<i8"),
         ("program", "<i8"),  # `Program`
-        ("axis", "<i8"),
-        ("wave", "<i8"),
-        ("amplitude", "<f8"),
-        ("lever", "<f8"),  # m per rad, of a roll at the vertical actuators
-        ("frequency", "<f8"),
-        ("cycles", "<f8"),
-        ("phase", "<f8"),  # cycles since the start of the program
+        ("waves", "<i8"),  # how many waves the program has
+        ("wave", "<i8", (WAVES_AT_ONCE,)),
+        ("amplitude", "<f8", (WAVES_AT_ONCE, TARGETS)),  # by set-point: 0 where the wave moves none
+        ("frequency", "<f8", (WAVES_AT_ONCE,)),
+        ("cycles", "<f8", (WAVES_AT_ONCE,)),
+        ("phase", "<f8", (WAVES_AT_ONCE,)),  # cycles since the start of the wave, below 0 before
         ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
         ("node_state", "<i8"),  # `bench_protocol.canopen.NmtState`
         ("heartbeat", "<i8"),  # ticks between two of the node's heartbeats, 0 for none

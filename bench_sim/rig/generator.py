@@ -1,49 +1,76 @@
-"""The function generator of the rig: how a program is started, held and stopped; the tick moves it on."""
+"""The function generator of the rig: how a program of waves is started, held and stopped; the tick moves it on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
+
+import numpy as np
 
 from bench_protocol.rates import TICK
 from bench_protocol.units import s
-from bench_protocol.words import AXES, CONTROL_MODES, Program
-from bench_sim.rig.controls import Target
-from bench_sim.rig.setpoints import too_fast
+from bench_protocol.words import AXES, CONTROL_MODES, WAVES_AT_ONCE, Program
+from bench_sim.rig.controls import TARGETS, Target
+from bench_sim.rig.setpoints import steepness, too_fast
 
-_RETURN_TICKS: Final = round(1 * s / TICK)  # a stopped generator's axis takes one second to come back
+_RETURN_TICKS: Final = round(1 * s / TICK)  # a stopped generator's axes take one second to come back
+_DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
+#: A wave as it is set: axis, form, amplitudes and so on (SI, by name).
+Wave = Mapping[str, float]
 
 
 class FunctionGenerator:
     """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
 
-    ``lever``: m per rad, of a roll at the vertical actuators.
+    A program is the wave that is set, or all waves that were added before it is run: these start on one tick, each
+    after its delay, and end, are held and are stopped together. ``lever``: m per rad, of a roll at the vertical
+    actuators.
     """
 
     def __init__(self, controls: Any, settings: Mapping[str, float], lever: float) -> None:
         self._controls = controls
         self._settings = settings
         self._lever = lever
+        self._added: list[Wave] = []
+        self._moves_actuators = False
 
     @property
     def busy(self) -> bool:
         """Whether a program runs or is held."""
         return self._controls["program"] in (Program.RUN, Program.HOLD)
 
+    def add(self) -> bool:
+        """Keep the wave that is set for the next program; return whether it can be part of it."""
+        waves = [*self._added, self._set_wave()]
+        if self.busy or len(waves) > WAVES_AT_ONCE or self._amplitudes(waves) is None:
+            return False
+        self._added = waves
+        return True
+
+    def drop(self) -> None:
+        """Forget the waves that were added for the next program."""
+        self._added = []
+
     def run(self) -> bool:
         """Start the program that is set, or go on with the one that is held; return whether that is possible."""
-        c, settings = self._controls, self._settings
+        c = self._controls
         if c["program"] == Program.RUN:
             return False
         if c["program"] == Program.HOLD:
             c["program"] = Program.RUN
             return True
-        amplitude = self._amplitude(int(settings["generator.axis"]))
-        if amplitude is None or self._too_fast(amplitude):
+        waves = self._added or [self._set_wave()]
+        amplitudes = self._amplitudes(waves)
+        if amplitudes is None:
             return False
-        c["axis"], c["wave"] = settings["generator.axis"], settings["generator.wave"]
-        c["amplitude"], c["lever"] = amplitude, self._lever
-        c["frequency"], c["cycles"] = settings["generator.frequency"], settings["generator.cycles"]
-        c["phase"] = 0.0
+        c["waves"] = len(waves)
+        c["amplitude"][: len(waves)] = amplitudes
+        for k, wave in enumerate(waves):
+            for name in ("wave", "frequency", "cycles"):
+                c[name][k] = wave[f"generator.{name}"]
+            c["phase"][k] = -wave["generator.frequency"] * wave["generator.delay"]
         c["program"] = Program.RUN
+        lateral = AXES.index("lateral")
+        self._moves_actuators = any(wave["generator.axis"] <= lateral for wave in waves)
+        self._added = []
         return True
 
     def hold(self) -> bool:
@@ -54,9 +81,10 @@ class FunctionGenerator:
         return True
 
     def stop(self) -> bool:
-        """End the program and let the axis come back softly; return whether there was one."""
+        """End the program and let its axes come back softly, or forget what was added; return whether there was one."""
         if not self.busy:
-            return False
+            some, self._added = bool(self._added), []
+            return some
         self._absorb_offset()
         self._controls["program"] = Program.STOPPED
         self._controls["slew"][:] = _RETURN_TICKS
@@ -70,6 +98,7 @@ class FunctionGenerator:
 
     def clear(self) -> None:
         """Have no program, as after power on; the set-points keep what the last one added to them."""
+        self._added = []
         if self._controls["program"] != Program.IDLE:
             self.freeze()
             self._controls["program"] = Program.IDLE
@@ -80,36 +109,45 @@ class FunctionGenerator:
 
     @property
     def moves_actuators(self) -> bool:
-        """Whether the program is one of the actuators, and not of the platform."""
-        return int(self._controls["axis"]) <= AXES.index("lateral")
+        """Whether a wave of the program is one of the actuators, and not all are of the platform."""
+        return self._moves_actuators
 
-    def _amplitude(self, axis: int) -> float | None:
-        """Return the amplitude for ``axis`` in its present control mode; None if it cannot move so."""
-        settings, name = self._settings, AXES[axis]
-        if name == "platform_roll":
-            return settings["generator.roll_amplitude"]
-        if name.startswith("platform"):
-            return settings["generator.amplitude"]
-        actuator = Target.LATERAL if name == "lateral" else Target.VERTICAL_LEFT
-        mode = CONTROL_MODES[int(self._controls["control"][actuator])]
-        if mode == "displacement":
-            return settings["generator.roll_amplitude" if name == "roll" else "generator.amplitude"]
-        if mode == "force" and name != "roll":
-            return settings["generator.force_amplitude"]
-        return None
+    def _set_wave(self) -> Wave:
+        return {name: value for name, value in self._settings.items() if name.startswith("generator.")}
 
-    def _too_fast(self, amplitude: float) -> bool:
-        """Tell whether what the staged axis moves could not follow its wave."""
-        settings = self._settings
-        name = AXES[int(settings["generator.axis"])]
-        target = Target.VERTICAL_LEFT if name in ("vertical", "roll") else Target[name.upper()]
-        mode = CONTROL_MODES.index("displacement")
-        if target <= Target.LATERAL:
-            mode = int(self._controls["control"][target])
-        height = amplitude * self._lever if name == "roll" else amplitude
-        return too_fast(
-            target, mode, int(settings["generator.wave"]), height, settings["generator.frequency"]
-        )
+    def _amplitudes(self, waves: Sequence[Wave]) -> Any:
+        """Return how far each of ``waves`` moves each set-point (SI); None if one cannot, or could not follow all."""
+        heights = [self._height(wave) for wave in waves]
+        if any(height is None for height in heights):
+            return None
+        amplitudes = np.array(heights)
+        steep = [steepness(int(wave["generator.wave"]), 1.0, wave["generator.frequency"]) for wave in waves]
+        speeds = (np.array(steep) @ np.abs(amplitudes)).tolist()
+        if any(too_fast(target, self._mode(target), speed) for target, speed in enumerate(speeds)):
+            return None
+        return amplitudes
+
+    def _mode(self, target: int) -> int:
+        return int(self._controls["control"][target]) if target <= Target.LATERAL else _DISPLACEMENT
+
+    def _height(self, wave: Wave) -> Any:
+        """Return the amplitude by set-point of one wave in the present control modes; None if it cannot move so."""
+        name = AXES[int(wave["generator.axis"])]
+        targets = {"vertical": (1.0, 1.0), "roll": (1.0, -1.0)}
+        first = Target.VERTICAL_LEFT if name in targets else Target[name.upper()]
+        mode = CONTROL_MODES[self._mode(first)]
+        if mode == "off":
+            return None
+        if mode == "force":
+            size = wave["generator.force_amplitude"]
+        elif name.endswith("roll"):
+            size = wave["generator.roll_amplitude"] * (self._lever if name == "roll" else 1.0)
+        else:
+            size = wave["generator.amplitude"]
+        found = np.zeros(TARGETS)
+        for k, way in enumerate(targets.get(name, (1.0,))):
+            found[first + k] = way * size
+        return found
 
     def _absorb_offset(self) -> None:
         c = self._controls

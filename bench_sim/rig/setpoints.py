@@ -45,7 +45,7 @@ PACES: Final = (
 )
 
 #: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
-_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0}
+_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0, "plateau": 0.5 * math.pi}
 assert tuple(_STEEPEST) == WAVES
 
 
@@ -65,10 +65,15 @@ _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 _ACTUATORS: Final = len(ACTUATORS)
 
 
-def too_fast(target: int, mode: int, wave: int, amplitude: float, frequency: float) -> bool:
-    """Tell whether a wave is steeper than what ``target`` can follow in control ``mode``; SI units and Hz."""
+def steepness(wave: int, amplitude: float, frequency: float) -> float:
+    """Return the peak speed of a wave (per s, in the unit of its ``amplitude``)."""
+    return _STEEPEST[WAVES[wave]] * amplitude * frequency
+
+
+def too_fast(target: int, mode: int, speed: float) -> bool:
+    """Tell whether waves of this peak ``speed`` are steeper than what ``target`` can follow in control ``mode``; SI."""
     pace = _TABLE[target][mode]
-    return pace is not None and _STEEPEST[WAVES[wave]] * amplitude * frequency > pace.wave
+    return pace is not None and speed > pace.wave
 
 
 @compiled

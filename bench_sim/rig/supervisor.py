@@ -125,6 +125,10 @@ class Supervisor:
             self.engage()
         return True
 
+    def add_to_program(self) -> bool:
+        """Keep the wave that is set for the program that is started next; return whether that is possible now."""
+        return self.state is BenchState.ACTIVE and self._in_force.generator.add()
+
     def applied(self, *, steered: bool) -> None:
         """Let settings that a commander has just applied act on air and actuators; ``steered``: a mode was changed."""
         if self.state not in LIVE:
@@ -145,6 +149,7 @@ class Supervisor:
     def forget(self) -> None:
         """Let what the last holder of the bench has left behind go, as somebody else has it from now on, or nobody."""
         c = self._controls
+        self._in_force.generator.drop()
         self._bits = ControlBit.NONE
         c["bits"] = ControlBit.NONE
         if c["token"]:
@@ -172,6 +177,8 @@ class Supervisor:
         self._set("rig.state", state)
         self._set("rig.reason", self.machine.reason)
         self._set("rig.status_code", STATUS_CODES[state])
+        if state is not BenchState.ACTIVE:
+            self._in_force.generator.drop()
         if before is BenchState.ACTIVE or (state not in ENGAGED and self._in_force.generator.busy):
             self._freeze(keep_program=state is BenchState.HOLD)
         if state is BenchState.FAULT_REACTION:  # meanwhile the bench keeps what it has

@@ -85,29 +85,32 @@ _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
 #: The plant knows one mode more: nobody commands an actuator to be shut in, it is what its valve does by itself.
 assert tuple(mode.name.lower() for mode in Mode if mode is not Mode.SHUT_IN) == CONTROL_MODES
-_AXIS_VERTICAL: Final = AXES.index("vertical")
-_AXIS_ROLL: Final = AXES.index("roll")
 #: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
 _NAMES: Final = tuple(target.name.lower() for target in Target)
 assert (*ACTUATORS, *(f"platform_{axis}" for axis in PLATFORM_AXES)) == _NAMES
 assert AXES[Target.LATERAL :] == _NAMES[Target.LATERAL :]
 _COSINE: Final = WAVES.index("unilateral_cosine")
 _TRIANGLE: Final = WAVES.index("triangle")
+_PLATEAU: Final = WAVES.index("plateau")
 
 
 @compiled
 def waveform(wave: int, phase: float, cycles: float) -> float:
     """Return the unit wave at ``phase`` (cycles since start) of a program of ``cycles`` whole cycles.
 
-    Sine and triangle fade in over the first cycle and out over the last; the unilateral cosine
-    ``(1 - cos(2 pi phase)) / 2`` starts and ends at rest by itself.
+    Sine, triangle and plateau fade in over the first cycle and out over the last; the unilateral cosine
+    ``(1 - cos(2 pi phase)) / 2`` starts and ends at rest by itself. Before its start, ``phase`` < 0, a wave is 0.
     """
+    if phase < 0.0:
+        return 0.0
     if wave == _COSINE:
         return 0.5 * (1.0 - math.cos(2.0 * math.pi * phase))
     envelope = 1.0
     edge = min(phase, cycles - phase)
     if edge < 1.0:
         envelope = 0.5 * (1.0 - math.cos(math.pi * max(edge, 0.0)))
+    if wave == _PLATEAU:
+        return envelope
     turn = phase - math.floor(phase)
     if wave == _TRIANGLE:
         if turn < 0.25:
@@ -123,25 +126,23 @@ def waveform(wave: int, phase: float, cycles: float) -> float:
 
 @compiled
 def _generate(c: Any) -> int:
-    """Advance the function generator by one tick and set its offsets."""
+    """Advance all waves of the function generator by one tick and set its offsets."""
     happened = Happened.NOTHING.value
     if c.program == Program.RUN:
-        c.phase += c.frequency * TICK
-        if c.phase >= c.cycles:
-            c.phase = c.cycles
+        going = False
+        for k in range(c.waves):
+            c.phase[k] = min(c.phase[k] + c.frequency[k] * TICK, c.cycles[k])
+            going = going or c.phase[k] < c.cycles[k]
+        if not going:
             c.program = Program.IDLE.value
             happened = Happened.PROGRAM_DONE.value
     for row in range(TARGETS):
         c.offset[row] = 0.0
-    value = c.amplitude * waveform(c.wave, c.phase, c.cycles) if c.program != Program.IDLE else 0.0
-    if c.axis == _AXIS_VERTICAL:
-        c.offset[Target.VERTICAL_LEFT] = value
-        c.offset[Target.VERTICAL_RIGHT] = value
-    elif c.axis == _AXIS_ROLL:
-        c.offset[Target.VERTICAL_LEFT] = value * c.lever
-        c.offset[Target.VERTICAL_RIGHT] = -value * c.lever
-    else:
-        c.offset[c.axis] = value
+    if c.program == Program.RUN or c.program == Program.HOLD:
+        for k in range(c.waves):
+            unit = waveform(c.wave[k], c.phase[k], c.cycles[k])
+            for row in range(TARGETS):
+                c.offset[row] += c.amplitude[k, row] * unit
     return happened
 
 
@@ -293,7 +294,7 @@ def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int
     position = _send(values, sending, sending.fast, time, out, position)
     values[_TICK_ROW] = c.tick % TICK_MODULUS
     values[_PROGRAM_ROW] = c.program
-    values[_CYCLE_ROW] = math.floor(c.phase)
+    values[_CYCLE_ROW] = math.floor(max(c.phase[max(c.waves - 1, 0)], 0.0))
     values[_REFUSED_ROW] = c.refused
     if c.tick % MEDIUM == 0:
         position = _send(values, sending, sending.medium, time, out, position)

@@ -410,7 +410,8 @@ class DescribedWiring:
             controls = [one for one in ("vertical.control", "lateral.control") if one not in self.absent]
             with self._lock:
                 setpoints, active = self._setpoints, self._active
-            self._player.run(self.read(controls), setpoints, active=active)
+            play = self._player.add if name == "action.program_add" else self._player.run
+            play(self.read(controls), setpoints, active=active)
 
     def _refuse_under_program(self, values: Mapping[str, float]) -> None:
         if self._player is not None and self._player.busy:

@@ -20,6 +20,7 @@ PLAYED: Final = (
     "action.program_run",
     "action.program_hold",
     "action.program_stop",
+    "action.program_add",
     "rig.program",
     "rig.generator_cycle",
 )

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS, s
 from bench_protocol.wires import Table
-from bench_protocol.words import AXES, CONTROL_MODES, WAVES, Program
+from bench_protocol.words import AXES, CONTROL_MODES, WAVES, WAVES_AT_ONCE, Program
 from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
 
@@ -32,7 +33,7 @@ POINTS_MIN: Final = 5
 #: What a wave moves on by at the most from one beat to the next: one beat may be missing, a stall is left out.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
 #: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
-_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0}
+_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0, "plateau": 0.5 * math.pi}
 assert tuple(_STEEPEST) == WAVES
 #: What the axis is controlled by, which actuators it moves, and which way each goes.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {
@@ -49,13 +50,17 @@ assert tuple(_MOVES) == AXES
 def waveform(wave: str, phase: float, cycles: float) -> float:
     """Return the unit wave at ``phase`` (cycles since start) of a program of ``cycles`` whole cycles.
 
-    Sine and triangle fade in over the first cycle and out over the last; the unilateral cosine
-    ``(1 - cos(2 pi phase)) / 2`` starts and ends at rest by itself.
+    Sine, triangle and plateau fade in over the first cycle and out over the last; the unilateral cosine
+    ``(1 - cos(2 pi phase)) / 2`` starts and ends at rest by itself. Before its start, ``phase`` < 0, a wave is 0.
     """
+    if phase < 0.0:
+        return 0.0
     if wave == "unilateral_cosine":
         return 0.5 * (1.0 - math.cos(math.tau * phase))
     edge = min(phase, cycles - phase)
     envelope = 0.5 * (1.0 - math.cos(math.pi * max(edge, 0.0))) if edge < 1.0 else 1.0
+    if wave == "plateau":
+        return envelope
     turn = phase - math.floor(phase)
     if wave == "triangle":
         return envelope * (
@@ -64,8 +69,26 @@ def waveform(wave: str, phase: float, cycles: float) -> float:
     return envelope * math.sin(math.tau * turn)
 
 
+@dataclass(slots=True)
+class _Wave:
+    """One wave of a program, and how far it has come (cycles since its start, below 0 before)."""
+
+    form: str
+    frequency: float
+    cycles: float
+    phase: float
+    heights: Mapping[int, float]  #: amplitude (SI) by table row
+
+    @classmethod
+    def of(cls, settings: Mapping[str, float], heights: Mapping[int, float]) -> _Wave:
+        """Return the wave that is set, before its start."""
+        frequency, delay = settings["generator.frequency"], settings["generator.delay"]
+        form = WAVES[round(settings["generator.wave"])]
+        return cls(form, frequency, settings["generator.cycles"], -frequency * delay, heights)
+
+
 class Player:
-    """A program of waves: settings, state and phase. Thread-safe.
+    """A program of waves: settings, state and phases. Thread-safe.
 
     ``rig`` names the rig in errors; ``absent`` are the set-points that it does not have.
     """
@@ -79,12 +102,11 @@ class Player:
         }
         self._lock = threading.Lock()
         self._program = Program.IDLE
-        self._phase = 0.0
+        self._waves: list[_Wave] = []
+        self._kept: list[dict[str, float]] = []  # what was added for the next program
         self._last: int | None = None  # ns of the last beat
         self._elapsed = 0  # ns of beats so far, without stalls
         self._time: int | None = None  # ns of the last beat of the program, in time elapsed
-        self._wave, self._cycles, self._frequency = WAVES[0], 1.0, 1.0
-        self._heights: dict[int, float] = {}  # amplitude (SI) by table row
         self._added: dict[int, float] = {}  # offset (SI) by table row on the last beat
         self._returning: dict[int, float] = {}  # the same at the time of the stop
         self._stopped: int | None = None  # ns in time elapsed; None: at the next beat
@@ -97,7 +119,7 @@ class Player:
     def told(self) -> dict[str, float]:
         """Return what the program says of itself, and its settings (SI)."""
         with self._lock:
-            cycle = float(math.floor(self._phase))
+            cycle = float(math.floor(max(self._waves[-1].phase, 0.0))) if self._waves else 0.0
             return {"rig.program": float(self._program), "rig.generator_cycle": cycle, **self._settings}
 
     def write(self, values: Mapping[str, float]) -> None:
@@ -107,8 +129,21 @@ class Player:
 
     # -- actions -------------------------------------------------------------------------------------------------
 
+    def add(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
+        """Keep the wave that is set: the next :meth:`run` starts all that were kept. Refused as that is."""
+        with self._lock:
+            if not active:
+                raise _refused("add", "the bench is not ACTIVE")
+            if self.busy:
+                raise _refused("add", "a program runs or is held")
+            if len(self._kept) == WAVES_AT_ONCE:
+                raise _refused("add", f"a program has {WAVES_AT_ONCE} waves at the most")
+            kept = [*self._kept, dict(self._settings)]
+            self._possible(kept, modes, setpoints, "add")
+            self._kept = kept
+
     def run(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Start the program that is set, or go on with the one that is held.
+        """Start the wave that is set, or all that were added, or go on with the program that is held.
 
         ``modes``: the control modes in force by the name of their setting; ``setpoints`` (SI) by table row. Refused
         in words for what a generator would refuse, NotAvailable for a set-point that the rig does not have.
@@ -121,15 +156,9 @@ class Player:
             if self._program is Program.HOLD:
                 self._program, self._time = Program.RUN, None
                 return
-            settings = dict(self._settings)
-            axis = AXES[round(settings["generator.axis"])]
-            wave = WAVES[round(settings["generator.wave"])]
-            heights = self._heights_of(axis, settings, modes)
-            self._refuse_steep(axis, wave, heights, settings["generator.frequency"])
-            self._refuse_far(heights, setpoints)
-            self._heights, self._wave = heights, wave
-            self._frequency, self._cycles = settings["generator.frequency"], settings["generator.cycles"]
-            self._phase, self._time, self._program = 0.0, None, Program.RUN
+            waves = self._possible(self._kept or [self._settings], modes, setpoints, "run")
+            self._waves, self._kept = waves, []
+            self._time, self._program = None, Program.RUN
 
     def hold(self) -> None:
         """Freeze the wave where it is."""
@@ -139,12 +168,15 @@ class Player:
             self._program = Program.HOLD
 
     def stop(self) -> None:
-        """End the program; its axis comes back on a straight line within `RETURN`."""
+        """End the program, whose axes come back on straight lines within `RETURN`, or forget what was added."""
         with self._lock:
             if not self.busy:
+                if self._kept:
+                    self._kept = []
+                    return
                 raise _refused("stop", "no program runs")
             self._returning, self._stopped = dict(self._added), None
-            self._program, self._phase = Program.STOPPED, 0.0
+            self._program, self._waves = Program.STOPPED, []
 
     # -- beats ---------------------------------------------------------------------------------------------------
 
@@ -157,15 +189,17 @@ class Player:
             time = self._played(time)
             if not active:
                 if self.busy:
-                    self._program, self._phase = Program.STOPPED, 0.0
-                self._returning, self._added = {}, {}
+                    self._program, self._waves = Program.STOPPED, []
+                self._returning, self._added, self._kept = {}, {}, []
                 return {}
             if self._program is Program.RUN:
                 if self._time is not None:
-                    self._phase += self._frequency * (time - self._time) / NS
+                    for wave in self._waves:
+                        moved = wave.phase + wave.frequency * (time - self._time) / NS
+                        wave.phase = min(moved, wave.cycles)
                 self._time = time
-                if self._phase >= self._cycles:
-                    self._phase, self._program = self._cycles, Program.IDLE
+                if all(wave.phase >= wave.cycles for wave in self._waves):
+                    self._program = Program.IDLE
             offsets = self._offsets() if self.busy else {}
             for row, offset in self._return(time).items():
                 offsets[row] = offsets.get(row, 0.0) + offset
@@ -180,8 +214,12 @@ class Player:
         return self._elapsed
 
     def _offsets(self) -> dict[int, float]:
-        unit = waveform(self._wave, self._phase, self._cycles)
-        return {row: height * unit for row, height in self._heights.items()}
+        offsets: dict[int, float] = {}
+        for wave in self._waves:
+            unit = waveform(wave.form, wave.phase, wave.cycles)
+            for row, height in wave.heights.items():
+                offsets[row] = offsets.get(row, 0.0) + height * unit
+        return offsets
 
     def _return(self, time: int) -> dict[int, float]:
         if not self._returning:
@@ -194,22 +232,32 @@ class Player:
 
     # -- what is possible ----------------------------------------------------------------------------------------
 
+    def _possible(
+        self, asked: Sequence[Mapping[str, float]], modes: Mapping[str, float], setpoints: Floats, verb: str
+    ) -> list[_Wave]:
+        """Return the waves that are ``asked`` for, by their settings; Refused if one cannot be, or not all at once."""
+        waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in asked]
+        self._refuse_steep(waves, verb)
+        self._refuse_far(waves, setpoints, verb)
+        return waves
+
     def _heights_of(
-        self, axis: str, settings: Mapping[str, float], modes: Mapping[str, float]
+        self, settings: Mapping[str, float], modes: Mapping[str, float], verb: str
     ) -> dict[int, float]:
-        """Return the amplitude (SI) by table row of the set-points that ``axis`` moves in its present control mode."""
+        """Return the amplitude (SI) by table row of the set-points that its axis moves in its present control mode."""
+        axis = AXES[round(settings["generator.axis"])]
         control, moved = _MOVES[axis]
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
         if math.isnan(number):
             raise _refused(
-                "run", f"it is not known how {axis} is controlled: {self._rig} does not report {control}"
+                verb, f"it is not known how {axis} is controlled: {self._rig} does not report {control}"
             )
         mode = CONTROL_MODES[round(number)]
-        if mode == "off" or (axis == "roll" and mode == "force"):
-            raise _refused("run", f"{axis} cannot move so: {control} is {mode}")
+        if mode == "off":
+            raise _refused(verb, f"{axis} cannot move so: {control} is {mode}")
         kind = "roll_amplitude" if axis.endswith("roll") else "amplitude"
         height = settings[f"generator.{'force_amplitude' if mode == 'force' else kind}"]
-        if axis == "roll":
+        if axis == "roll" and mode == "displacement":
             height *= self._limits.lever
         heights = {}
         for target, way in moved.items():
@@ -221,34 +269,45 @@ class Player:
             heights[self._table.index[name]] = way * height
         return heights
 
-    def _refuse_steep(self, axis: str, wave: str, heights: Mapping[int, float], frequency: float) -> None:
-        if frequency * POINTS_MIN > COMMAND_RATE:
-            raise _refused(
-                "run",
-                f"{frequency:g} Hz is too fast for {COMMAND_RATE:g} set-points a second; "
-                f"{COMMAND_RATE / POINTS_MIN:g} Hz is the most",
-            )
-        for row, height in heights.items():
-            unit = self._table.signals[row].si
+    def _refuse_steep(self, waves: Sequence[_Wave], verb: str) -> None:
+        """Refuse waves that are too fast for a stream, or whose peaks together are for the wiring's ``[player]``."""
+        speeds: dict[int, float] = {}
+        for wave in waves:
+            if wave.frequency * POINTS_MIN > COMMAND_RATE:
+                raise _refused(
+                    verb,
+                    f"{wave.frequency:g} Hz is too fast for {COMMAND_RATE:g} set-points a second; "
+                    f"{COMMAND_RATE / POINTS_MIN:g} Hz is the most",
+                )
+            for row, height in wave.heights.items():
+                peak = _STEEPEST[wave.form] * abs(height) * wave.frequency
+                speeds[row] = speeds.get(row, 0.0) + peak
+        what = f"this {waves[0].form.replace('_', ' ')}" if len(waves) == 1 else "these waves together"
+        for row, peak in speeds.items():
+            signal = self._table.signals[row]
+            unit = signal.si
             limits = {"m": self._limits.speed, "rad": self._limits.roll_rate, "N": self._limits.force_rate}
-            peak = _STEEPEST[wave] * abs(height) * frequency
             if peak > limits[unit]:
                 raise _refused(
-                    "run",
-                    f"this {wave.replace('_', ' ')} on {axis} reaches {peak:.3g} {unit}/s, and the wiring's [player] "
+                    verb,
+                    f"{signal.name} would reach {peak:.3g} {unit}/s in {what}, and the wiring's [player] "
                     f"allows {limits[unit]:.3g} {unit}/s",
                 )
 
-    def _refuse_far(self, heights: Mapping[int, float], setpoints: Floats) -> None:
-        for row, height in heights.items():
+    def _refuse_far(self, waves: Sequence[_Wave], setpoints: Floats, verb: str) -> None:
+        ways: dict[int, float] = {}
+        for wave in waves:
+            for row, height in wave.heights.items():
+                ways[row] = ways.get(row, 0.0) + abs(height)
+        for row, way in ways.items():
             signal, base = self._table.signals[row], float(setpoints[row])
             if math.isnan(base):
-                raise _refused("run", f"{signal.name} has no value to ride on; arm the bench first")
-            if not signal.low <= base - abs(height) <= base + abs(height) <= signal.high:
+                raise _refused(verb, f"{signal.name} has no value to ride on; arm the bench first")
+            if not signal.low <= base - way <= base + way <= signal.high:
                 raise _refused(
-                    "run",
-                    f"{signal.name} would go from {signal.show(base - abs(height))} to "
-                    f"{signal.show(base + abs(height))}, and can from {signal.range_text()}",
+                    verb,
+                    f"{signal.name} would go from {signal.show(base - way)} to {signal.show(base + way)}, "
+                    f"and can from {signal.range_text()}",
                 )
 
 

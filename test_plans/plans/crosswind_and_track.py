@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, Hz, kN, mm, mrad, ms, s
 from bench_protocol.words import SIDES
 from bench_records.curves import Axis
+from drivers.generator import Wave
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples, Stiffness
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
@@ -34,7 +35,7 @@ from test_plans.description import lags
 from test_plans.loads import AW0, AW3, Band, Load
 from test_plans.parameters import Range
 from test_plans.plan import plan_under
-from test_plans.preconditions import on_the_bench
+from test_plans.preconditions import ConditionResult, Precondition, on_the_bench
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, part_of
 from test_plans.steps.fittings import leave_connected
@@ -128,6 +129,36 @@ def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
     return np.full_like(times, wind)
 
 
+def programme(rig: Rig, wind: float, amplitude: float, frequency: float) -> tuple[Wave, ...]:
+    """Return a steady wind and the track of `excitation` as waves of a function generator, which start together.
+
+    The wind's plateau rises, stays, and goes in as long; of whole cycles, as a generator has them, its rise is the one
+    at or below 4 s.
+    """
+    cycles = ceil(TRACK_LASTS * frequency)
+    track = cycles / frequency
+    rising = ceil(track / RISE)
+    moves = on_the_bolster(side_force(wind, TRAIN_SPEED), rig)
+    plateau = partial(Wave, form="plateau", frequency=rising / track, cycles=rising + 2)
+    cosine = partial(Wave, form="unilateral_cosine", frequency=frequency, cycles=cycles, delay=track / rising)
+    return (
+        plateau("lateral", force_amplitude=float(moves["lateral.force"])),
+        plateau("roll", force_amplitude=float(moves[PUSHED[0]])),
+        cosine("platform_vertical", amplitude=amplitude),
+        cosine("platform_lateral", amplitude=amplitude),
+    )
+
+
+def _look_at_the_wind(run: Run) -> ConditionResult:
+    by, kind = run.values["by"], run.values["kind"]
+    if by == "rig" and kind != "steady":
+        return ConditionResult(False, f"a {kind} wind is no wave of a generator; by=host streams it")
+    return ConditionResult(True, f"a {kind} wind by the {by}")
+
+
+CAN_BLOW: Final = Precondition("wind and track can be made by what is asked to", _look_at_the_wind)
+
+
 def take_up(load: str) -> Callable[..., None]:
     """Return the set-up: the springs carry the load at the asked pressure, shut in and connected, the bolster free."""
 
@@ -164,6 +195,7 @@ def _crosswind_and_track(
     pressure: Annotated[float, Range(0.85, 1.1)] = 1.0,
     roll: Annotated[float, Range(-10 * mrad, 10 * mrad, "mrad")] = 0.0,
     draw: Annotated[int, Range(0, 1_000_000)] = 1,
+    by: Literal["host", "rig"] = "host",
 ) -> None:
     """Crosswind and track at once, {car} car: stiffness, damping and roll torque of the springs.
 
@@ -172,17 +204,25 @@ def _crosswind_and_track(
     `roll` other than 0 one side is loaded more and the other less, until the bolster leans by it. A `wind`, steady,
     with the gust of EN 14067-6, or stochastic with von Kármán's spectrum, rises within 4 s: the lateral actuator pushes
     with what one bogie bears of it, and the vertical ones add its moment. While it blows, the platform follows a
-    unilateral cosine of `amplitude` and `frequency`, up and sideways together. All five axes follow one time base.
+    unilateral cosine of `amplitude` and `frequency`, up and sideways together. All five axes follow one time base: the
+    host streams them, or, `by` the rig, a steady wind and the track are one program of its function generator.
 
     Good is what the specimen's file says of the way to the bump stop, of the lateral stiffness, over the way by which
     the springs are sheared and corrected for the pressure, of the lateral damping, and of the roll torque of the
     springs over the roll that the wind makes.
     """
-    times, moves, between = excitation(run.rig, wind, kind, amplitude, frequency, draw)
+    if by == "rig":
+        waves = programme(run.rig, wind, amplitude, frequency)
+        track = waves[-1]
+        between = (track.delay, track.end)
+        move = partial(run.bench.generator.run_together, *waves)
+    else:
+        times, moves, between = excitation(run.rig, wind, kind, amplitude, frequency, draw)
+        move = partial(run.bench.waveform.run, times, moves)
     with run.phase("wind and track"):
         with run.bench.capture(*READ, *guiding(run.rig)) as capture:
             run.bench.wait(BEFORE)
-            run.bench.waveform.run(times, moves)
+            move()
         at, values = capture.aligned(SAMPLE_RATE)
     _judge(run, run.specimen.load(load), Seen(at - BEFORE, between, frequency), values, roll, wind)
 
@@ -355,7 +395,7 @@ crosswind_and_track_aw0, crosswind_and_track_aw3 = (
             "stop_gap",
             *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
         ),
-        requires=on_the_bench(load),
+        requires=(*on_the_bench(load), CAN_BLOW),
         checks=(TRAVEL, STIFF, DAMPED, ROLLED),
     )
     for load, name, lasts in (

@@ -200,6 +200,8 @@ class Peer:
                 self.values["rig.generator_cycle"] = 0.0
                 duration = self.settings["generator.cycles"] / self.settings["generator.frequency"]
                 self.program_end = self.time / 1e9 + duration
+            case "action.program_add":
+                pass
             case "action.program_stop":
                 self.values["rig.program"] = 3.0
             case "action.reset":

@@ -239,7 +239,7 @@ def test_a_program_that_never_ends_is_a_time_out(world, armed):
             {"amplitude": 1 * mm, "force_amplitude": 1 * kN},
             "given: amplitude, force",
         ),
-        ("roll", "force", {"roll_amplitude": 1 * mrad}, "must be in displacement"),
+        ("roll", "force", {"roll_amplitude": 1 * mrad}, "needs force_amplitude.*given: roll_amplitude"),
         ("platform_roll", "force", {"amplitude": 1 * mm}, "needs roll_amplitude"),
         ("vertical", "off", {"amplitude": 1 * mm}, "control mode 'off'"),
     ],

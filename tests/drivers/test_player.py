@@ -25,6 +25,7 @@ SETTINGS = {
     "generator.force_amplitude": 3 * kN,
     "generator.frequency": 0.83,
     "generator.cycles": 3.0,
+    "generator.delay": 0.0,
 }
 MODES = {name: CONTROL_MODES.index(name) for name in CONTROL_MODES}
 
@@ -55,7 +56,8 @@ def _run(player: Player, mode: str, base: float = 0.0) -> None:
 @pytest.mark.parametrize("wave", WAVES)
 @pytest.mark.parametrize(
     ("axis", "mode"),
-    [("vertical", "displacement"), ("vertical", "force"), ("roll", "displacement"), ("lateral", "displacement"),
+    [("vertical", "displacement"), ("vertical", "force"), ("roll", "displacement"), ("roll", "force"),
+     ("lateral", "displacement"),
      ("platform_vertical", "off"), ("platform_lateral", "force"), ("platform_roll", "off")],
 )  # fmt: skip
 def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
@@ -76,7 +78,7 @@ def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
         assert set(offsets) <= set(rows)
         told = player.told()
         assert told["rig.program"] == controls["program"][0]
-        assert told["rig.generator_cycle"] == math.floor(controls["phase"][0])
+        assert told["rig.generator_cycle"] == math.floor(controls["phase"][0, 0])
         ended = PROGRAM_STATES[int(told["rig.program"])] == "IDLE"
         for _ in range(TICKS):
             _generate(controls[0])
@@ -139,9 +141,9 @@ def test_a_bench_that_is_not_active_any_more_has_no_program():
     ("settings", "mode", "message"),
     [
         ({}, "off", "vertical cannot move so: vertical.control is off"),
-        ({"generator.axis": 1}, "force", "roll cannot move so: vertical.control is force"),
+        ({"generator.axis": 1}, "off", "roll cannot move so: vertical.control is off"),
         ({"generator.amplitude": 90 * mm, "generator.frequency": 2}, "displacement",
-         "sine on vertical reaches 1.13 m/s, and the wiring"),
+         "displacement_setpoint would reach 1.13 m/s in this sine, and the wiring"),
         ({"generator.frequency": 12, "generator.amplitude": 0}, "displacement", "12 Hz is too fast for 50"),
         ({"generator.force_amplitude": 9 * kN}, "force", "would go from 186 kN to 204 kN, and can from -200 to 200 kN"),
     ],
@@ -184,3 +186,59 @@ def test_a_program_that_is_stopped_while_the_last_one_comes_back_does_not_jump()
     steps = np.abs(np.diff([one.get(row, 0.0) for one in way]))
     assert steps.max() < 2 * mm  # of 12 mm at 0.83 Hz there are 1.25 mm in a beat
     assert way[-1] == {}
+
+
+def test_waves_of_a_program_are_those_of_the_rigs_generator_at_once():
+    """Four waves of three forms on five set-points, each after its delay; two of them move the same actuators."""
+    waves = [
+        {"axis": AXES.index("vertical"), "amplitude": 4 * mm, "frequency": 1.2, "cycles": 3.0, "delay": 0.5},
+        {"axis": AXES.index("roll"), "wave": WAVES.index("plateau"), "frequency": 0.9, "delay": 0.1},
+        {"axis": AXES.index("lateral"), "wave": WAVES.index("unilateral_cosine"), "cycles": 2.0},
+        {"axis": AXES.index("platform_lateral"), "frequency": 2.0, "cycles": 9.0, "delay": 1.0},
+    ]
+    controls = np.zeros(1, CONTROLS)
+    controls["control"] = MODES["displacement"]
+    settings = SETTINGS | {"generator.axis": 0.0, "generator.wave": 0.0}
+    rig, player = FunctionGenerator(controls[0], settings, LEVER), _player()
+    setpoints = np.zeros(len(TABLE.signals))
+    modes = dict.fromkeys(("vertical.control", "lateral.control"), MODES["displacement"])
+    for wave in waves:
+        now = SETTINGS | {"generator.axis": 0.0, "generator.wave": 0.0}
+        now |= {f"generator.{name}": value for name, value in wave.items()}
+        settings.update(now)
+        player.write(now)
+        assert rig.add()
+        player.add(modes, setpoints, active=True)
+    assert rig.run()
+    player.run(modes, setpoints, active=True)
+    names = ("vertical_left", "vertical_right", "lateral")
+    names = (*(f"{name}.displacement_setpoint" for name in names), "platform.vertical_setpoint",
+             "platform.lateral_setpoint", "platform.roll_setpoint")  # fmt: skip
+    seen = np.zeros(len(names))
+    for beat in range(1 + math.ceil(5.5 * 50) + 3):
+        offsets = player.advance(beat * BEAT, active=True)
+        asked = [offsets.get(TABLE.index[name], 0.0) for name in names]
+        assert asked == pytest.approx(controls["offset"][0].tolist(), rel=1e-9, abs=1e-9)
+        seen = np.maximum(seen, np.abs(asked))
+        told = player.told()
+        assert told["rig.program"] == controls["program"][0]
+        for _ in range(TICKS):
+            _generate(controls[0])
+    assert (seen[[0, 1, 2, 4]] > 3 * mm).all()
+    assert seen[[3, 5]].tolist() == [0.0, 0.0]
+    assert seen[0] > 8 * mrad * LEVER + 1 * mm  # both waves together
+    assert PROGRAM_STATES[int(told["rig.program"])] == "IDLE"
+    assert told["rig.generator_cycle"] == 9
+
+
+def test_waves_that_are_too_fast_together_are_refused_and_the_first_stays():
+    player = _player(**{"generator.amplitude": 45 * mm, "generator.frequency": 1.5})
+    setpoints, modes = np.zeros(len(TABLE.signals)), {"vertical.control": MODES["displacement"]}
+    player.add(modes, setpoints, active=True)
+    with pytest.raises(Refused, match=r"0\.848 m/s in these waves together, and the wiring"):
+        player.add(modes, setpoints, active=True)
+    with pytest.raises(Refused, match="the bench is not ACTIVE"):
+        player.add(modes, setpoints, active=False)
+    player.stop()
+    with pytest.raises(Refused, match="no program runs"):
+        player.stop()

@@ -2,13 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.units import NS, Hz, bar, kN, minutes, mm, s
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from drivers.errors import Refused, RigFault
+from drivers.errors import Misuse, Refused, RigFault
+from drivers.generator import Wave
 
 #: The frame that tells the rig's state and that of its program.
 STATE = 0x282
@@ -68,6 +70,37 @@ def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
     assert bench.rig.state == "DISABLED"
     assert bench.wiring.direct.tally()["lost"] == bench.wiring.direct.tally()["repeated"] == 0
     assert bench.rig.rejected_commands == 0
+
+
+def test_axes_move_at_once_or_not_at_all(pair):
+    rig, bench = pair
+    bench.arm()
+    bench.vertical.hold_position()
+    bench.lateral.control = "displacement"
+    names = ("platform.vertical", "platform.lateral", "lateral.displacement")
+    track = {"form": "unilateral_cosine", "amplitude": 8 * mm, "frequency": 1 * Hz}
+    slow = Wave("lateral", amplitude=6 * mm, frequency=1 * Hz, cycles=4)
+    with bench.capture(*names) as capture:
+        bench.generator.run_together(
+            slow,
+            Wave("platform_vertical", cycles=2, delay=0.5 * s, **track),
+            Wave("platform_lateral", cycles=2, **track),
+        )
+    assert bench.rig.generator_cycle == 4, "of the one that ends last, in whatever order they are given"
+    assert all(float(np.ptp(capture.values(name))) > 7 * mm for name in names)
+    steep = Wave("platform_roll", roll_amplitude=0.1, frequency=2 * Hz, cycles=9)
+    with pytest.raises(Refused, match="too fast"):
+        bench.generator.run_together(slow, steep)
+    with bench.capture("lateral.displacement") as capture:
+        bench.generator.run("platform_vertical", amplitude=8 * mm, frequency=1 * Hz, cycles=3)
+    assert float(np.ptp(capture.values("lateral.displacement"))) < 1 * mm, (
+        "what was added before is forgotten"
+    )
+    with pytest.raises(Misuse, match="generator on roll: it needs roll_amplitude"):
+        bench.generator.run_together(slow, Wave("roll", amplitude=1 * mm, frequency=1 * Hz, cycles=3))
+    assert not rig.generator._added
+    with pytest.raises(Misuse, match="one wave at least"):
+        bench.generator.run_together()
 
 
 def test_a_program_whose_first_frames_are_lost_is_not_taken_for_the_one_before(losing):

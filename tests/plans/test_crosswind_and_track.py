@@ -118,13 +118,34 @@ def test_a_bolster_on_its_stop_fails_and_tells_nothing_of_the_springs(judged):
 
 
 @slow
-def test_a_rig_that_speaks_otherwise_streams_it(tmp_path):
+@pytest.mark.parametrize("by", ["host", "rig"])
+def test_a_rig_that_speaks_otherwise_streams_it(tmp_path, by):
     """Rig A, by Modbus registers; built as ours, for limits of roll hold for that."""
     par = load("astb")
     with VirtualPlc(seed=1, **{one: par.entries[one].value for one in BUILT}).bench() as bench:
         bench.dimensions = ordinary_dimensions()
-        result = execute(plans()[EMPTY], bench, tmp_path / "out", rig="plant_a")
+        result = execute(plans()[EMPTY].given({"by": by}), bench, tmp_path / "out", rig="plant_a")
     assert result.verdict is Outcome.PASS, result.reason
+
+
+@slow
+def test_the_rig_s_generator_and_the_host_find_the_same(judged):
+    """Wind and track as one program of the generator, at the rig's tick, beside the same streamed by the host."""
+    found = []
+    for by in ("host", "rig"):
+        result, failed = judged(EMPTY, given={"by": by})
+        assert result.verdict is Outcome.PASS, result.reason or failed
+        found.append({one.name: one.number for one in result.checks})
+    host, rig = found
+    assert rig["lateral stiffness K'"] == pytest.approx(host["lateral stiffness K'"], rel=0.01)
+    assert rig["lateral damping c"] == pytest.approx(host["lateral damping c"], rel=0.03)
+    assert rig["roll torque over roll"] == pytest.approx(host["roll torque over roll"], rel=0.02)
+
+
+def test_a_gust_is_no_wave_of_a_generator(judged):
+    result, _ = judged(EMPTY, given={"by": "rig", "kind": "gust"})
+    assert result.verdict is Outcome.BLOCKED
+    assert "a gust wind is no wave of a generator; by=host streams it" in result.reason
 
 
 @slow

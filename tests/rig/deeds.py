@@ -140,7 +140,17 @@ HEIGHTS = st.sampled_from([-110 * mm, -60 * mm, -20 * mm, 0.0, 30 * mm, 60 * mm,
 #: The first two pull up an empty bolster, which is fast then.
 FORCES = st.sampled_from([-60 * kN, -20 * kN, 0.0, 53.5 * kN, 145 * kN, 185 * kN])
 COILS = st.sampled_from(
-    ["program_run", "program_stop", "air_low", "air_high", "reset", "disable", "power_on", "power_off"]
+    [
+        "program_run",
+        "program_stop",
+        "program_add",
+        "air_low",
+        "air_high",
+        "reset",
+        "disable",
+        "power_on",
+        "power_off",
+    ]
 )
 
 

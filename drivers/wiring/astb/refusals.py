@@ -11,7 +11,7 @@ from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import bar
-from bench_protocol.words import LIVE_STATES, PROGRAM_STATES, STATES
+from bench_protocol.words import LIVE_STATES, PROGRAM_STATES, STATES, WAVES_AT_ONCE
 
 #: Below this pressure the actuators may let go of the bolster, and below that a flange may be opened.
 EMPTY: Final = 0.22 * bar
@@ -29,11 +29,12 @@ _POSSIBLE_IN: Final[Mapping[str, tuple[str, ...]]] = {
     "action.disable": (*LIVE_STATES, "FAULT_HOLD"),
     "action.reset": ("DISABLED", "FAULT_HOLD", "FAULT_DISABLED", "ESTOP"),
     "action.program_run": ("ACTIVE",),
+    "action.program_add": ("ACTIVE",),
 }
 _NEEDS_COMMANDS: Final = {"action.air_high": ("AIR_LOW",), "action.reset": ("DISABLED", "FAULT_HOLD")}
 _PROGRAM: Final = {
     "action.program_hold": "no program runs that could be held",
-    "action.program_stop": "no program runs or is held",
+    "action.program_stop": "no program runs or is held, and none was added to",
 }
 
 
@@ -67,12 +68,13 @@ def why_action(name: str, told: Told) -> str:
         return "the emergency stop is pressed; release the button first"
     if state in _NEEDS_COMMANDS.get(name, ()) and not told.contacts.get("interlock.command", True):
         return "no valid commands with D set arrive on CAN; send them first"
-    if name == "action.program_run":
-        if told.program == "RUN":
+    if name in ("action.program_run", "action.program_add"):
+        if told.program == "RUN" or (told.program == "HOLD" and name == "action.program_add"):
             return "a program runs already; stop it first"
+        many = f", or it would have more than {WAVES_AT_ONCE} waves" if name == "action.program_add" else ""
         return (
-            "the axis cannot move so in its present control mode, or not so fast; change the mode, or a smaller "
-            "amplitude or frequency"
+            "an axis cannot move so in its present control mode, or all its waves together are too fast"
+            f"{many}; change the mode, or a smaller amplitude or frequency"
         )
     return _PROGRAM.get(name, "")
 
