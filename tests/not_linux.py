@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 OURS = (
     "acceptance",
     "astb",
+    "bench_fmu",
     "bench_panel",
     "bench_protocol",
     "bench_records",

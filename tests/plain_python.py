@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 
-def compiled_and_plain(scenario: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the ``run()`` of a ``scenario`` (Python text) gives in both; ``folder`` is for the way between."""
+def run_plain(scenario: str, folder: Path) -> np.ndarray:
+    """Return what the ``run()`` of a ``scenario`` (Python text) gives where nothing is compiled."""
     script = scenario + "\nimport numba\nassert numba.config.DISABLE_JIT\nnp.save(sys.argv[1], run())\n"
     environment = os.environ | {
         "NUMBA_DISABLE_JIT": "1",
@@ -20,6 +20,12 @@ def compiled_and_plain(scenario: str, folder: Path) -> tuple[np.ndarray, np.ndar
     subprocess.run(
         [sys.executable, "-W", "error", "-c", script, str(file)], env=environment, check=True, timeout=100
     )
+    return np.load(file)
+
+
+def compiled_and_plain(scenario: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the ``run()`` of a ``scenario`` (Python text) gives in both; ``folder`` is for the way between."""
+    plain = run_plain(scenario, folder)
     scope: dict[str, Any] = {}
     exec(scenario, scope)
-    return scope["run"](), np.load(file)
+    return scope["run"](), plain

@@ -89,6 +89,7 @@ def test_consoles_are_made_in_one_place():
     for folder in (
         "acceptance",
         "astb",
+        "bench_fmu",
         "bench_panel",
         "campaigns",
         "paper_study",

@@ -1,0 +1,1 @@
+"""The model as Functional Mock-up Units, for simulations of others."""

@@ -1,0 +1,143 @@
+"""The model description of the spring's FMU, in the words of FMI 2.0 or 3.0."""
+
+import re
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from typing import Final
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from bench_fmu.variables import Kind, Variable
+from bench_protocol.rates import TICK
+from bench_protocol.units import WRITTEN_UNITS
+
+IDENTIFIER: Final = "springs"
+
+#: Exponents of kg, m, s, K and rad.
+_BASES: Final = ("kg", "m", "s", "K", "rad")
+_UNITS: Final = {
+    "1": (0, 0, 0, 0, 0),
+    "kg": (1, 0, 0, 0, 0),
+    "m": (0, 1, 0, 0, 0),
+    "s": (0, 0, 1, 0, 0),
+    "K": (0, 0, 0, 1, 0),
+    "rad": (0, 0, 0, 0, 1),
+    "N": (1, 1, -2, 0, 0),
+    "Pa": (1, -1, -2, 0, 0),
+    "J": (1, 2, -2, 0, 0),
+    "W": (1, 2, -3, 0, 0),
+}
+#: In which unit people read a quantity.
+_SHOWN: Final = {"m": "mm", "Pa": "bar", "N": "kN", "m3": "litre", "rad": "mrad"}
+
+
+def base_exponents(unit: str) -> dict[str, int]:
+    """Return the exponents of an SI unit as this project writes it, such as ``N*m/(rad*Pa)``."""
+    above, _, below = unit.partition("/")
+    total = [0] * len(_BASES)
+    for text, sign in ((above, 1), (below.strip("()"), -1)):
+        for part in filter(None, text.split("*")):
+            found = re.fullmatch(r"([A-Za-z]+|1)(\d*)", part)
+            if found is None or found[1] not in _UNITS:
+                raise ValueError(f"unit {unit!r} has a part {part!r} that is none of {', '.join(_UNITS)}")
+            power = sign * int(found[2] or 1)
+            total = [sum(pair) for pair in zip(total, (power * one for one in _UNITS[found[1]]), strict=True)]
+    return {base: power for base, power in zip(_BASES, total, strict=True) if power}
+
+
+def model_description(
+    every: Sequence[Variable], *, fmi: int, token: str, name: str, said: str, version: str
+) -> bytes:
+    """Return ``modelDescription.xml``: ``token`` is its GUID, ``said`` describes it."""
+    root = Element("fmiModelDescription")
+    root.attrib.update(
+        {
+            "fmiVersion": f"{fmi}.0",
+            "modelName": name,
+            "guid" if fmi == 2 else "instantiationToken": token,
+            "description": said,
+            "version": version,
+            "generationTool": f"astb {version}",
+            "license": "Apache-2.0",
+            "variableNamingConvention": "structured",
+        }
+    )
+    state, states = ("FMUstate", "FMUstate") if fmi == 2 else ("FMUState", "FMUState")
+    able = {
+        "modelIdentifier": IDENTIFIER,
+        "canHandleVariableCommunicationStepSize": "true",
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{states}": "true",
+    }
+    if fmi == 3:
+        able["fixedInternalStepSize"] = repr(TICK)
+    SubElement(root, "CoSimulation", able)
+    _units(SubElement(root, "UnitDefinitions"), {one.unit for one in every}, fmi)
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name="logStatusError", description="What was refused, and why")
+    SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=repr(TICK))
+    listed = SubElement(root, "ModelVariables")
+    for reference, one in enumerate(every):
+        _variable(listed, reference, one, fmi)
+    if fmi == 3:
+        SubElement(
+            listed,
+            "Float64",
+            {
+                "name": "time",
+                "valueReference": str(len(every)),
+                "causality": "independent",
+                "variability": "continuous",
+                "description": "Simulated time",
+                "unit": "s",
+            },
+        )
+    _structure(SubElement(root, "ModelStructure"), every, fmi)
+    indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"
+
+
+def _units(units: Element, needed: Iterable[str], fmi: int) -> None:
+    for unit in sorted({*needed, "s"}):
+        one = SubElement(units, "Unit", name=unit)
+        exponents = {base: str(power) for base, power in base_exponents(unit).items()}
+        SubElement(one, "BaseUnit", exponents)
+        if unit in _SHOWN:
+            shown = _SHOWN[unit]
+            SubElement(one, "DisplayUnit", name=shown, factor=repr(1.0 / WRITTEN_UNITS[shown].factor))
+
+
+def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
+    about = {"name": one.name, "valueReference": str(reference), "description": one.description}
+    if one.kind in (Kind.MOTION, Kind.VALVE):
+        about |= {"causality": "input", "variability": "continuous"}
+    elif one.kind in (Kind.FIXED, Kind.TUNABLE):
+        varies = "fixed" if one.kind is Kind.FIXED else "tunable"
+        about |= {"causality": "parameter", "variability": varies, "initial": "exact"}
+    else:
+        about |= {"causality": "output", "variability": "continuous", "initial": "calculated"}
+    number = {"unit": one.unit}
+    if one.unit in _SHOWN:
+        number["displayUnit"] = _SHOWN[one.unit]
+    number |= {key: repr(bound) for key, bound in (("min", one.low), ("max", one.high)) if isfinite(bound)}
+    if one.start is not None:
+        number["start"] = repr(one.start)
+    if fmi == 3:
+        if "initial" in about and about["causality"] == "input":
+            del about["initial"]
+        SubElement(listed, "Float64", about | number)
+    else:
+        SubElement(SubElement(listed, "ScalarVariable", about), "Real", number)
+
+
+def _structure(structure: Element, every: Sequence[Variable], fmi: int) -> None:
+    outputs = [place for place, one in enumerate(every) if one.kind >= Kind.ALGEBRAIC]
+    if fmi == 3:
+        for place in outputs:
+            SubElement(structure, "Output", valueReference=str(place))
+        for place in outputs:
+            SubElement(structure, "InitialUnknown", valueReference=str(place))
+        return
+    for title in ("Outputs", "InitialUnknowns"):
+        unknowns = SubElement(structure, title)
+        for place in outputs:
+            SubElement(unknowns, "Unknown", index=str(place + 1))

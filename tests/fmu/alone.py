@@ -1,0 +1,214 @@
+"""Simulates FMUs where this project cannot be imported: `python -I -S alone.py PACKAGES FMU WHAT [FILE]`.
+
+It answers in JSON. Without `site` no path of an editable installation is followed; FMPy and numpy come from PACKAGES.
+"""
+
+import json
+import sys
+from importlib.util import find_spec
+
+sys.path.append(sys.argv[1])
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+assert not any(map(find_spec, ("bench_sim", "bench_fmu", "astb"))), "this project is installed here"
+
+OUTPUTS = (
+    *("left.vertical_force", "right.vertical_force", "left.lateral_force", "right.roll_moment"),
+    *("left.bellows_pressure", "left.auxiliary_pressure", "left.bellows_temperature"),
+    *("left.orifice_flow", "left.leveling_flow"),
+)
+
+
+class Unit:
+    """One instance, whatever version it has."""
+
+    def __init__(self, path, folder, description, name="springs", said=None):
+        self.two = description.fmiVersion == "2.0"
+        self.number = {one.name: one.valueReference for one in description.modelVariables}
+        kind = FMU2Slave if self.two else FMU3Slave
+        self.unit = kind(
+            guid=description.guid if self.two else description.instantiationToken,
+            unzipDirectory=folder,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName=name,
+        )
+        self.said = [] if said is None else said
+        if self.two:
+            from fmpy.fmi2 import (
+                calloc,
+                fmi2CallbackAllocateMemoryTYPE,
+                fmi2CallbackFreeMemoryTYPE,
+                fmi2CallbackFunctions,
+                fmi2CallbackLoggerTYPE,
+                free,
+            )
+
+            self.calls = fmi2CallbackFunctions()
+            self.calls.logger = fmi2CallbackLoggerTYPE(lambda *given: self.said.append(given[4].decode()))
+            self.calls.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+            self.calls.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+            self.unit.instantiate(callbacks=self.calls)
+        else:
+            from fmpy.fmi3 import fmi3LogMessageCallback
+
+            self.log = fmi3LogMessageCallback(lambda *given: self.said.append(given[3].decode()))
+            self.unit.instantiate(logMessage=self.log)
+
+    def set(self, values):
+        put = self.unit.setReal if self.two else self.unit.setFloat64
+        put([self.number[name] for name in values], list(values.values()))
+
+    def get(self, *names):
+        take = self.unit.getReal if self.two else self.unit.getFloat64
+        return [float(one) for one in take([self.number[name] for name in names])]
+
+    def begin(self, time=0.0):
+        if self.two:
+            self.unit.setupExperiment(startTime=time)
+            self.unit.enterInitializationMode()
+        else:
+            self.unit.enterInitializationMode(startTime=time)
+
+    def ready(self):
+        self.unit.exitInitializationMode()
+
+    def step(self, time, length):
+        self.unit.doStep(currentCommunicationPoint=time, communicationStepSize=length)
+
+    def save(self):
+        if self.two:
+            state = self.unit.getFMUstate()
+            return self.unit.serializeFMUstate(state)
+        state = self.unit.getFMUState()
+        return self.unit.serializeFMUState(state)
+
+    def restore(self, saved):
+        if self.two:
+            self.unit.setFMUstate(self.unit.deSerializeFMUstate(saved))
+        else:
+            self.unit.setFMUState(self.unit.deserializeFMUState(saved))
+
+    def refused(self, act, *given):
+        """Return what it said when it refused ``act``."""
+        before = len(self.said)
+        try:
+            act(*given)
+        except Exception:
+            return self.said[before:]
+        return "not refused"
+
+
+def moved(unit, times, motion, names, *, start=0, saved_at=None, other=None):
+    """Step from time to time; ``motion`` (n, names) is put before each step. Returns outputs after each."""
+    rows = []
+    for n in range(start, len(times) - 1):
+        if n == saved_at:
+            kept = unit.save()
+            unit = other
+            unit.restore(kept)
+        unit.set(dict(zip(names, motion[n], strict=True)))
+        unit.step(times[n], times[n + 1] - times[n])
+        rows.append(unit.get(*OUTPUTS))
+    return rows
+
+
+def motion(fresh, running):
+    given = np.load(sys.argv[4])
+    names, times = [str(one) for one in given["names"]], given["times"]
+    whole = moved(running(), times, given["motion"], names)
+    half = len(times) // 2
+    again = moved(running(), times, given["motion"], names, saved_at=half, other=running())
+    return {"outputs": whole, "again": again}
+
+
+def many(fresh, running):
+    units = [fresh(name=f"spring {k}") for k in range(100)]
+    for k, unit in enumerate(units):
+        unit.begin()
+        unit.set({"left.nominal_preload": 40e3 + 100.0 * k})
+        unit.ready()
+    for n in range(20):
+        for unit in units:
+            unit.set({"left.height": 1e-3 * n, "left.height_speed": 0.1})
+            unit.step(5e-3 * n, 5e-3)
+    forces = [unit.get("left.vertical_force")[0] for unit in units]
+    alone = fresh()
+    alone.begin()
+    alone.set({"left.nominal_preload": 40e3 + 100.0 * 63})
+    alone.ready()
+    for n in range(20):
+        alone.set({"left.height": 1e-3 * n, "left.height_speed": 0.1})
+        alone.step(5e-3 * n, 5e-3)
+    for unit in units:
+        unit.unit.freeInstance()
+    return {"forces": forces, "alone": alone.get("left.vertical_force")[0]}
+
+
+def remainder(fresh, running):
+    unit, even = running(), running()
+    for one in (unit, even):
+        one.set({"left.height_speed": 0.02})
+    for n in range(100):  # 100 times 0.3 ms
+        unit.step(3e-4 * n, 3e-4)
+        unit.set({"left.height": 0.02 * 3e-4 * (n + 1)})
+    even.step(0.0, 30e-3)
+    return {"parts": unit.get(*OUTPUTS), "whole": even.get(*OUTPUTS)}
+
+
+def refusals(fresh, running):
+    unit = running()
+    nan = float("nan")
+    answers = {
+        "range": unit.refused(unit.set, {"left.effective_area": 3.0}),
+        "kept": unit.get("left.effective_area"),
+        "nan": unit.refused(unit.set, {"left.height": nan}),
+        "output": unit.refused(unit.set, {"left.vertical_force": 1.0}),
+        "fixed": unit.refused(unit.set, {"left.nominal_preload": 6e4}),
+        "order": [],
+    }
+    before = unit.get(*OUTPUTS)
+    unit.set({"left.height": -0.3})
+    answers["deep"] = unit.refused(unit.step, 0.0, 1e-3)
+    unit.set({"left.height": 0.0})
+    unit.step(0.0, 1e-3)
+    answers["goes on"] = [abs(a - b) for a, b in zip(unit.get(*OUTPUTS), before, strict=True)]
+    answers["time"] = unit.refused(unit.step, 0.5, 1e-3)
+    answers["backwards"] = unit.refused(unit.step, 1e-3, -1e-3)
+    unit.set({"dpv_reclosing": 5e5})
+    answers["order"] = unit.refused(unit.step, 1e-3, 1e-3)
+    unit.set({"dpv_reclosing": 1e5, "left.leak_conductance": 1e-7, "left.height": 0.01})
+    for n in range(1, 12000):
+        unit.step(1e-3 * n, 1e-3)
+    answers["empty"] = unit.get("left.bellows_pressure")[0]
+    unit.set({"left.leak_conductance": 0.0, "left.height": 0.3})
+    answers["vacuum"] = unit.refused(unit.step, 12.0, 1e-3)
+    answers["state"] = unit.refused(unit.restore, b"nonsense")
+    return answers
+
+
+def main():
+    path, what = sys.argv[2:4]
+    description = fmpy.read_model_description(path, validate=True)
+    if what == "validate":
+        from fmpy.validation import validate_fmu
+
+        return {"problems": validate_fmu(path), "version": description.fmiVersion}
+    folder = fmpy.extract(path)
+
+    def fresh(**more):
+        return Unit(path, folder, description, **more)
+
+    def running(**more):
+        unit = fresh(**more)
+        unit.begin()
+        unit.ready()
+        return unit
+
+    return globals()[what](fresh, running)
+
+
+print("ANSWER", json.dumps(main()))

@@ -1,0 +1,251 @@
+"""The springs as FMUs: what others simulate is what the plant does, and mistakes come back as a status."""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from bench_fmu.export import variables
+from bench_fmu.variables import Kind
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.layout import INPUTS, Input
+from bench_sim.model.plant import Plant
+from bench_sim.model.replay import Before, Gas, Motion, replay
+from bench_sim.parameters import load
+from tests.plain_python import run_plain
+
+pytestmark = pytest.mark.slow
+
+VERSIONS = (2, 3)
+HERE = Path(__file__).parent
+NAMES = (
+    *("left.height", "right.height", "springs.lateral"),
+    *("left.height_speed", "right.height_speed", "springs.lateral_speed"),
+)
+#: What `alone.py` asks for after each step: where it stands, and what is taken off.
+ATMOSPHERE = 101_325.0
+OUTPUTS = (
+    (Algebraic.VERTICAL_FORCE, 0.0),
+    (Algebraic.VERTICAL_FORCE + 1, 0.0),
+    (Algebraic.LATERAL_FORCE, 0.0),
+    (Algebraic.ROLL_MOMENT + 1, 0.0),
+    (Algebraic.PRESSURE, ATMOSPHERE),
+    (Algebraic.AUXILIARY_PRESSURE, ATMOSPHERE),
+    (Algebraic.TEMPERATURE, 0.0),
+    (Algebraic.ORIFICE_FLOW, 0.0),
+    (Algebraic.LEVELING_FLOW, 0.0),
+)
+#: The same laws in plain Python, one communication step after the other.
+TWIN = """
+import sys
+import numpy as np
+from bench_fmu.kernel import advance, start
+from bench_sim.model.algebraic import ALGEBRAICS
+from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES, Input
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.parameters import load
+
+def run():
+    given = np.load(FILE)
+    every = []
+    for ticks in (1, 5, 20):
+        motion = given["motion"][::ticks]
+        parameters = np.array([load().record], PARAMETERS).view(np.recarray)
+        memory = np.zeros(1, MEMORY).view(np.recarray)
+        x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((5, STATES)), np.zeros(ALGEBRAICS)
+        u[[Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
+        behind = np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS))
+        start(x, memory, u, parameters, np.zeros(6), np.zeros((2, 4)), np.zeros(2), behind, work, out)
+        for row in motion[:-1]:
+            advance(x, memory, u, parameters, row, 0.0, 1e-3, ticks, work, out)
+            every.append(out.copy())
+    return np.array(every)
+"""
+
+
+def looked_at(rows: np.ndarray) -> np.ndarray:
+    """Return what the FMU's outputs should be, from rows of algebraic quantities."""
+    return np.stack([rows[:, place] - less for place, less in OUTPUTS], axis=1)
+
+
+def equal(found: np.ndarray, right: np.ndarray, within: float) -> bool:
+    """Whether all are the same within this share of the range over which they go, or of their size if that is more."""
+    size = np.maximum(np.abs(right).max(axis=0), np.ptp(right, axis=0)) + 1e-12
+    return bool((np.abs(found - right) <= within * size).all())
+
+
+@pytest.fixture(scope="module")
+def ridden() -> tuple[np.ndarray, np.ndarray]:
+    """A bench at AW0 shaken in all directions for 200 ticks: motion of its springs, and what they did."""
+    plant = Plant.at_rest(load().record)
+    rest = plant.inputs.copy()
+    motion, rows = [], []
+    for _ in range(201):
+        phase = 2.0 * np.pi * 3.0 * plant.time
+        plant.inputs[Input.VERTICAL_LEFT_COMMAND] = rest[Input.VERTICAL_LEFT_COMMAND] + 6e3 * np.sin(phase)
+        plant.inputs[Input.VERTICAL_RIGHT_COMMAND] = rest[Input.VERTICAL_RIGHT_COMMAND] + 4e3 * np.sin(
+            3 * phase
+        )
+        plant.inputs[Input.LATERAL_COMMAND] = 3e3 * np.sin(2 * phase)
+        plant.ideal()
+        out = plant._algebraic.copy()
+        places = Algebraic.HEIGHT, Algebraic.HEIGHT + 1, Algebraic.LATERAL
+        speeds = Algebraic.HEIGHT_SPEED, Algebraic.HEIGHT_SPEED + 1, Algebraic.LATERAL_SPEED
+        motion.append([out[place] for place in (*places, *speeds)])
+        rows.append(out)
+        plant.step()
+    return np.array(motion), np.array(rows)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_another_tool_finds_nothing_wrong(spring_fmus, alone, version):
+    assert alone(spring_fmus[version], "validate") == {"problems": [], "version": f"{version}.0"}
+    with zipfile.ZipFile(spring_fmus[version]) as archive:
+        assert b"Apache License" in archive.read("documentation/licenses/license.txt")
+        assert b"design height" in archive.read("documentation/index.html")
+        description = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    tag = "Float64" if version == 3 else "ScalarVariable"
+    area = next(one for one in description.iter(tag) if one.get("name") == "left.effective_area")
+    number = area if version == 3 else area[0]
+    assert (area.get("variability"), number.get("unit"), number.get("start")) == ("tunable", "m2", "0.26")
+    assert (number.get("min"), number.get("max")) == ("0.1", "0.5")
+    assert area.get("description").startswith("effective area; assumed: effective diameter 575 mm")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_nothing_of_python_is_linked(spring_fmus, tmp_path, version):
+    with zipfile.ZipFile(spring_fmus[version]) as archive:
+        (name,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        archive.extract(name, tmp_path)
+    linked = subprocess.run(["ldd", tmp_path / name], capture_output=True, text=True, check=True).stdout
+    assert {line.split()[0].split("/")[-1].split(".")[0] for line in linked.splitlines()} <= {
+        *("linux-vdso", "libm", "libc", "ld-linux-x86-64", "ld-linux-aarch64"),
+    }
+    said = subprocess.run(["nm", "-D", tmp_path / name], capture_output=True, text=True, check=True).stdout
+    symbols = [line.split()[-1] for line in said.splitlines()]
+    assert not [one for one in symbols if one.startswith(("Py", "_Py", "numba", "NRT"))]
+    ours = [line.split()[-1] for line in said.splitlines() if line.split()[-2] in "TW"]
+    assert all(one.startswith(f"fmi{version}") for one in ours), "only functions of FMI are seen from outside"
+
+
+def test_it_does_what_the_laws_do(spring_fmus, alone, ridden, tmp_path):
+    """Within 1e-12 of plain Python, for steps of 1, 5 and 20 ms, also when saved and gone on with in another one."""
+    motion, rows = ridden
+    np.savez(tmp_path / "motion.npz", motion=motion)
+    twin = run_plain(TWIN.replace("FILE", repr(str(tmp_path / "motion.npz"))), tmp_path)
+    right = looked_at(twin)
+    first = 0
+    for ticks in (1, 5, 20):
+        steps = 200 // ticks
+        times = 1e-3 * ticks * np.arange(steps + 1)
+        for version in VERSIONS if ticks == 5 else (2,):
+            got = alone(spring_fmus[version], "motion", names=NAMES, times=times, motion=motion[::ticks])
+            assert got["outputs"] == got["again"], "saved and restored"
+            assert equal(np.array(got["outputs"]), right[first : first + steps], 1e-12)
+        if (
+            ticks == 1
+        ):  # and it is the bench: what lies between is half an acceleration times a square of 1 ms
+            assert equal(np.array(got["outputs"])[:, :6], looked_at(rows)[1:, :6], 1e-3)
+        first += steps
+
+
+def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
+    """`replay` takes another road: cubics between samples, which a constant speed makes straight."""
+    n = 301
+    speeds = np.array([0.03, -0.02, 0.05])
+    times = 1e-3 * np.arange(n)
+    parameters = load().record
+    springs = times[:, None] * speeds
+    roll = 0.5 * (springs[:, 0] - springs[:, 1]) / parameters.spring_half_spacing
+    displacement = np.zeros((n, 6))
+    displacement[:, 0] = springs[:, 2] - parameters.centre_height * roll
+    displacement[:, 1] = 0.5 * (springs[:, 0] + springs[:, 1])
+    displacement[:, 2] = roll
+    p = parameters.nominal_preload[0] / parameters.effective_area[0] + parameters.atmospheric_pressure
+    inputs = np.zeros((n, INPUTS))
+    inputs[
+        :, [Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]
+    ] = 1.0
+    rows = np.empty((n, ALGEBRAICS))
+    supply = np.full(n, parameters.supply_pressure + parameters.atmospheric_pressure)
+    gas = Gas(np.full(4, p), np.full(4, parameters.ambient_temperature))
+    motion = Motion.through(displacement, 1e-3)
+    replay(parameters, motion, inputs, supply, gas, step=1e-3, before=Before.nothing(), rows=rows)
+    given = np.hstack((springs, np.broadcast_to(speeds, springs.shape)))
+    got = alone(spring_fmus[3], "motion", names=NAMES, times=times, motion=given)
+    assert equal(np.array(got["outputs"]), looked_at(rows)[1:], 1e-9)
+
+
+def test_a_hundred_of_them_do_not_meet(spring_fmus, alone):
+    got = alone(spring_fmus[2], "many")
+    assert got["forces"][63] == got["alone"]
+    assert len(set(got["forces"])) == 100
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_what_is_left_of_a_tick_is_kept(spring_fmus, alone, version):
+    got = alone(spring_fmus[version], "remainder")
+    assert equal(np.array(got["parts"])[None], np.array(got["whole"])[None], 1e-12)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_what_does_not_fit_is_a_status_with_words(spring_fmus, alone, version):
+    got = alone(spring_fmus[version], "refusals")
+    assert got["range"] == ["left.effective_area = 3 m2 is outside 0.1 to 0.5 m2"]
+    assert got["kept"] == [0.26]
+    assert got["nan"] == ["left.height = nan m is outside -0.3 to 0.3 m"]
+    assert got["output"] == ["left.vertical_force is calculated and cannot be set"]
+    assert got["fixed"] == ["left.nominal_preload stays as it is once the simulation has begun"]
+    assert got["deep"][0].startswith("the left bellows is at -")
+    assert max(got["goes on"]) < 1e-6, "a refused step leaves no trace"
+    assert got["time"] == ["a step begins at 0.5 s, but the last one ended at 0.001 s"]
+    assert got["backwards"][0].endswith("a finite length of 0 or more would be right")
+    assert got["order"] == ["dpv_reclosing = 500000 exceeds dpv_opening = 120000 (SI)"]
+    assert 0.0 < got["empty"] < 1.2e5, "a leak lets out half of it, and it goes on"
+    assert got["vacuum"][0].startswith("the left bellows is at 0."), "stretched without air"
+    assert got["state"][0].startswith("these 8 bytes are no state of this FMU")
+
+
+def test_memory_is_its_own(spring_fmus, tmp_path):
+    if shutil.which("valgrind") is None:
+        pytest.skip("no valgrind here")
+    with zipfile.ZipFile(spring_fmus[2]) as archive:
+        (name,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        archive.extract(name, tmp_path)
+        guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
+    program = tmp_path / "drive"
+    subprocess.run(["cc", "-g", "-o", program, HERE / "drive.c", "-ldl"], check=True)
+    done = subprocess.run(
+        ["valgrind", "-q", "--leak-check=full", "--error-exitcode=99", program, tmp_path / name, guid],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr, done.stderr
+
+
+def test_every_parameter_of_a_law_is_one_of_the_fmu():
+    """What the springs' laws read, and nothing else, can be set."""
+    import re
+
+    from bench_sim.model.quantities import PLANT_QUANTITIES
+
+    laws = (
+        *("air_spring", "bellows", "gas", "inertance", "orifice", "pipe", "rest", "rubber", "runge_kutta"),
+        *("spring", "step_start", "surface", "valves"),
+    )
+    folder = Path(sys.modules[Plant.__module__].__file__).parent
+    read = {name for law in laws for name in re.findall(r"par\.(\w+)", (folder / f"{law}.py").read_text())}
+    given = {
+        re.sub(r"^(left|right)\.|\[.*", "", one.name)
+        for one in variables(load())
+        if one.kind in (Kind.FIXED, Kind.TUNABLE)
+    }
+    assert given == read & {one.name for one in PLANT_QUANTITIES}
