@@ -143,8 +143,8 @@ What the wiring itself says is `conduct.open` (a remote mode, a lease), `conduct
 stages settings: orders of points and actions. A set-point with `given` is told by the rig on connecting.
 
 **Without a generator** (`capabilities.generator`) the bench adds the waves to the set-points that it streams: the same
-waves, several at once too, up to 10 Hz, by the same commands. `generator.*`, `action.program_*`, `rig.program` and `rig.generator_cycle` are
-then the bench's own, and no lines of the file.
+waves, several at once too, up to 10 Hz, by the same commands. `generator.*`, `action.program_*`, `rig.program`
+and `rig.generator_cycle` are then the bench's own, and no lines of the file.
 
 ## Keys
 
