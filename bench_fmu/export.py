@@ -5,7 +5,6 @@ import json
 import platform
 import shutil
 import subprocess
-import sys
 import zipfile
 from collections.abc import Sequence
 from html import escape
@@ -20,6 +19,7 @@ import numpy as np
 from bench_fmu.description import IDENTIFIER, model_description
 from bench_fmu.variables import Kind, Variable, variables
 from bench_protocol.rates import TICK
+from bench_protocol.system import LINUX
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES
 from bench_sim.model.quantities import MEMORY, PARAMETERS
@@ -80,8 +80,8 @@ def write_springs(
 
 
 def _compiler() -> str:
-    if sys.platform != "linux":
-        raise ExportError(f"FMUs are made on Linux only so far; this is {sys.platform}")
+    if not LINUX:
+        raise ExportError(f"FMUs are made on Linux only so far; this is {platform.system()}")
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name):
             return found

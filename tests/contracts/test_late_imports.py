@@ -17,7 +17,7 @@ INSIDE_FUNCTIONS = {
     "bench_fmu": 9,
     "bench_panel": 10,
     "bench_protocol": 4,
-    "bench_records": 109,
+    "bench_records": 111,
     "campaigns": 24,
     "diagnosis": 35,
     "drivers": 22,
