@@ -15,7 +15,6 @@ import click
 
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import CommandLine
-from astb.software import commit
 from bench_protocol.system import NeedsLinux
 
 #: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
@@ -92,6 +91,8 @@ def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> No
     if not asked or ctx.resilient_parsing:
         return
     from importlib.metadata import version
+
+    from astb.software import commit
 
     known = commit()
     click.echo(f"astb {version('astb')}" + (f" (commit {known})" if known else ""))
