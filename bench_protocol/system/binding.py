@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -120,10 +121,11 @@ def _without_linear_algebra() -> Iterator[None]:
     """Let numba start without scipy's BLAS, which it imports in advance for products of matrices: 0.15 s.
 
     No compiled function here multiplies matrices; one that did would be refused when it is compiled. A ``None`` among
-    the modules is Python's way to say that there is none; afterwards scipy can be imported as ever.
+    the modules is Python's way to say that there is none; afterwards scipy can be imported as ever. Other threads may
+    import it meanwhile, so that it is only kept away where there are none.
     """
     name = "scipy.linalg.cython_blas"
-    if name in sys.modules:
+    if name in sys.modules or threading.active_count() > 1:
         yield
         return
     sys.modules[name] = None  # type: ignore[assignment]
