@@ -257,9 +257,9 @@ def hung_plc(stand: Stand) -> None:
     stand.wait(0.1 * s)
     with pytest.raises(LinkLost, match="does not answer"):
         port.read_input(1, 2)
-    cycle = stand.rig._controls["phase"]
+    phases = stand.rig._controls["phase"].copy()
     stand.wait(0.5 * s)
-    assert stand.rig._controls["phase"] == cycle, "the program stands still"
+    assert phases.any() and (stand.rig._controls["phase"] == phases).all(), "the program stands still"
     assert not math.isnan(stand.bench.left.height), "CAN goes on"
 
 

@@ -11,11 +11,13 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import astb
 from astb.api import find_plan
 from astb.rig_file import RigFileError, find_rig
+from bench_protocol import units
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
 from bench_records.checksums import broken_files
@@ -72,7 +74,7 @@ def test_the_program_of_the_page_runs_as_printed(tmp_path):
     (tmp_path / "rigs" / "local.toml").write_text(
         addresses(free_port(), free_port()) + "[simulation]\nseed = 0\n"
     )
-    (program,) = blocks("python")
+    program, _ = blocks("python")
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=tmp_path,
@@ -85,6 +87,22 @@ def test_the_program_of_the_page_runs_as_printed(tmp_path):
     rows = list(csv.reader(done.stdout.splitlines()))
     platform = [float(row[1]) for row in rows[1:]]
     assert max(platform) - min(platform) == pytest.approx(4, abs=0.5)
+
+
+@pytest.mark.slow
+def test_the_waves_of_the_page_go_together():
+    _, together = blocks("python")
+    with astb.open_bench("virtual") as bench:
+        bench.arm()
+        bench.lateral.control = "force"
+        start = bench.platform.vertical
+        with bench.capture("platform.vertical", "platform.lateral", "lateral.force") as capture:
+            exec(together, {"bench": bench, **vars(units)})
+        _, values = capture.aligned(50 * units.Hz)
+        assert bench.platform.vertical == pytest.approx(start, abs=0.2 * units.mm)
+    for one, size in (("platform.vertical", 5 * units.mm), ("platform.lateral", 5 * units.mm)):
+        assert np.ptp(values[one]) == pytest.approx(size, rel=0.05)
+    assert np.ptp(values["lateral.force"]) > 1.8 * units.kN
 
 
 @pytest.mark.slow
