@@ -4,8 +4,6 @@ from typing import Final, NoReturn
 
 import click
 
-from bench_records.disk import NotKept
-
 PASS: Final = 0
 FAIL: Final = 1  #: a plan judged the product, and it broke a limit
 MISUSE: Final = 2  #: the user asked for something that cannot be
@@ -16,6 +14,8 @@ REFUSED: Final = 5  #: rehearsed in virtual time, the plan trips a limit: the ri
 
 def misuse(error: Exception | str) -> NoReturn:
     """End the command: the user asked for something that cannot be, unless the disk is at fault (`blocked`)."""
+    from bench_records.disk import NotKept
+
     if isinstance(error, NotKept):
         blocked(error)
     click.echo(f"astb: {error}", err=True)

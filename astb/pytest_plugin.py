@@ -8,11 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
-from astb.rig_file import RigFileError, find_rig
-from bench_protocol.words import FAULT_STATES, LIVE_STATES
-from bench_records.result import Outcome
-from drivers.errors import BenchError, RigFault
-
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
     from bench_records.result import Result
@@ -59,6 +54,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def _rig_and_path(pytestconfig: pytest.Config) -> "Iterator[tuple[RigFile, Path]]":
     """The rig file and its path; a simulated rig in real time that does not answer runs while the session lasts."""
+    from astb.rig_file import RigFileError, find_rig
     from astb.session import answers, started
 
     try:
@@ -97,6 +93,7 @@ def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Call
     What the plan asks its operator is answered beforehand: `run(plan, {"press the emergency stop*": "done"})`.
     """
     from astb.api import run_plan
+    from bench_records.result import Outcome
 
     records = request.config.getoption("astb_records")
 
@@ -120,6 +117,8 @@ class _NoLog:
 
 
 def _make_safe(bench: "Bench") -> None:
+    from bench_protocol.words import FAULT_STATES, LIVE_STATES
+    from drivers.errors import BenchError, RigFault
     from test_plans.air_left import air_at_risk
     from test_plans.run import Run
     from test_plans.steps import make_safe
@@ -152,6 +151,7 @@ def pytest_runtest_makereport(
 
 
 def _whose_fault(error: BaseException) -> str:
+    from drivers.errors import BenchError
     from test_plans.execution import WHOSE
 
     if isinstance(error, BenchError):

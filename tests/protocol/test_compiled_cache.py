@@ -2,8 +2,6 @@
 
 import errno
 import fcntl
-import sys
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import module_from_spec, spec_from_file_location
@@ -13,7 +11,6 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.system import binding
 from bench_protocol.system.binding import LOCK, cached, folder_of, kept, take_turns
 
 WORKERS, FUNCTIONS = 4, 40
@@ -103,16 +100,3 @@ def test_where_nothing_can_be_written_one_sentence_says_so_and_it_works_all_the_
     with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* NUMBA_CACHE_DIR may name"):
         twice = cached(strange, "digest")
     assert (twice(3.0), folder_of(twice)) == (6.0, "")
-
-
-@pytest.mark.parametrize("threads", [0, 1])
-def test_what_others_may_import_meanwhile_is_not_kept_from_them(
-    threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A thread that imports scipy while another one compiles met a module that is said not to be there."""
-    name = "scipy.linalg.cython_blas"
-    monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.setattr(threading, "active_count", lambda: 1 + threads)
-    with binding._without_linear_algebra():
-        assert (name in sys.modules) == (threads == 0)
-    assert name not in sys.modules

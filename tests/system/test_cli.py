@@ -75,9 +75,8 @@ def test_light_commands_import_nothing_heavy(command):
 def test_the_list_of_the_commands_imports_none_of_them():
     """Nor what reads the metadata of packages: that alone takes as long as all the rest."""
     imported = imported_by("--help")
-    assert [name for name in imported if name.startswith(("astb.commands.", "bench_", "campaigns"))] == [
-        "bench_protocol.system"
-    ]
+    ours = {name for name in imported if name.startswith(("astb.commands.", "bench_", "campaigns"))}
+    assert ours == {"bench_protocol", "bench_protocol.system"}
     assert "importlib.metadata" not in imported
 
 
