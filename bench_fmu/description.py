@@ -61,12 +61,12 @@ def model_description(
             "variableNamingConvention": "structured",
         }
     )
-    state, states = ("FMUstate", "FMUstate") if fmi == 2 else ("FMUState", "FMUState")
+    state = "FMUstate" if fmi == 2 else "FMUState"
     able = {
         "modelIdentifier": IDENTIFIER,
         "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true",
-        f"canSerialize{states}": "true",
+        f"canSerialize{state}": "true",
     }
     if fmi == 3:
         able["fixedInternalStepSize"] = repr(TICK)
@@ -122,8 +122,6 @@ def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
     if one.start is not None:
         number["start"] = repr(one.start)
     if fmi == 3:
-        if "initial" in about and about["causality"] == "input":
-            del about["initial"]
         SubElement(listed, "Float64", about | number)
     else:
         SubElement(SubElement(listed, "ScalarVariable", about), "Real", number)

@@ -7,8 +7,9 @@ import shutil
 import subprocess
 import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from html import escape
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import distribution, version
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_fmu.description import IDENTIFIER, model_description
-from bench_fmu.variables import Kind, Variable, variables
+from bench_fmu.variables import MOTIONS, Kind, Variable, variables
 from bench_protocol.rates import TICK
 from bench_protocol.system import LINUX
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
@@ -27,7 +28,6 @@ from bench_sim.parameters import Parameters
 
 #: Versions of FMI that there are.
 VERSIONS: Final = (2, 3)
-_MOTIONS: Final = 6
 _FLAGS: Final = ("-O2", "-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
 _COMPILED: Final = ("advance", "start")
 #: Pairs of parameters that only make sense in one order.
@@ -61,7 +61,7 @@ def write_springs(
         token=token,
         name=f"{parameters.name} {parameters.load_case}",
         said=f"Both air springs of {parameters.name} under {parameters.load_case}, with their valves and supply",
-        version=_version(),
+        version=version("astb"),
     )
     with TemporaryDirectory() as folder:
         place = Path(folder)
@@ -91,20 +91,11 @@ def _compiler() -> str:
     )
 
 
-def _version() -> str:
-    try:
-        return distribution("astb").version
-    except PackageNotFoundError:
-        return "0"
-
-
 def _licence() -> str:
-    try:
+    with suppress(OSError):
         for file in distribution("astb").files or ():
             if file.name == "LICENSE":
                 return str(file.read_text())
-    except (PackageNotFoundError, OSError):
-        pass
     return "Apache-2.0: https://www.apache.org/licenses/LICENSE-2.0\n"
 
 
@@ -135,7 +126,7 @@ def _header(parameters: Parameters, every: Sequence[Variable], token: str) -> st
         "AUXILIARY_PRESSURE": int(Algebraic.AUXILIARY_PRESSURE),
         "STATES": STATES,
         "INPUTS": INPUTS,
-        "MOTIONS": _MOTIONS,
+        "MOTIONS": len(MOTIONS),
         "ALGEBRAICS": ALGEBRAICS,
         "PARAMETERS": PARAMETERS.itemsize // 8,
         "MEMORY_RECORD": MEMORY.itemsize,

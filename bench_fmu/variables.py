@@ -9,12 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.table import TABLE
+from bench_protocol.words import SIDES
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.layout import Input, State
 from bench_sim.model.quantities import PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters import Parameters
-
-_SIDES: Final = ("left", "right")
 
 
 class Kind(IntEnum):
@@ -62,7 +61,7 @@ _FIXED: Final = (
     *("extra_branch_ratio", "extra_friction", "flow_inertance", "spring_half_spacing", "centre_height"),
 )
 
-_MOTION: Final = (
+MOTIONS: Final = (
     ("left.height", "m", "Height of the left spring over design height"),
     ("right.height", "m", "Height of the right spring over design height"),
     ("springs.lateral", "m", "Top plates against the feet of the springs, to the left"),
@@ -108,12 +107,12 @@ def variables(parameters: Parameters) -> tuple[Variable, ...]:
 
 def _told(name: str, text: str) -> str:
     """Return ``text``, or what the table of signals says."""
-    return text or next(one.description for one in TABLE.signals if one.name == name)
+    return text or TABLE[name].description
 
 
 def _inputs() -> Iterator[Variable]:
-    high = next(one.high for one in TABLE.signals if one.name == "left.height")
-    for place, (name, unit, text) in enumerate(_MOTION):
+    high = TABLE["left.height"].high
+    for place, (name, unit, text) in enumerate(MOTIONS):
         bound = high if unit == "m" else inf
         yield Variable(name, unit, Kind.MOTION, place, text, 0.0, -bound, bound)
     for name, number, start, low, text in _VALVES:
@@ -122,7 +121,7 @@ def _inputs() -> Iterator[Variable]:
 
 def _outputs() -> Iterator[Variable]:
     for name, unit, kind, first, text in _OUTPUTS:
-        for side, word in enumerate(_SIDES):
+        for side, word in enumerate(SIDES):
             full = f"{word}.{name}"
             yield Variable(full, unit, kind, first + side, _told(full, text))
     yield Variable("springs.dpv_flow", "kg/s", Kind.ALGEBRAIC, Algebraic.DPV_FLOW, "From left to right")
@@ -159,5 +158,5 @@ def _scalar(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
     if not shape:
         return name
     if shape == (2,) and "_surface_" not in name:
-        return f"{_SIDES[index[0]]}.{name}"
+        return f"{SIDES[index[0]]}.{name}"
     return f"{name}[{','.join(str(i + 1) for i in index)}]"

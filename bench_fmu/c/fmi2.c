@@ -1,11 +1,10 @@
 /* The functions of FMI 2.0 for co-simulation. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "springs.h"
 
+typedef void (*Logger)(void *, const char *, int, const char *, const char *, ...);
+
 typedef struct {
-    void (*logger)(void *, const char *, int, const char *, const char *, ...);
+    Logger logger;
     void *(*allocate)(size_t, size_t);
     void (*release)(void *);
     void (*finished)(void *, int);
@@ -13,8 +12,7 @@ typedef struct {
 } Callbacks;
 
 static void say(Instance *me, int status, const char *message) {
-    void (*logger)(void *, const char *, int, const char *, const char *, ...) = NULL;
-    memcpy(&logger, me->logger == NULL ? (void *)&logger : (void *)me->logger, sizeof logger);
+    Logger logger = (Logger)me->logger;
     if (logger != NULL) {
         logger(me->environment, me->name == NULL ? "" : me->name, status, "logStatusError", message);
     }
@@ -34,24 +32,10 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
     if (type != 1 || callbacks == NULL) { /* co-simulation */
         return NULL;
     }
-    void *logger = malloc(sizeof callbacks->logger);
-    if (logger == NULL) {
-        return NULL;
-    }
-    memcpy(logger, &callbacks->logger, sizeof callbacks->logger);
-    Instance *me = spring_new(name, guid, callbacks->environment, logger, say);
-    if (me == NULL) {
-        free(logger);
-    }
-    return me;
+    return spring_new(name, guid, callbacks->environment, (Callback)callbacks->logger, say);
 }
 
-EXPORT void fmi2FreeInstance(void *me) {
-    if (me != NULL) {
-        free(((Instance *)me)->logger);
-        spring_free(me);
-    }
-}
+EXPORT void fmi2FreeInstance(void *me) { spring_free(me); }
 
 EXPORT int fmi2SetupExperiment(void *me, int given, double tolerance, double begin, int ends, double stop) {
     (void)given, (void)tolerance, (void)ends, (void)stop;
@@ -90,11 +74,7 @@ EXPORT int fmi2SetFMUstate(void *me, void *state) { return spring_restore(me, st
 
 EXPORT int fmi2FreeFMUstate(void *me, void **state) {
     (void)me;
-    if (state != NULL) {
-        free(*state);
-        *state = NULL;
-    }
-    return OK;
+    return spring_forget(state);
 }
 
 EXPORT int fmi2SerializedFMUstateSize(void *me, void *state, size_t *size) {

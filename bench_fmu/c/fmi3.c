@@ -1,15 +1,10 @@
 /* The functions of FMI 3.0 for co-simulation; those of other interfaces say that there is none. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "springs.h"
 
 typedef void (*Logger)(void *, int, const char *, const char *);
 
-
 static void say(Instance *me, int status, const char *message) {
-    Logger logger = NULL;
-    memcpy(&logger, me->logger == NULL ? (void *)&logger : me->logger, sizeof logger);
+    Logger logger = (Logger)me->logger;
     if (logger != NULL) {
         logger(me->environment, status, "logStatusError", message);
     }
@@ -26,27 +21,13 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     bool logging, bool events, bool early, const uint32_t *between, size_t n, void *environment, Logger log,
     void *update) {
     (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)between, (void)n, (void)update;
-    void *logger = malloc(sizeof log);
-    if (logger == NULL) {
-        return NULL;
-    }
-    memcpy(logger, &log, sizeof log);
-    Instance *me = spring_new(name, token, environment, logger, say);
-    if (me == NULL) {
-        free(logger);
-    }
-    return me;
+    return spring_new(name, token, environment, (Callback)log, say);
 }
 
 EXPORT void *fmi3InstantiateModelExchange(void) { return NULL; }
 EXPORT void *fmi3InstantiateScheduledExecution(void) { return NULL; }
 
-EXPORT void fmi3FreeInstance(void *me) {
-    if (me != NULL) {
-        free(((Instance *)me)->logger);
-        spring_free(me);
-    }
-}
+EXPORT void fmi3FreeInstance(void *me) { spring_free(me); }
 
 EXPORT int fmi3EnterInitializationMode(void *me, bool given, double tolerance, double begin, bool ends, double stop) {
     (void)given, (void)tolerance, (void)ends, (void)stop;
@@ -87,11 +68,7 @@ EXPORT int fmi3SetFMUState(void *me, void *state) { return spring_restore(me, st
 
 EXPORT int fmi3FreeFMUState(void *me, void **state) {
     (void)me;
-    if (state != NULL) {
-        free(*state);
-        *state = NULL;
-    }
-    return OK;
+    return spring_forget(state);
 }
 
 EXPORT int fmi3SerializedFMUStateSize(void *me, void *state, size_t *size) {

@@ -108,7 +108,7 @@ void spring_reset(Instance *me) {
     s->phase = INSTANTIATED;
 }
 
-Instance *spring_new(const char *name, const char *token, void *environment, void *logger, Log log) {
+Instance *spring_new(const char *name, const char *token, void *environment, Callback logger, Log log) {
     Instance *me = calloc(1, sizeof *me);
     if (me == NULL) {
         return NULL;
@@ -258,6 +258,14 @@ int spring_restore(Instance *me, const void *state) {
         return spring_refuse(me, "there is no state to go back to");
     }
     memcpy(&me->now, state, sizeof(State));
+    return OK;
+}
+
+int spring_forget(void **state) {
+    if (state != NULL) {
+        free(*state);
+        *state = NULL;
+    }
     return OK;
 }
 

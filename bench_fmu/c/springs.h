@@ -25,12 +25,15 @@ typedef struct {
 
 typedef struct Instance Instance;
 typedef void (*Log)(Instance *, int status, const char *message);
+/* A function of the environment: that which logs takes other arguments in each version of FMI. */
+typedef void (*Callback)(void);
 
 struct Instance {
     State now, before;
     double work[5 * STATES];
     Log log;
-    void *environment, *logger;
+    void *environment;
+    Callback logger;
     char *name;
 };
 
@@ -39,7 +42,7 @@ typedef struct {
     State state;
 } Serialized;
 
-Instance *spring_new(const char *name, const char *token, void *environment, void *logger, Log log);
+Instance *spring_new(const char *name, const char *token, void *environment, Callback logger, Log log);
 void spring_free(Instance *);
 void spring_reset(Instance *);
 int spring_refuse(Instance *, const char *format, ...);
@@ -51,6 +54,7 @@ int spring_step(Instance *, double time, double step);
 int spring_end(Instance *);
 int spring_save(Instance *, void **state);
 int spring_restore(Instance *, const void *state);
+int spring_forget(void **state);
 int spring_serialize(Instance *, const void *state, void *bytes, size_t size);
 int spring_deserialize(Instance *, const void *bytes, size_t size, void **state);
 

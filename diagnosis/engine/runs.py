@@ -30,14 +30,11 @@ class MeasuredChannels(CompleteSimulator):
 
     def __init__(self, simulator: CompleteSimulator, channels: tuple[Channel, ...]) -> None:
         names = [channel.name for channel in simulator.channels]
-        self._all, self._width = simulator, len(names)
+        self._all = simulator
         self._places = [names.index(channel.name) for channel in channels]
         self.name, self.channels = simulator.name, channels
-        self.nuisances, self.catalogue, self.surfaces = (
-            simulator.nuisances,
-            simulator.catalogue,
-            simulator.surfaces,
-        )
+        self.nuisances, self.catalogue = simulator.nuisances, simulator.catalogue
+        self.surfaces = simulator.surfaces
         self.too_alike, self.unseen_errors = simulator.too_alike, simulator.unseen_errors
         self.references, self.least_batch = simulator.references, simulator.least_batch
 
@@ -56,7 +53,7 @@ class MeasuredChannels(CompleteSimulator):
         return self._all.sharpened(runs, channels)
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        everything = np.full((len(outputs), self._width), np.nan)
+        everything = np.full((len(outputs), len(self._all.channels)), np.nan)
         everything[:, self._places] = outputs
         return self._all.counted(experiment, everything)[:, self._places]
 
