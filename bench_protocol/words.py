@@ -3,6 +3,7 @@
 What is numbered on the wires is an enum here; the tuples beside it are the names by number. Numbers stay once given.
 """
 
+import math
 from enum import IntEnum
 from typing import Final, Literal, get_args
 
@@ -137,6 +138,14 @@ CONTROL_MODES: Final[tuple[ControlMode, ...]] = get_args(ControlMode)
 AXES: Final[tuple[GeneratorAxis, ...]] = get_args(GeneratorAxis)
 WAVES: Final[tuple[GeneratorWave, ...]] = get_args(GeneratorWave)
 SWITCH: Final = ("off", "on")
+#: Peak speed of a wave of amplitude 1 and frequency 1 Hz.
+STEEPEST: Final[dict[str, float]] = {
+    "sine": math.tau,
+    "unilateral_cosine": math.pi,
+    "triangle": 4.0,
+    "plateau": 0.5 * math.pi,
+}
+assert tuple(STEEPEST) == WAVES
 #: So many waves one programme of the function generator has at the most.
 WAVES_AT_ONCE: Final = 8
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from bench_protocol.rates import TICK
 from bench_protocol.units import s
-from bench_protocol.words import AXES, CONTROL_MODES, WAVES_AT_ONCE, Program
+from bench_protocol.words import AXES, CONTROL_MODES, STEEPEST, WAVES, WAVES_AT_ONCE, Program
 from bench_sim.rig.controls import TARGETS, Target
-from bench_sim.rig.setpoints import steepness, too_fast
+from bench_sim.rig.setpoints import too_fast
 
 _RETURN_TICKS: Final = round(1 * s / TICK)  # a stopped generator's axes take one second to come back
 _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
@@ -30,7 +30,8 @@ class FunctionGenerator:
         self._settings = settings
         self._lever = lever
         self._added: list[Wave] = []
-        self._moves_actuators = False
+        #: Whether a wave of the program is one of the actuators, and not all are of the platform.
+        self.moves_actuators = False
 
     @property
     def busy(self) -> bool:
@@ -69,7 +70,7 @@ class FunctionGenerator:
             c["phase"][k] = -wave["generator.frequency"] * wave["generator.delay"]
         c["program"] = Program.RUN
         lateral = AXES.index("lateral")
-        self._moves_actuators = any(wave["generator.axis"] <= lateral for wave in waves)
+        self.moves_actuators = any(wave["generator.axis"] <= lateral for wave in waves)
         self._added = []
         return True
 
@@ -107,11 +108,6 @@ class FunctionGenerator:
         """Forget how far the last program has come, which is over."""
         self._controls["phase"] = 0.0
 
-    @property
-    def moves_actuators(self) -> bool:
-        """Whether a wave of the program is one of the actuators, and not all are of the platform."""
-        return self._moves_actuators
-
     def _set_wave(self) -> Wave:
         return {name: value for name, value in self._settings.items() if name.startswith("generator.")}
 
@@ -121,7 +117,7 @@ class FunctionGenerator:
         if any(height is None for height in heights):
             return None
         amplitudes = np.array(heights)
-        steep = [steepness(int(wave["generator.wave"]), 1.0, wave["generator.frequency"]) for wave in waves]
+        steep = [STEEPEST[WAVES[int(wave["generator.wave"])]] * wave["generator.frequency"] for wave in waves]
         speeds = (np.array(steep) @ np.abs(amplitudes)).tolist()
         if any(too_fast(target, self._mode(target), speed) for target, speed in enumerate(speeds)):
             return None

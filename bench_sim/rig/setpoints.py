@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bench_protocol.rates import PACE, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, m, rad, s
-from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, WAVES
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES
 from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import TARGETS
 
@@ -44,10 +44,6 @@ PACES: Final = (
     ),
 )
 
-#: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
-_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0, "plateau": 0.5 * math.pi}
-assert tuple(_STEEPEST) == WAVES
-
 
 def _row(name: str) -> tuple[SetpointPace | None, ...]:
     return tuple(
@@ -63,11 +59,6 @@ assert len(_TABLE) == TARGETS
 _STEPS: Final = np.array([[pace.travel * TICK if pace else math.inf for pace in row] for row in _TABLE])
 _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 _ACTUATORS: Final = len(ACTUATORS)
-
-
-def steepness(wave: int, amplitude: float, frequency: float) -> float:
-    """Return the peak speed of a wave (per s, in the unit of its ``amplitude``)."""
-    return _STEEPEST[WAVES[wave]] * amplitude * frequency
 
 
 def too_fast(target: int, mode: int, speed: float) -> bool:

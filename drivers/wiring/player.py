@@ -20,7 +20,7 @@ from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS, s
 from bench_protocol.wires import Table
-from bench_protocol.words import AXES, CONTROL_MODES, WAVES, WAVES_AT_ONCE, Program
+from bench_protocol.words import AXES, CONTROL_MODES, STEEPEST, WAVES, WAVES_AT_ONCE, Program
 from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
 
@@ -32,9 +32,6 @@ RETURN: Final = 1 * s
 POINTS_MIN: Final = 5
 #: What a wave moves on by at the most from one beat to the next: one beat may be missing, a stall is left out.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
-#: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
-_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0, "plateau": 0.5 * math.pi}
-assert tuple(_STEEPEST) == WAVES
 #: What the axis is controlled by, which actuators it moves, and which way each goes.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {
     "vertical": ("vertical.control", {"vertical_left": 1, "vertical_right": 1}),
@@ -280,7 +277,7 @@ class Player:
                     f"{COMMAND_RATE / POINTS_MIN:g} Hz is the most",
                 )
             for row, height in wave.heights.items():
-                peak = _STEEPEST[wave.form] * abs(height) * wave.frequency
+                peak = STEEPEST[wave.form] * abs(height) * wave.frequency
                 speeds[row] = speeds.get(row, 0.0) + peak
         what = f"this {waves[0].form.replace('_', ' ')}" if len(waves) == 1 else "these waves together"
         for row, peak in speeds.items():
