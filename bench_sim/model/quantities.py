@@ -24,9 +24,8 @@ from bench_sim.model.layout import (
 class Lanes(Flag):
     """What a quantity is for the lanes, in which the diagnosis integrates many springs at once."""
 
-    UNKNOWN = (
-        0  #: where it has not its default, or is not 0, the bench's own equations replay: right, and slower
-    )
+    #: Where it has not its default, or is not 0, the bench's own equations replay: right, and slower.
+    UNKNOWN = 0
     COLUMN = auto()  #: trajectories depend on it, and the column of a spring holds it
     SURFACE = auto()  #: of a surface, which stands beside the column
     FEEDS = auto()  #: of what fills and exhausts a spring, where anything does

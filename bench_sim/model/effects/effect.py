@@ -64,9 +64,8 @@ class Effect:
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
     confusers: tuple[str, ...] = ()
     richer: tuple[str, ...] = ()
-    phenomenon: str = (
-        ""  #: what it is one law of, where others describe the same; {side} stands for its place
-    )
+    #: What it is one law of, where others describe the same; {side} stands for its place.
+    phenomenon: str = ""
     equation: str = ""
     source: str = ""
     separated_by: str = ""  #: the run that tells it from its confusers
