@@ -283,7 +283,7 @@ def _streaming(subject: Subject) -> None:
 
 
 def _nothing_streamed(subject: Subject) -> None:
-    """A beat without points changes nothing and is no loss."""
+    """A cycle without points changes nothing and is no loss."""
     backs = sorted({*subject.written.values(), *subject.streamed.values()} or subject.readable)
     with _Bench(subject) as bench:
         bench.wait(2 * bench.transport.period)

@@ -1,7 +1,7 @@
 """The one clock of the bench: whole nanoseconds and absolute deadlines, in real, scaled or virtual time.
 
 Nothing else imports ``time``. A deadline is always ``start + k * period``, never "now plus a period": a late
-wake-up then delays one beat and not all that follow.
+wake-up then delays one cycle and not all that follow.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ _PR_SET_TIMERSLACK: Final = 29
 _SWITCH_INTERVAL: Final = 0.0005
 _NICE: Final = -10
 #: Periodic callbacks are short (a command frame): below a rig's tick, above everything that computes.
-_BEAT_PRIORITY: Final = 5
+_CYCLE_PRIORITY: Final = 5
 
 
 class Task(Protocol):
@@ -57,10 +57,10 @@ class _ThreadTask:
         self._thread.start()
 
     def _run(self) -> None:
-        hurry(_BEAT_PRIORITY)
+        hurry(_CYCLE_PRIORITY)
         start = self._clock.now()
-        for beat in itertools.count(1):
-            self._clock.sleep_until(start + beat * self._period)
+        for cycle in itertools.count(1):
+            self._clock.sleep_until(start + cycle * self._period)
             if self._stopped.is_set():
                 return
             self._callback()
@@ -156,14 +156,14 @@ def every_without_late(clock: Clock, period: int, callback: Callable[[], None]) 
     """As ``clock.every``; calls that a stall made late are left out, where they would all come at once."""
     last = clock.now()
 
-    def beat() -> None:
+    def cycle() -> None:
         nonlocal last
         now = clock.now()
         if now - last >= period // 2:
             last = now
             callback()
 
-    return clock.every(period, beat)
+    return clock.every(period, cycle)
 
 
 def wall_time_ns() -> int:

@@ -19,7 +19,7 @@ NAMES: Final = (
     "lateness",
     "can_trip",
     "modbus_trip",
-    "commander_beats",
+    "commander_cycles",
     "codec",
     "time_to_safe",
     "campaigns",

@@ -61,7 +61,7 @@ class Listener(threading.Thread):
 
 
 class Poller(threading.Thread):
-    """A Modbus client that asks on a steady beat until the rig has gone."""
+    """A Modbus client that asks at a steady rate until the rig has gone."""
 
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
@@ -69,7 +69,7 @@ class Poller(threading.Thread):
         self.trips: list[int] = []
 
     def run(self) -> None:
-        beat = time.perf_counter()
+        due = time.perf_counter()
         with contextlib.suppress(OSError):
             while True:
                 start = time.perf_counter_ns()
@@ -77,8 +77,8 @@ class Poller(threading.Thread):
                 if len(self.socket.recv(512)) != len(MODBUS_REPLY):
                     break
                 self.trips.append(time.perf_counter_ns() - start)
-                beat += POLL
-                time.sleep(max(0.0, beat - time.perf_counter()))
+                due += POLL
+                time.sleep(max(0.0, due - time.perf_counter()))
         self.socket.close()
 
 

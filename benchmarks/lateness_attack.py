@@ -61,14 +61,14 @@ def attack(
     while not until.is_set():
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), _PATIENCE) as sock:
             sock.sendall(greeting)
-            beat = time.perf_counter()
+            due = time.perf_counter()
             while not until.is_set():
                 sock.sendall(data)
                 with contextlib.suppress(BlockingIOError):
                     if sock.recv(1 << 16, socket.MSG_DONTWAIT) == b"":
                         break
-                beat += PERIOD
-                time.sleep(max(0.0, beat - time.perf_counter()))
+                due += PERIOD
+                time.sleep(max(0.0, due - time.perf_counter()))
         time.sleep(PERIOD)
 
 

@@ -15,7 +15,7 @@ BATCH = 20
 
 
 def run(effort: Effort) -> Section:
-    """Time ``rig.run`` inside a session in which the bench is ACTIVE and shaken, beat by beat."""
+    """Time ``rig.run`` inside a session in which the bench is ACTIVE and shaken, cycle by cycle."""
     rig: Any = build_rig(Simulation())
     run_ticks = rig.run
     batches: list[float] = []
@@ -44,8 +44,8 @@ def run(effort: Effort) -> Section:
         bench.air.fill(to=2 * bar, within=2 * minutes)
         for repetition in range(1 + effort.repetitions):
             batches.clear()
-            for beat in range(100):
-                bench.platform.vertical_setpoint = 5 * mm * np.sin(0.1 * beat)
+            for cycle in range(100):
+                bench.platform.vertical_setpoint = 5 * mm * np.sin(0.1 * cycle)
                 bench.wait(BATCH * ms)
             bare = [cpu(lambda: plant.step(BATCH), BATCH) for _ in range(100)]
             if repetition:

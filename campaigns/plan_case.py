@@ -63,7 +63,7 @@ def facts(case: PlanCase) -> dict[str, Any]:
 
 def warm_up() -> None:
     """Import and compile what every case needs."""
-    import drivers.beat  # noqa: F401
+    import drivers.cycle  # noqa: F401
     from astb.session import build_rig
 
     build_rig(Simulation())

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from bench_protocol.units import kN, minutes, mm, mrad, s
 from drivers.declarations import ChoiceSetting, Device, Reading, Setpoint
-from drivers.link import STREAM_BEATS, Link
+from drivers.link import STREAM_CYCLES, Link
 
 Mode = Literal["off", "force", "displacement"]
 
@@ -38,7 +38,7 @@ class ControlMode(ChoiceSetting):
         if value != "off":
             link.take_over([f"{actuator}.{value}" for actuator in actuators])
         link.settings.write({name: value})
-        link.wait_beats(STREAM_BEATS)
+        link.wait_cycles(STREAM_CYCLES)
 
 
 class Vertical(Device):

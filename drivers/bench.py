@@ -28,7 +28,7 @@ from drivers.devices import (
 )
 from drivers.errors import BenchError, LinkLost, Misuse, NotAvailable, Refused, RigFault
 from drivers.generator import Generator
-from drivers.link import STREAM_BEATS, Link
+from drivers.link import STREAM_CYCLES, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
 from drivers.wiring.contract import Order, Step, Wiring
@@ -289,7 +289,7 @@ class Bench(Link):
         if points := of_kind(None):
             self.wiring.say(points)
         if setpoints:
-            self.wait_beats(STREAM_BEATS)
+            self.wait_cycles(STREAM_CYCLES)
         elif latency := self.wiring.capabilities.latency:
             self.wait(latency)
 

@@ -1,4 +1,4 @@
-"""The commander: holds all set-points, moves them along ramps or a waveform, and lets the rig have them each beat."""
+"""The commander: holds all set-points, moves them along ramps or a waveform, and lets the rig have them each cycle."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from bench_protocol.signals import Kind
 from bench_protocol.system.gate import Gate
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
-from drivers.wiring.contract import Beating, BeatingOutlet, Wiring, refuse_absent
+from drivers.wiring.contract import CyclicOutlet, CyclicStream, Wiring, refuse_absent
 
-BEAT: Final = round(NS / COMMAND_RATE)  # ns
+CYCLE: Final = round(NS / COMMAND_RATE)  # ns
 
 
 class Played(NamedTuple):
     """How far a waveform has come."""
 
-    beat: int  #: how many have gone out
-    beats: int  #: in all
+    cycle: int  #: how many have gone out
+    cycles: int  #: in all
     going: bool
 
 
 class Commander:
-    """Holds all set-points and hands them to the wiring's outlet, on every beat from ``start`` to ``stop``.
+    """Holds all set-points and hands them to the wiring's outlet, on every cycle from ``start`` to ``stop``.
 
     Thread-safe. A set-point nobody has given yet travels as "not available". When sending fails, ``failure`` keeps
     the reason and the stream ends: the rig's watchdog then does what is right.
@@ -47,24 +47,24 @@ class Commander:
                 self._values[self._table.index[signal.name]] = 0.0
         self._gate = Gate()
         self._task: Task | None = None
-        self.origin = clock.now()  #: beats are at ``origin + k * BEAT``
+        self.origin = clock.now()  #: cycles are at ``origin + k * CYCLE``
         self.failure: LinkLost | None = None
 
     def start(self) -> None:
-        """Begin to stream; the first set-points go out one beat from now."""
+        """Begin to stream; the first set-points go out one cycle from now."""
         if self._task is not None:
             return
         self.failure = None
         self._change(*self._checked(self._wiring.given))
         self.origin = self._clock.now()
         outlet = self._wiring.outlet
-        if isinstance(outlet, BeatingOutlet):
-            self._task = outlet.beat(
-                Beating(self._setpoints, self._gate, self._clock, self.origin, BEAT, self._fail)
+        if isinstance(outlet, CyclicOutlet):
+            self._task = outlet.send_cyclic(
+                CyclicStream(self._setpoints, self._gate, self._clock, self.origin, CYCLE, self._fail)
             )
         if self._task is None:
             # After a stall set-points go on from where they were, one step at a time.
-            self._task = every_without_late(self._clock, BEAT, self._beat)
+            self._task = every_without_late(self._clock, CYCLE, self._cycle)
 
     def stop(self) -> None:
         """End the stream; nothing is sent after this has returned."""
@@ -72,21 +72,21 @@ class Commander:
             self._task.cancel()
             self._task = None
 
-    def next_beat(self) -> int:
+    def next_cycle(self) -> int:
         """Return when the next set-points go out (ns)."""
         now = self._clock.now()
-        return now + BEAT - (now - self.origin) % BEAT
+        return now + CYCLE - (now - self.origin) % CYCLE
 
     def value(self, name: str) -> float:
-        """Return the set-point that the next beat will carry at the latest; NaN if none was given."""
+        """Return the set-point that the next cycle will carry at the latest; NaN if none was given."""
         return float(self._values[self._row(name)])
 
     def set(self, name: str, value: float) -> None:
-        """Let ``name`` be ``value`` from the next beat on; ValueError if the wire cannot carry it."""
+        """Let ``name`` be ``value`` from the next cycle on; ValueError if the wire cannot carry it."""
         self.set_all({name: value})
 
     def set_all(self, values: Mapping[str, float]) -> None:
-        """Let all ``values`` hold from the next beat on, together; ValueError, and no change, if one does not fit."""
+        """Let all ``values`` hold from the next cycle on, together; ValueError, and no change, if one does not fit."""
         rows, checked = self._checked(values)
         self._wiring.begin()
         self._change(rows, checked)
@@ -96,17 +96,17 @@ class Commander:
         return self.ramp_all({name: to}, rate)
 
     def ramp_all(self, targets: Mapping[str, float], rate: float) -> float:
-        """Start ramps on the same beat, each with ``rate`` (SI/s); return how long the longest takes (s)."""
+        """Start ramps on the same cycle, each with ``rate`` (SI/s); return how long the longest takes (s)."""
         if not (rate > 0 and math.isfinite(rate)):
             raise ValueError(f"rate = {rate:g} per second is not a pace to move at; it must be positive")
         rows, ends = self._checked(targets)
         self._wiring.begin()
-        pace = rate * BEAT / NS
-        beats = self._moving.start_ramps(self._setpoints, self._gate.address, rows, ends, pace)
-        if math.isnan(beats):
+        pace = rate * CYCLE / NS
+        cycles = self._moving.start_ramps(self._setpoints, self._gate.address, rows, ends, pace)
+        if math.isnan(cycles):
             name = next(name for name in targets if math.isnan(self.value(name)))
             raise Misuse(f"{name} has no value yet to start a ramp from; arm the bench, or set it first")
-        return beats * BEAT / NS
+        return cycles * CYCLE / NS
 
     def moving(self, *names: str) -> bool:
         """Return whether one of the set-points (any, without names) is still on its ramp."""
@@ -114,18 +114,18 @@ class Commander:
         return bool((moving[[self._row(name) for name in names]] if names else moving).any())
 
     def play(self, offsets: Mapping[str, npt.NDArray[np.float64]]) -> None:
-        """Move set-points by ``offsets`` (SI, each (beats,)) from where they are now, one beat after the other.
+        """Move set-points by ``offsets`` (SI, each (cycles,)) from where they are now, one cycle after the other.
 
-        All of them begin on the same beat. Whatever gives one of them another value ends the waveform. Misuse, and
+        All of them begin on the same cycle. Whatever gives one of them another value ends the waveform. Misuse, and
         nothing moves, for what the wire cannot carry, or for a set-point without a value to begin from.
         """
         rows = np.array([self._row(name) for name in offsets], np.int64)
         table = np.array(list(offsets.values()), np.float64)
-        rows_max, beats_max = self._setpoints.track.shape
-        if rows.size > rows_max or not 0 < table.shape[-1] <= beats_max:
+        rows_max, cycles_max = self._setpoints.track.shape
+        if rows.size > rows_max or not 0 < table.shape[-1] <= cycles_max:
             raise Misuse(
-                f"a waveform has up to {rows_max} set-points and {beats_max * BEAT / NS:g} s; "
-                f"this one has {rows.size} and {table.shape[-1] * BEAT / NS:g} s"
+                f"a waveform has up to {rows_max} set-points and {cycles_max * CYCLE / NS:g} s; "
+                f"this one has {rows.size} and {table.shape[-1] * CYCLE / NS:g} s"
             )
         for name, way in zip(offsets, table, strict=True):
             signal, places = self._table[name], self.value(name) + way
@@ -133,8 +133,8 @@ class Commander:
             if outside.any():
                 first = int(np.argmax(outside))
                 raise Misuse(
-                    f"{name} would be {signal.show(places[first])} at {first * BEAT / NS:g} s of the waveform, and can "
-                    f"be {signal.range_text()}"
+                    f"{name} would be {signal.show(places[first])} at {first * CYCLE / NS:g} s of the waveform, "
+                    f"and can be {signal.range_text()}"
                 )
         if not self._moving.play_waveform(self._setpoints, self._gate.address, rows, table):
             name = next(name for name in offsets if math.isnan(self.value(name)))
@@ -146,7 +146,7 @@ class Commander:
     def played(self) -> Played:
         """How far the last waveform has come."""
         state = self._setpoints.waveform[0]
-        return Played(int(state["beat"]), int(state["beats"]), bool(state["playing"]))
+        return Played(int(state["cycle"]), int(state["cycles"]), bool(state["playing"]))
 
     def recall(self, duration: float) -> tuple[str, ...]:
         """End the waveform: its set-points go back to where it began, in ``duration`` s; return their names."""
@@ -179,18 +179,18 @@ class Commander:
         refuse_absent(self._wiring, name)
         return self._table.index[name]
 
-    def _beat(self) -> None:
-        """Hand a beat to the outlet: in virtual time, and to whatever only Python can send."""
+    def _cycle(self) -> None:
+        """Hand a cycle to the outlet: in virtual time, and to whatever only Python can send."""
         if self.failure is not None:
             return
         with self._gate:
-            self._moving.next_beat(self._setpoints)
+            self._moving.next_cycle(self._setpoints)
             values = self._values.copy()
         try:
             self._wiring.outlet.send(values, self._clock.now())
         except LinkLost as failure:
             self._fail(failure)
-        except Exception as error:  # it would end the thread of the beat, and nobody would hear of it
+        except Exception as error:  # it would end the thread of the cycle, and nobody would hear of it
             self._fail(LinkLost(f"{type(error).__name__}: {error}"))
 
     def _fail(self, failure: LinkLost) -> None:

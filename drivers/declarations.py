@@ -193,7 +193,7 @@ class Streamed(Declaration[T]):
 
 
 class Setpoint(Streamed[float]):
-    """A value that the commander streams. Assigning jumps (the rig slews within one beat); ``move_to`` ramps."""
+    """A value that the commander streams. Assigning jumps (the rig slews within one cycle); ``move_to`` ramps."""
 
     def get(self, link: Link, name: str) -> float:
         return link.commander.value(name)

@@ -9,7 +9,7 @@ from bench_protocol.units import s
 from bench_protocol.words import PROGRAM_STATES, GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import Misuse, NotAvailable, Refused, RigFault
-from drivers.link import STREAM_BEATS
+from drivers.link import STREAM_CYCLES
 
 #: What a program may take longer than its cycles.
 MARGIN: Final = 10 * s
@@ -126,8 +126,8 @@ class Generator(Device):
 
     def _go(self) -> None:
         self._link.settings.act("action.program_run")
-        # Frames on their way still tell of the program before: only after two beats do they speak of this one.
-        self._link.wait_beats(STREAM_BEATS, "rig.program")
+        # Frames on their way still tell of the program before: this one shows after two cycles of the set-points.
+        self._link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def _set(self, wave: Wave) -> None:
         """Write the settings of ``wave``; Misuse unless its amplitude is that of its axis in its present control."""

@@ -12,7 +12,7 @@ import numpy as np
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS, minutes, ms, s
 from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
-from drivers.commander import BEAT, Commander
+from drivers.commander import CYCLE, Commander
 from drivers.errors import (
     BenchError,
     BenchTimeout,
@@ -31,15 +31,15 @@ from drivers.wiring.contract import Wiring
 #: Where a bench that was armed must not be found.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
 #: A silent bus counts as lost only after so many looks in a row: one look may come before the receiver had its turn.
-SILENT_BEATS: Final = 25
+SILENT_CYCLES: Final = 25
 #: No single wait of a plan is longer than this; a longer one is a wrong unit.
 WAIT_MAX: Final = 24 * 3600 * s
 SHOWN_MAX: Final = 12
 #: So many commands may come twice or spoilt on any bus.
 REJECTED_SOME: Final = 20
-#: How long set-points are averaged and streamed before a control mode changes: several beats, no visible pause.
+#: How long set-points are averaged and streamed before a control mode changes: several cycles, no visible pause.
 AVERAGE_OVER: Final = 200 * ms
-STREAM_BEATS: Final = 3
+STREAM_CYCLES: Final = 3
 #: A rig of which other signals come tells each of its status signals within this time.
 TOLD_WITHIN: Final = 5 * s
 
@@ -161,17 +161,17 @@ class Link:
         deadline = self.clock.now() + _nanoseconds("duration", duration)
         self.check()
         while (now := self.clock.now()) < deadline:
-            self.clock.sleep_until(min(deadline, now + self._to_beat(now)))
+            self.clock.sleep_until(min(deadline, now + self._to_cycle(now)))
             self.check()
 
-    def wait_beats(self, beats: int, *told: str) -> None:
-        """Let so many beats pass that each of the last ``beats`` carries the present set-points, and shows.
+    def wait_cycles(self, cycles: int, *told: str) -> None:
+        """Let so many cycles pass that each of the last ``cycles`` carries the present set-points, and shows.
 
-        Of signals ``told`` it goes on until they were told in one of the last two beats or later: frames are lost.
+        Of signals ``told`` it goes on until they were told in one of the last two cycles or later: frames are lost.
         """
         latency = self.wiring.capabilities.latency
-        since = self.now + (beats - 1) * BEAT / NS + latency
-        self.wait((beats + 1) * BEAT / NS + latency)
+        since = self.now + (cycles - 1) * CYCLE / NS + latency
+        self.wait((cycles + 1) * CYCLE / NS + latency)
         for name in told:
             self._until(partial(self._told_since, name, since), TOLD_WITHIN, f"a new sample of {name}")
 
@@ -233,7 +233,7 @@ class Link:
             return
         state = self.state
         self._silent = self._silent + 1 if state == UNKNOWN else 0
-        if self._silent > SILENT_BEATS:
+        if self._silent > SILENT_CYCLES:
             told = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
             if told.quality is Quality.UNAVAILABLE:
@@ -284,7 +284,7 @@ class Link:
         return means
 
     def take_over(self, names: Sequence[str]) -> None:
-        """Let the set-points of ``names`` (``lateral.force``) be what is measured, and stream them a few beats.
+        """Let the set-points of ``names`` (``lateral.force``) be what is measured, and stream them a few cycles.
 
         What the rig cannot be told, or does not measure, is left out.
         """
@@ -297,7 +297,7 @@ class Link:
             for name, value in setpoints.items()
         }
         self.commander.set_all(within)
-        self.wait_beats(STREAM_BEATS)
+        self.wait_cycles(STREAM_CYCLES)
 
     # -- inside --------------------------------------------------------------------------------------------------
 
@@ -307,8 +307,8 @@ class Link:
     def _told_since(self, name: str, since: float) -> bool:
         return self.now - self.readings.sample(name).age > since
 
-    def _to_beat(self, now: int) -> int:
-        return BEAT - (now - self.commander.origin) % BEAT
+    def _to_cycle(self, now: int) -> int:
+        return CYCLE - (now - self.commander.origin) % CYCLE
 
     def _until(
         self,
@@ -334,7 +334,7 @@ class Link:
                 since = -1
             if now >= deadline:
                 raise error(self._why(condition, within, what))
-            self.clock.sleep_until(min(deadline, now + self._to_beat(now)))
+            self.clock.sleep_until(min(deadline, now + self._to_cycle(now)))
 
     def _why(self, condition: Callable[[], bool], within: float, what: str) -> str:
         with self.readings.watched() as seen:

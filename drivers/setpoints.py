@@ -1,6 +1,6 @@
 """The set-points of a bench, the ramps and the waveform on which they move, changed in compiled code that holds a gate.
 
-Python, once it has the gate, may have to wait for the interpreter, and whatever keeps the beat with it.
+Python, once it has the gate, may have to wait for the interpreter, and whatever keeps the cycle with it.
 """
 
 import math
@@ -20,19 +20,19 @@ RAMP: Final = np.dtype(
         ("moving", "<i8"),
         ("start", "<f8"),
         ("end", "<f8"),
-        ("step", "<f8"),  # SI per beat, with its sign
-        ("beats", "<i8"),  # since the start
+        ("step", "<f8"),  # SI per cycle, with its sign
+        ("cycles", "<i8"),  # since the start
     ]
 )
-#: What the waveform may consist of at the most: set-points, and beats, 20 minutes of them.
+#: What the waveform may consist of at the most: set-points, and cycles, 20 minutes of them.
 WAVEFORM_ROWS: Final = 8
-WAVEFORM_BEATS: Final = 60_000
+WAVEFORM_CYCLES: Final = 60_000
 WAVEFORM: Final = np.dtype(
     [
         ("playing", "<i8"),
         ("count", "<i8"),  # of set-points
-        ("beats", "<i8"),  # in all
-        ("beat", "<i8"),  # since the start
+        ("cycles", "<i8"),  # in all
+        ("cycle", "<i8"),  # since the start
     ]
 )
 
@@ -46,7 +46,7 @@ class Setpoints(NamedTuple):
     rows: npt.NDArray[np.int64]  #: of the set-points that the waveform moves, as many as its count
     track: npt.NDArray[
         np.float64
-    ]  #: (rows, beats): where it moves them, SI; memory that is not used costs nothing
+    ]  #: (rows, cycles): where it moves them, SI; memory that is not used costs nothing
 
     @classmethod
     def of(cls, signals: int) -> "Setpoints":
@@ -56,7 +56,7 @@ class Setpoints(NamedTuple):
             np.zeros(signals, RAMP),
             np.zeros(1, WAVEFORM),
             np.zeros(WAVEFORM_ROWS, np.int64),
-            np.zeros((WAVEFORM_ROWS, WAVEFORM_BEATS)),
+            np.zeros((WAVEFORM_ROWS, WAVEFORM_CYCLES)),
         )
 
 
@@ -77,14 +77,14 @@ def entry(function: Callable[..., Any]) -> Any:
 
 @inlined
 def advance(setpoints: Any) -> None:
-    """Move every set-point that is on its way by one beat; the last beat brings it to its end exactly."""
+    """Move every set-point that is on its way by one cycle; the last cycle brings it to its end exactly."""
     values = setpoints.values
     for row in range(setpoints.ramps.size):
         ramp = setpoints.ramps[row]
         if ramp.moving == 0:
             continue
-        ramp.beats += 1
-        value = ramp.start + ramp.beats * ramp.step
+        ramp.cycles += 1
+        value = ramp.start + ramp.cycles * ramp.step
         if ramp.step == 0.0 or (value - ramp.end) * ramp.step >= 0.0:
             value = ramp.end
             ramp.moving = 0
@@ -92,9 +92,9 @@ def advance(setpoints: Any) -> None:
     waveform = setpoints.waveform[0]
     if waveform.playing != 0:
         for k in range(waveform.count):
-            values[setpoints.rows[k]] = setpoints.track[k, waveform.beat]
-        waveform.beat += 1
-        if waveform.beat >= waveform.beats:
+            values[setpoints.rows[k]] = setpoints.track[k, waveform.cycle]
+        waveform.cycle += 1
+        if waveform.cycle >= waveform.cycles:
             waveform.playing = 0
 
 
@@ -110,7 +110,7 @@ def _release(setpoints: Any, row: int) -> None:
 
 @entry
 def change(setpoints: Any, gate: int, rows: Any, values: Any) -> None:
-    """Let the set-points ``rows`` be ``values`` (SI) from the next beat on, together; ``gate``: its address."""
+    """Let the set-points ``rows`` be ``values`` (SI) from the next cycle on, together; ``gate``: its address."""
     lock_mutex(gate)
     for k in range(rows.size):
         _release(setpoints, rows[k])
@@ -120,9 +120,9 @@ def change(setpoints: Any, gate: int, rows: Any, values: Any) -> None:
 
 @entry
 def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
-    """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per beat).
+    """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per cycle).
 
-    Return how many beats the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
+    Return how many cycles the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
     """
     lock_mutex(gate)
     longest = 0.0
@@ -137,7 +137,7 @@ def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> floa
         ramp.start = setpoints.values[rows[k]]
         ramp.end = ends[k]
         ramp.step = math.copysign(pace, ramp.end - ramp.start)
-        ramp.beats = 0
+        ramp.cycles = 0
         ramp.moving = 1
     unlock_mutex(gate)
     return longest
@@ -145,7 +145,7 @@ def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> floa
 
 @entry
 def play(setpoints: Any, gate: int, rows: Any, offsets: Any) -> bool:
-    """Begin to play ``offsets`` (SI, rows × beats) on where the set-points ``rows`` are now, one column each beat.
+    """Begin to play ``offsets`` (SI, rows × cycles) on where the set-points ``rows`` are now, one column each cycle.
 
     False, and nothing changes, if one of them has no value to begin from.
     """
@@ -155,15 +155,15 @@ def play(setpoints: Any, gate: int, rows: Any, offsets: Any) -> bool:
         given = given and not math.isnan(setpoints.values[rows[k]])
     if given:
         waveform = setpoints.waveform[0]
-        waveform.count, waveform.beats = offsets.shape
-        waveform.beat = 0
+        waveform.count, waveform.cycles = offsets.shape
+        waveform.cycle = 0
         waveform.playing = 1
         for k in range(rows.size):
             setpoints.ramps[rows[k]].moving = 0
             setpoints.rows[k] = rows[k]
             start = setpoints.values[rows[k]]
-            for beat in range(offsets.shape[1]):
-                setpoints.track[k, beat] = start + offsets[k, beat]
+            for cycle in range(offsets.shape[1]):
+                setpoints.track[k, cycle] = start + offsets[k, cycle]
     unlock_mutex(gate)
     return given
 
@@ -180,7 +180,7 @@ def stay(setpoints: Any, gate: int) -> None:
 
 @entry
 def step(setpoints: Any) -> None:
-    """Move the set-points by one beat; whoever calls holds the gate."""
+    """Move the set-points by one cycle; whoever calls holds the gate."""
     advance(setpoints)
 
 
@@ -190,4 +190,4 @@ set_values: Final = bind(change, _NONE, 0, _ROWS, _NONE.values)
 start_ramps: Final = bind(depart, _NONE, 0, _ROWS, _NONE.values, 0.0)
 play_waveform: Final = bind(play, _NONE, 0, _ROWS, _NONE.track)
 end_moves: Final = bind(stay, _NONE, 0)
-next_beat: Final = bind(step, _NONE)
+next_cycle: Final = bind(step, _NONE)

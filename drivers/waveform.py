@@ -1,4 +1,4 @@
-"""A motion of any shape, which the host streams to the rig as set-points, beat by beat."""
+"""A motion of any shape, which the host streams to the rig as set-points, cycle by cycle."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import NS, s
-from drivers.commander import BEAT
+from drivers.commander import CYCLE
 from drivers.declarations import Device
 from drivers.errors import Misuse, NotAvailable
-from drivers.link import STREAM_BEATS
+from drivers.link import STREAM_CYCLES
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,8 +26,8 @@ RETURN: Final = 1 * s
 class Waveform(Device):
     """A motion of any shape: ``bench.waveform``; it rides on the present set-points and ends where it began.
 
-    It goes out with the beats of the set-points, 50 a second, and a rig joins them by straight lines: of a sine of 2 Hz
-    0.5 % of the amplitude is lost, of one of 5 Hz 3 %. It arrives two beats late.
+    It goes out with the set-points, in 50 cycles a second, and a rig joins them by straight lines: of a sine of 2 Hz
+    0.5 % of the amplitude is lost, of one of 5 Hz 3 %. It arrives two cycles late.
     """
 
     __slots__ = ()
@@ -48,15 +48,15 @@ class Waveform(Device):
         names = {name: f"{name}_setpoint" for name in offsets}
         if lacking := link.lacks(*names.values()):
             raise NotAvailable(lacking)
-        beats = _beats(times, offsets)
-        for name, way in beats.items():
+        cycles = _cycles(times, offsets)
+        for name, way in cycles.items():
             self._refuse_mode(name)
             self._refuse_pace(names[name], way)
         if link.commander.moving(*names.values()):
             raise Misuse(
                 f"{', '.join(names.values())}: a waveform begins at rest, and one is still on its way"
             )
-        link.commander.play({names[name]: way for name, way in beats.items()})
+        link.commander.play({names[name]: way for name, way in cycles.items()})
 
     def wait_done(self, within: float) -> None:
         """Wait until all of it has gone out and shows; whatever ends the wait before ends the waveform where it is.
@@ -70,12 +70,12 @@ class Waveform(Device):
             link.commander.freeze()
             raise
         played = link.commander.played
-        if played.beat < played.beats:
+        if played.cycle < played.cycles:
             raise Misuse(
-                f"the waveform ended after {played.beat * BEAT / NS:g} of {played.beats * BEAT / NS:g} s: "
+                f"the waveform ended after {played.cycle * CYCLE / NS:g} of {played.cycles * CYCLE / NS:g} s: "
                 "one of its set-points was given another value"
             )
-        link.wait_beats(STREAM_BEATS)
+        link.wait_cycles(STREAM_CYCLES)
 
     def stop(self) -> None:
         """End it, if it is being played, and lead its set-points back to where they were, within 1 s."""
@@ -99,7 +99,7 @@ class Waveform(Device):
             raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {wanted!r}")
 
     def _refuse_pace(self, name: str, way: Floats) -> None:
-        """Misuse if ``way`` (SI, one value each beat) is steeper than the rig follows the set-point ``name``."""
+        """Misuse if ``way`` (SI, one value each cycle) is steeper than the rig follows the set-point ``name``."""
         link, signal = self._link, self._link.table[name]
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):
@@ -107,23 +107,23 @@ class Waveform(Device):
                 f"it is not known how fast {link.wiring.rig} follows {name}: its wiring has no [player], "
                 "which would state it"
             )
-        speeds = np.diff(way) * NS / BEAT
+        speeds = np.diff(way) * NS / CYCLE
         worst = int(np.argmax(np.abs(speeds)))
         if abs(speeds[worst]) > pace * (1 + 1e-9):
             raise Misuse(
-                f"{name} would move with {signal.show(abs(speeds[worst]))}/s at {(worst + 1) * BEAT / NS:g} s; "
+                f"{name} would move with {signal.show(abs(speeds[worst]))}/s at {(worst + 1) * CYCLE / NS:g} s; "
                 f"{signal.show(pace)}/s is the most that {link.wiring.rig} follows"
             )
 
 
-def _beats(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return ``offsets`` as they are at each beat, the first one at 0 s; Misuse for what is no waveform."""
+def _cycles(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return ``offsets`` as they are at each cycle, the first one at 0 s; Misuse for what is no waveform."""
     times = np.asarray(times, np.float64)
     if times.ndim != 1 or times.size < 2 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
         raise Misuse("the times of a waveform must rise from 0 s")
     if not offsets:
         raise Misuse("a waveform moves at least one set-point")
-    beats = np.arange(math.ceil(times[-1] * NS / BEAT - 1e-6) + 1) * BEAT / NS
+    cycles = np.arange(math.ceil(times[-1] * NS / CYCLE - 1e-6) + 1) * CYCLE / NS
     found = {}
     for name, given in offsets.items():
         values = np.asarray(given, np.float64)
@@ -135,5 +135,5 @@ def _beats(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
                 f"waveform of {name}: it begins at {values[0]:g} and ends at {values[-1]:g}; "
                 "it rides on the present set-point, so both must be 0"
             )
-        found[name] = np.interp(beats, times, values)
+        found[name] = np.interp(cycles, times, values)
     return found

@@ -28,7 +28,7 @@ Rows = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 Samples = tuple[Instants, Rows, Floats]
 
-#: How long samples are held (ns): ten beats, a fifth of what the record promises to lose at most.
+#: How long samples are held (ns): ten cycles, a fifth of what the record promises to lose at most.
 _HELD_FOR: Final = round(200 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
 _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
@@ -54,7 +54,7 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
 class Recording:
     """What a run gives to its record: every received sample, every change of the rig's state, and the run's events.
 
-    Samples are held for a few beats and handed on together, but never behind an event that comes after them.
+    Samples are held for a few cycles and handed on together, but never behind an event that comes after them.
     Thread-safe: samples come from the receiver's thread, events from the plan's.
     """
 

@@ -1,6 +1,6 @@
 """Compile what would be compiled when it is first used: python -m tools.compile_model.
 
-The rig's tick and the beat of a commander take half a minute, what a diagnosis replays and a bench that is moved
+The rig's tick and the cycle of a commander take half a minute, what a diagnosis replays and a bench that is moved
 without a rig as long again. Nothing waits for it later: not a rig that has to keep time, nor the first diagnosis, nor
 two processes of tests, each of which would compile the same. Two processes share the work.
 """
@@ -19,12 +19,12 @@ GAUGE: Final = 2e5
 
 
 def compile_rig() -> None:
-    """Build a rig, which compiles its tick, and load the beat."""
+    """Build a rig, which compiles its tick, and load the cycle."""
     from astb.rig_file import Simulation
     from astb.session import build_rig
 
     build_rig(Simulation())
-    import drivers.beat  # noqa: F401  compiled when it is imported
+    import drivers.cycle  # noqa: F401  compiled when it is imported
 
 
 def compile_diagnosis() -> None:

@@ -15,7 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 
 READS: Final = 200
-#: Of an answer; the commander feeds its watchdog every 300 ms, and one reading must not cost a beat.
+#: Of an answer; the commander feeds its watchdog every 300 ms, and one reading must not cost a cycle.
 ANSWER_MAX: Final = 100 * ms
 #: By how much the answer times of two rigs may differ before that is told.
 ANSWER_APART: Final = 20 * ms

@@ -20,7 +20,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 
-_BEAT: Final = 1.0 / COMMAND_RATE
+_CYCLE: Final = 1.0 / COMMAND_RATE
 #: The rig tells its counters ten times a second.
 TOLD: Final = 250 * ms
 #: How long a rig may take from power on to DISABLED.
@@ -43,7 +43,7 @@ class Stream:
         self._task: Task | None = None
 
     def set(self, name: str, value: float) -> None:
-        """Let a command (SI) hold from the next beat on."""
+        """Let a command (SI) hold from the next cycle on."""
         self.values[TABLE.index[name]] = value
 
     def carry(self, *messages: str) -> None:
@@ -52,7 +52,7 @@ class Stream:
 
     def start(self) -> None:
         """Begin to send."""
-        self._task = self._door.clock.every(round(_BEAT * NS), self.beat)
+        self._task = self._door.clock.every(round(_CYCLE * NS), self.send)
 
     def stop(self) -> None:
         """Fall silent."""
@@ -60,7 +60,7 @@ class Stream:
             self._task.cancel()
             self._task = None
 
-    def beat(self, change: Callable[[Block], None] | None = None) -> None:
+    def send(self, change: Callable[[Block], None] | None = None) -> None:
         """Send one block, changed by ``change`` where that is given."""
         block = self._encoder.encode(self.values, self._rows, self._door.clock.now())
         if change:
@@ -165,8 +165,8 @@ def _commands(door: Door, token: int, book: Notebook) -> None:
     def counted(counter: str, change: Callable[[Block], None] | None = None) -> float:
         before = _told(door, counter)
         for _ in range(WRONG):
-            stream.beat(change)
-            door.wait(_BEAT)
+            stream.send(change)
+            door.wait(_CYCLE)
         return _told(door, counter) - before
 
     def note(what: str, counter: str, right: int, change: Callable[[Block], None] | None = None) -> None:

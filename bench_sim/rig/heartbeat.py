@@ -9,7 +9,7 @@ from bench_sim.rig.controls import TICK_NS, Happened
 
 
 @compiled
-def beat(c: Any, out: Any, position: int) -> int:
+def send_heartbeat(c: Any, out: Any, position: int) -> int:
     """Write the node's heartbeat to ``out`` if its time has come; return the position behind it."""
     if c.heartbeat <= 0 or c.tick < c.heartbeat_due:
         return position

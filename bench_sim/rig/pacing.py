@@ -42,7 +42,7 @@ PACING: Final = np.dtype(
         ("stop", "<i8"),  # 1: come back before the next tick
         ("policy", "<i8"),  # `Late`
         ("start", "<i8"),  # monotonic, ns
-        ("beat", "<i8"),  # ticks since start
+        ("ticks", "<i8"),  # since start
         ("epoch", "<i8"),  # ns from the rig's time to the time of day
         ("behind", "<i8"),  # 1: the last tick was a stall late
         ("stall", "<i8"),  # ns that the next tick takes longer, as if the machine stood still
@@ -92,7 +92,7 @@ class Pacing(NamedTuple):
         ``rig_time``: the rig's in ns; ``gate``: address of the gate; ``bell``: eventfd to be rung for frames.
         """
         record = self.record[0]
-        record["start"], record["beat"] = now(self.spec), 0
+        record["start"], record["ticks"] = now(self.spec), 0
         record["epoch"] = wall_time_ns() - rig_time
         record["policy"], record["gate"], record["bell"] = policy, gate, bell
         record["paced"] = 1
@@ -124,8 +124,8 @@ class Pacing(NamedTuple):
 def await_tick(pacing: Any) -> int:
     """Sleep until the next tick is due and shut the gate; return how late that is (ns)."""
     p = pacing.record[0]
-    p.beat += 1
-    deadline = p.start + p.beat * TICK_NS
+    p.ticks += 1
+    deadline = p.start + p.ticks * TICK_NS
     stall = p.stall
     p.stall = 0
     sleep_until(deadline + stall, pacing.spec)
@@ -144,7 +144,7 @@ def await_tick(pacing: Any) -> int:
 def put_off(pacing: Any) -> None:
     """Open the gate before the tick has run: the next one that is awaited is this one."""
     p = pacing.record[0]
-    p.beat -= 1
+    p.ticks -= 1
     unlock_mutex(p.gate)
 
 

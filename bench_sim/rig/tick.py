@@ -55,7 +55,7 @@ from bench_sim.rig.controls import (
     Target,
 )
 from bench_sim.rig.faults.in_tick import FaultArrays, disturb, hold_inputs
-from bench_sim.rig.heartbeat import beat, node_due
+from bench_sim.rig.heartbeat import node_due, send_heartbeat
 from bench_sim.rig.limits import detect
 from bench_sim.rig.pacing import Pacing, await_tick, count_lateness, put_off
 from bench_sim.rig.ring import Ring, push
@@ -379,7 +379,7 @@ def run_ticks(
             happened |= _judge(c, sampling)
             position = _tell(c, values, sending, out, position)
         position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)
-        position = beat(c, out, position)
+        position = send_heartbeat(c, out, position)
         happened |= _watch(c) | node_due(c) | _appointments(c)
         if real:
             _end(pacing, outgoing, out, position)

@@ -88,20 +88,20 @@ class Capabilities:
     pace: Mapping[str, float] = field(
         default_factory=dict
     )  #: how fast set-points are followed, by SI unit, per s
-    latency: float = 0.0  #: s until what was said shows in what is read, beside the beats themselves
+    latency: float = 0.0  #: s until what was said shows in what is read, beside the cycles themselves
     notes: Mapping[str, str] = field(default_factory=dict)  #: in words, by capability, for who looks at a rig
 
 
 @dataclass(frozen=True, slots=True)
-class Beating:
-    """What an outlet needs to keep the beat itself."""
+class CyclicStream:
+    """What an outlet needs to keep the cycle itself."""
 
     setpoints: (
-        Setpoints  #: to be advanced by one beat, in compiled code that holds the gate, before it is sent
+        Setpoints  #: to be advanced by one cycle, in compiled code that holds the gate, before it is sent
     )
     gate: Gate
     clock: Clock
-    start: int  #: ns; beats are at ``start + k * period``, k = 1, 2, …
+    start: int  #: ns; cycles are at ``start + k * period``, k = 1, 2, …
     period: int  #: ns
     failed: Callable[[LinkLost], None]  #: to be called once, when nothing can be sent any more
 
@@ -129,18 +129,18 @@ class Stamp(NamedTuple):
 
 
 class Outlet(Protocol):
-    """Where set-points go, beat by beat."""
+    """Where set-points go, cycle by cycle."""
 
     def send(self, values: Floats, time: int) -> None:
         """Send set-points: ``values`` (SI) by table row, NaN where nothing was given yet. LinkLost if it cannot be."""
 
 
 @runtime_checkable
-class BeatingOutlet(Outlet, Protocol):
-    """An outlet that can keep the beat itself, in compiled code that does not wait for the interpreter."""
+class CyclicOutlet(Outlet, Protocol):
+    """An outlet that can keep the cycle itself, in compiled code that does not wait for the interpreter."""
 
-    def beat(self, beating: Beating) -> Task | None:
-        """Send on every beat from now on; None if that cannot be, and `send` is to be called on every beat."""
+    def send_cyclic(self, stream: CyclicStream) -> Task | None:
+        """Send on every cycle from now on; None if that cannot be, and `send` is to be called on every cycle."""
 
 
 @runtime_checkable
@@ -332,7 +332,7 @@ class Transport(Protocol):
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take the present value of points that are streamed; the transport sends them at the rig's own rate.
 
-        It is called at each beat of the set-points, also without points: they then go over another transport, and a
+        It is called at each cycle of the set-points, also without points: they then go over another transport, and a
         sign of life over this one goes on.
         """
 

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     Ports = Mapping[str, Callable[[], CanPort | ModbusPort | tuple[CanPort, ModbusPort]]]
 
-#: What the player says of itself comes with every beat of the set-points; ten of them may be late.
+#: What the player says of itself comes with every cycle of the set-points; ten of them may be late.
 _PLAYED_STALE: Final = round(200 * ms * NS)
 _PLAYER_READINGS: Final = ("rig.program", "rig.generator_cycle")
 _ACTIVE: Final = float(STATES.index("ACTIVE"))
@@ -132,7 +132,7 @@ class DescribedWiring:
 
     @cached_property
     def outlet(self) -> Outlet:
-        """Where set-points go: to who keeps the beat itself if all of them are his, else `send`."""
+        """Where set-points go: to who keeps the cycle itself if all of them are his, else `send`."""
         alone = not self._description.setpoints and self._player is None
         return (alone and self.direct.outlet) or self
 
@@ -428,7 +428,7 @@ class DescribedWiring:
         return self._description.readings[name].points
 
     def _check_state(self) -> None:
-        """WiringError if the rig's state has to be asked for: the bench looks at it on every beat."""
+        """WiringError if the rig's state has to be asked for: the bench looks at it on every cycle."""
         state = self._description.readings.get("rig.state")
         if state is not None and "rig.state" not in self._sources.limits:
             raise WiringError(

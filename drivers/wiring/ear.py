@@ -104,7 +104,7 @@ class Ear:
     ) -> None:
         """Call ``call`` every ``period`` s on absolute deadlines, by way of ``place``, until `close`.
 
-        Beats that pass while it still works are left out. What it raises would end its thread and be heard by nobody:
+        Cycles that pass while it still works are left out. What it raises would end its thread and be heard by nobody:
         the connection counts as lost, with the exception as the reason.
         """
         assert self._clock is not None, "opened"

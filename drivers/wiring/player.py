@@ -1,7 +1,7 @@
 """The player: the waves of a function generator, added by the bench to its set-points where a rig has none.
 
 It answers for the settings ``generator.*`` and the actions ``action.program_*`` as a rig's own generator would, with
-the same waves. It is moved on by every beat of the set-points.
+the same waves. It is moved on in every cycle of the set-points.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 RETURN: Final = 1 * s
 #: A wave of which fewer set-points are streamed in a cycle would be a staircase.
 POINTS_MIN: Final = 5
-#: What a wave moves on by at the most from one beat to the next: one beat may be missing, a stall is left out.
+#: What a wave moves on by at the most in a cycle of the set-points: one may be missing, a stall is left out.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
 #: What the axis is controlled by, which actuators it moves, and which way each goes.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {
@@ -101,12 +101,12 @@ class Player:
         self._program = Program.IDLE
         self._waves: list[_Wave] = []
         self._kept: list[dict[str, float]] = []  # what was added for the next program
-        self._last: int | None = None  # ns of the last beat
-        self._elapsed = 0  # ns of beats so far, without stalls
-        self._time: int | None = None  # ns of the last beat of the program, in time elapsed
-        self._added: dict[int, float] = {}  # offset (SI) by table row on the last beat
+        self._last: int | None = None  # ns of the last cycle of the set-points
+        self._elapsed = 0  # ns of such cycles so far, without stalls
+        self._time: int | None = None  # ns of the last one in the program, in time elapsed
+        self._added: dict[int, float] = {}  # offset (SI) by table row in the last one
         self._returning: dict[int, float] = {}  # the same at the time of the stop
-        self._stopped: int | None = None  # ns in time elapsed; None: at the next beat
+        self._stopped: int | None = None  # ns in time elapsed; None: at the next cycle
 
     @property
     def busy(self) -> bool:
@@ -175,7 +175,7 @@ class Player:
             self._returning, self._stopped = dict(self._added), None
             self._program, self._waves = Program.STOPPED, []
 
-    # -- beats ---------------------------------------------------------------------------------------------------
+    # -- each cycle of the set-points ---------------------------------------------------------------------------------
 
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
         """Move the program on to ``time`` (ns); return what to add to the set-points (SI) by table row.

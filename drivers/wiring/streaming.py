@@ -20,7 +20,7 @@ _NEVER: Final = 1 << 62
 
 
 class Streaming:
-    """Hands the set-points of a description to its ``transports``, beat by beat."""
+    """Hands the set-points of a description to its ``transports``, cycle by cycle."""
 
     def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
         self._rig, self._description, self._transports = rig, description, transports

@@ -146,7 +146,7 @@ def ride_on(run: Run, ride: Ride, home: Home, duration: float) -> Course:
             )
         course.bounce.append(ride.place_at(0.0).height)
         course.bounced.append(0.5 * (read["left.height"] + read["right.height"]))
-        to_beat = (bench.commander.next_beat() - run.now) / NS
+        to_beat = (bench.commander.next_cycle() - run.now) / NS
         if to_beat <= HOST_STEP:
             goal = setpoints_of(ride.place_at(late + to_beat), home, rig)
             goal["lateral.displacement_setpoint"] += start

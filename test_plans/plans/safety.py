@@ -29,10 +29,10 @@ BELLOWS: Final = tuple(f"{side}.bellows_pressure" for side in SIDES)
 FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
 READ: Final = ("rig.state", *BELLOWS, *FORCES, *HEIGHTS)
 #: Between two set-points, and between two words of the rig's state.
-BEAT: Final = 1 / COMMAND_RATE
-OF_A_BEAT: Final = 0.5 * EVEN * BEAT
-#: A beat may have just gone, and the rig tells its state as often; what carries both takes its time.
-TELLING: Final = 2 * BEAT + 10 * ms
+CYCLE: Final = 1 / COMMAND_RATE
+OF_A_CYCLE: Final = 0.5 * EVEN * CYCLE
+#: A cycle may have just gone, and the rig tells its state as often; what carries both takes its time.
+TELLING: Final = 2 * CYCLE + 10 * ms
 #: The rig's own watchdog for its settings, and its word for how long the safe position takes.
 SETTINGS_AFTER: Final = 1 * s
 SAFE_AFTER: Final = 15 * s
@@ -215,7 +215,7 @@ def _check_safe(run: Run, name: str, course: Course) -> None:
     """Check the way into the safe position."""
     for what, names, limit in ((SAFE[0], BELLOWS, RESIDUAL_PRESSURE), (SAFE[1], FORCES, LET_GO)):
         took = course.measured(run, partial(course.until_small, names, limit)).beside(
-            SAMPLING, OF_A_BEAT, even=True
+            SAMPLING, OF_A_CYCLE, even=True
         )
         run.check(what.of(after=name), took, "s", high=SAFE_AFTER)
     run.check(SAFE[2].of(after=name), course.measured(run, course.rise), "mm", high=THROWN)
@@ -233,7 +233,7 @@ def _lose_the_setpoints(run: Run) -> None:
             (holds, HOLDING, HOLD_AFTER),
             (disabled, ("FAULT_DISABLED",), DISABLE_AFTER),
         ):
-            took = timed(course.until_state(*states), BEAT, BEAT)
+            took = timed(course.until_state(*states), CYCLE, CYCLE)
             run.check(what, took, "ms", high=after + TELLING)
         _check_safe(run, name, course)
 
@@ -246,7 +246,9 @@ def _lose_the_settings(run: Run) -> None:
     _charge(run)
     with run.phase(name):
         course = _course(run, run.bench.silent("settings"), SETTINGS_AFTER + LONGER)
-        run.check(holds, timed(course.until_state(*HOLDING), BEAT, BEAT), "s", high=SETTINGS_AFTER + TELLING)
+        run.check(
+            holds, timed(course.until_state(*HOLDING), CYCLE, CYCLE), "s", high=SETTINGS_AFTER + TELLING
+        )
         run.check(rises, course.measured(run, course.rise), "mm", high=THROWN)
         run.bench.reset()
 
@@ -309,7 +311,7 @@ def _press_the_stop(run: Run) -> None:
             answered = (bench.clock.now() - capture.start) / NS
             bench.wait(watched)
         pressed = Course(capture, answered + watched).until_state("ESTOP")
-        run.check(acts, timed(max(0.0, pressed - answered), BEAT), "ms", high=ESTOP_AFTER)
+        run.check(acts, timed(max(0.0, pressed - answered), CYCLE), "ms", high=ESTOP_AFTER)
         _check_safe(run, name, Course(capture, watched, min(pressed, answered)))
         run.ask("Release the emergency stop", (DONE,), deed="estop off")
 

@@ -24,7 +24,7 @@ PRIVATE = {
         "get_overload",  # the compiled function for some types, called without a look at its arguments
     },
     "bench_sim/model/compiled.py": {"_nrt"},
-    "drivers/beat.py": {"get_overload"},
+    "drivers/cycle.py": {"get_overload"},
     "tests/model/test_oracles.py": {"_cache", "_cache_file", "_source_stamp"},
     "tests/protocol/test_compiled_cache.py": {"numba.core.caching"},
 }

@@ -52,4 +52,4 @@ def test_parts_of_the_contract_that_one_may_lack_are_those_of_transports():
         for name, one in vars(contract).items()
         if getattr(one, "_is_runtime_protocol", False) and one.__module__ == contract.__name__
     ]
-    assert set(partial) <= {"BeatingOutlet", "LifeSigns", "Refusing", "Remarking", "Stamping"}
+    assert set(partial) <= {"CyclicOutlet", "LifeSigns", "Refusing", "Remarking", "Stamping"}

@@ -11,7 +11,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS, bar, mm, ms, s
 from bench_protocol.words import STATES
 from drivers.bench import Bench
-from drivers.commander import BEAT
+from drivers.commander import CYCLE
 from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault, WiringError
 from drivers.wiring.contract import Capabilities, Conduct, Order, Step
 from drivers.wiring.transports import open_transport
@@ -216,12 +216,12 @@ def test_what_fails_in_the_background_is_raised_as_it_is(tiny, bench):
 
 
 @pytest.mark.parametrize("latency", [0.0, 120 * ms])
-def test_beats_are_waited_for_until_they_show(latency):
+def test_cycles_are_waited_for_until_they_show(latency):
     tiny = Tiny(latency)
     with Bench(tiny, tiny.clock) as bench:
         before = bench.clock.now()
-        bench.wait_beats(3)
-        assert bench.clock.now() - before == 4 * BEAT + round(latency * NS)
+        bench.wait_cycles(3)
+        assert bench.clock.now() - before == 4 * CYCLE + round(latency * NS)
 
 
 def test_a_wiring_is_closed_though_the_plan_failed(tiny):

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from bench_protocol.units import NS, Hz, bar, kN, mm, ms, s
-from drivers.commander import BEAT
+from drivers.commander import CYCLE
 from drivers.errors import (
     BenchError,
     BenchTimeout,
@@ -65,7 +65,7 @@ def test_arming_is_bounded(world, bench):
     before = bench.now
     with pytest.raises(BenchTimeout, match=r"AIR_LOW or .*: not reached within .*rig\.state = DISABLED"):
         bench.arm(within=2 * s)
-    assert bench.now - before <= 2 * s + 2 * BEAT / NS
+    assert bench.now - before <= 2 * s + 2 * CYCLE / NS
 
 
 @pytest.mark.parametrize("state", ["FAULT_HOLD", "FAULT_DISABLED"])
@@ -150,7 +150,7 @@ def test_a_wait_that_fails_says_what_how_long_and_what_is(world, bench):
     assert failure.value.fault == "rig"
 
 
-def test_a_wait_ends_within_a_beat_of_its_condition(world, bench):
+def test_a_wait_ends_within_a_cycle_of_its_condition(world, bench):
     start = bench.now
     bench.wait_for(lambda: bench.now >= start + 0.5, within=1 * s)
     assert bench.now - start == pytest.approx(0.5, abs=0.021)
@@ -191,7 +191,7 @@ def test_every_wait_notices_a_fault_and_tells_the_rigs_reason(world, armed, act)
     with pytest.raises(RigFault, match="the rig left ACTIVE: state FAULT_HOLD, reason: command late"):
         act(armed)
     hit.cancel()
-    assert armed.clock.now() - when <= 3 * BEAT
+    assert armed.clock.now() - when <= 3 * CYCLE
 
 
 def test_the_limit_that_tripped_first_is_named(world, armed):

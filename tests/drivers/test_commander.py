@@ -1,4 +1,4 @@
-"""The stream of commands: 50 a second, protected, with ramps that are exact to the last beat."""
+"""The stream of commands: 50 a second, protected, with ramps that are exact to the last cycle."""
 
 import math
 import threading
@@ -15,7 +15,7 @@ from bench_protocol.clock import RealClock, VirtualClock  # noqa: E402
 from bench_protocol.frames import join, payload  # noqa: E402
 from bench_protocol.table import TABLE  # noqa: E402
 from bench_protocol.units import NS, kN, mm, s  # noqa: E402
-from drivers.commander import BEAT, Commander  # noqa: E402
+from drivers.commander import CYCLE, Commander  # noqa: E402
 from drivers.errors import LinkLost, Misuse, Refused  # noqa: E402
 from drivers.memory import InMemoryCan  # noqa: E402
 from drivers.modbus_port import InMemoryModbus  # noqa: E402
@@ -35,8 +35,8 @@ class Line:
         self.port = InMemoryCan(self.blocks.append)
         self.commander = Commander(wiring_on(self.port), self.clock)
 
-    def beats(self, count):
-        self.clock.sleep_until(self.clock.now() + count * BEAT)
+    def cycles(self, count):
+        self.clock.sleep_until(self.clock.now() + count * CYCLE)
 
     def track(self, name):
         decoder = Decoder(TABLE)
@@ -50,13 +50,13 @@ def _values(samples, name):
 def test_fifty_blocks_a_second_of_all_four_messages():
     line = Line()
     line.commander.start()
-    line.beats(50)
+    line.cycles(50)
     assert len(line.blocks) == 50
     for k, block in enumerate(line.blocks, 1):
         assert block["id"].tolist() == [0x201, 0x202, 0x203, 0x204]
-        assert (block["time"] == k * BEAT).all()
+        assert (block["time"] == k * CYCLE).all()
     line.commander.stop()
-    line.beats(50)
+    line.cycles(50)
     assert len(line.blocks) == 50
 
 
@@ -64,7 +64,7 @@ def test_every_frame_is_accepted_by_the_autosar_oracle():
     line = Line()
     line.commander.set("lateral.force_setpoint", 1234.0)
     line.commander.start()
-    line.beats(40)
+    line.cycles(40)
     messages = {m.identifier: m for m in TABLE.messages}
     counters = {}
     for record in join(line.blocks):
@@ -81,7 +81,7 @@ def test_every_frame_is_accepted_by_the_autosar_oracle():
 def test_set_points_nobody_gave_travel_as_not_available_and_bits_as_zero():
     line = Line()
     line.commander.start()
-    line.beats(1)
+    line.cycles(1)
     assert math.isnan(line.track("lateral.force_setpoint")[0])
     assert line.track("control.enable") == [0.0]
 
@@ -98,15 +98,15 @@ def test_a_ramp_is_a_straight_line_and_ends_exactly(start, to, rate):
     line.commander.set("lateral.force_setpoint", start)
     line.commander.start()
     duration = line.commander.ramp("lateral.force_setpoint", to, rate)
-    assert duration == pytest.approx(max(0.0, abs(to - start) / rate), abs=1.001 * BEAT / NS)
-    beats = round(duration * NS / BEAT)
-    for k in range(1, beats + 1):
-        line.beats(1)
-        ideal = start + math.copysign(min(k * rate * BEAT / NS, abs(to - start)), to - start)
+    assert duration == pytest.approx(max(0.0, abs(to - start) / rate), abs=1.001 * CYCLE / NS)
+    cycles = round(duration * NS / CYCLE)
+    for k in range(1, cycles + 1):
+        line.cycles(1)
+        ideal = start + math.copysign(min(k * rate * CYCLE / NS, abs(to - start)), to - start)
         assert line.commander.value("lateral.force_setpoint") == pytest.approx(ideal, rel=1e-12, abs=1e-6)
-    if beats == 0:
-        line.beats(1)
-    line.beats(1)
+    if cycles == 0:
+        line.cycles(1)
+    line.cycles(1)
     assert line.commander.value("lateral.force_setpoint") == to
     assert not line.commander.moving()
     track = np.array(line.track("lateral.force_setpoint"))
@@ -114,21 +114,21 @@ def test_a_ramp_is_a_straight_line_and_ends_exactly(start, to, rate):
     assert track[-1] == pytest.approx(to, abs=1.001)  # half a wire step
 
 
-def test_ramps_of_one_call_start_on_the_same_beat_and_another_call_takes_over():
+def test_ramps_of_one_call_start_on_the_same_cycle_and_another_call_takes_over():
     line = Line()
     names = ("vertical_left.force_setpoint", "vertical_right.force_setpoint")
     line.commander.set_all(dict.fromkeys(names, 0.0))
     line.commander.start()
     assert line.commander.ramp_all(dict(zip(names, (10 * kN, 20 * kN), strict=True)), 10 * kN / s) == 2.0
-    line.beats(50)
+    line.cycles(50)
     assert [line.commander.value(name) for name in names] == [10 * kN, 10 * kN]
     assert not line.commander.moving(names[0])
     assert line.commander.moving(names[1])
     line.commander.ramp(names[1], 0.0, 10 * kN / s)  # turns round where it is
-    line.beats(1)
+    line.cycles(1)
     assert line.commander.value(names[1]) == pytest.approx(9.8 * kN)
     line.commander.freeze()
-    line.beats(10)
+    line.cycles(10)
     assert line.commander.value(names[1]) == pytest.approx(9.8 * kN)
 
 
@@ -156,7 +156,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(call, error, words):
     with pytest.raises(error, match=words):
         call(line.commander)
     line.commander.start()
-    line.beats(3)
+    line.cycles(3)
     assert line.track("lateral.force_setpoint") == [5 * kN] * 3
 
 
@@ -170,16 +170,16 @@ def test_values_set_together_travel_together():
 def test_a_lost_bus_ends_the_stream_and_is_remembered():
     line = Line()
     line.commander.start()
-    line.beats(2)
+    line.cycles(2)
     line.port.lose("the server has gone")
-    line.beats(5)
+    line.cycles(5)
     assert len(line.blocks) == 2
     assert isinstance(line.commander.failure, LinkLost)
 
 
 @pytest.mark.real_time
 def test_a_stall_makes_no_set_point_jump():
-    """A bus that takes 250 ms for one block: the ramp goes on from where it was, a beat at a time."""
+    """A bus that takes 250 ms for one block: the ramp goes on from where it was, a cycle at a time."""
     clock, blocks = RealClock(), []
 
     def send(block):
@@ -197,13 +197,13 @@ def test_a_stall_makes_no_set_point_jump():
     decoder = Decoder(TABLE)
     track = [value for block in blocks for value in _values(decoder.decode(block), name)]
     assert len(track) > 15
-    assert np.diff(track).max() <= 40 * mm / s * BEAT / NS + 0.01 * mm
-    assert np.diff([block["time"][0] for block in blocks]).min() >= BEAT // 2  # not all at once
+    assert np.diff(track).max() <= 40 * mm / s * CYCLE / NS + 0.01 * mm
+    assert np.diff([block["time"][0] for block in blocks]).min() >= CYCLE // 2  # not all at once
     assert track[-1] < 30 * mm
 
 
 @pytest.mark.real_time
-def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
+def test_in_real_time_many_threads_may_command_while_the_cycles_keep_time():
     clock, stamps = RealClock(), []
     port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))
     commander = Commander(wiring_on(port), clock)
@@ -223,7 +223,7 @@ def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     ]
     for thread in threads:
         thread.start()
-    clock.sleep_until(commander.origin + 25 * BEAT + BEAT // 2)
+    clock.sleep_until(commander.origin + 25 * CYCLE + CYCLE // 2)
     commander.stop()
     for thread in threads:
         thread.join()
@@ -231,7 +231,7 @@ def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     assert commander.value("lateral.force_setpoint") == 2990
 
 
-def test_set_points_wait_for_a_beat_that_holds_the_gate():
+def test_set_points_wait_for_a_cycle_that_holds_the_gate():
     """Whoever waits there has let go of the interpreter already, and must not do so twice."""
     line, given = Line(), threading.Event()
     line.commander.set("lateral.force_setpoint", 0.0)
@@ -263,7 +263,7 @@ def test_whatever_ends_the_stream_is_told(monkeypatch, error):
 
     monkeypatch.setattr(wiring.outlet, "send", fail)
     commander.start()
-    clock.sleep_until(3 * BEAT)
+    clock.sleep_until(3 * CYCLE)
     assert isinstance(commander.failure, LinkLost)
     assert type(error).__name__ in str(commander.failure)
     commander.stop()

@@ -90,8 +90,8 @@ class Stand:
     def last(self, name: str) -> float:
         return [value for _, one, value in self.heard if one == name][-1]
 
-    def beat(self, count: int = 1, **setpoints: float) -> list[dict[str, float]]:
-        """Send set-points on so many beats of 20 ms; return what was streamed on them, transports together."""
+    def cycle(self, count: int = 1, **setpoints: float) -> list[dict[str, float]]:
+        """Send set-points on so many cycles of 20 ms; return what was streamed on them, transports together."""
         values = np.full(len(TABLE.signals), np.nan)
         for name, value in setpoints.items():
             values[TABLE.index[name.replace("__", ".")]] = value
@@ -127,9 +127,9 @@ def test_points_become_signals_in_si_with_the_time_at_which_they_came(stand):
 
 def test_all_transports_hear_that_set_points_go_out(stand):
     stand.open()
-    stand.beat()
+    stand.cycle()
     assert stand.plc.streams == stand.bus.streams == [], "nothing was given yet"
-    stand.beat(vertical_left__force_setpoint=1 * kN)
+    stand.cycle(vertical_left__force_setpoint=1 * kN)
     assert [points for _, points in stand.bus.streams] == [{"Left": -1.0}]
     assert [points for _, points in stand.plc.streams] == [{}], "its sign of life hangs on it"
 
@@ -284,7 +284,7 @@ def test_nothing_comes_after_close_and_a_loss_is_told_once(stand):
     stand.wiring.close()
     stand.heard.clear()
     stand.wait(1.0)
-    stand.beat()
+    stand.cycle()
     assert not stand.heard
 
 
@@ -312,7 +312,7 @@ def test_points_that_cannot_be_written(tmp_path, stand):
 
 def test_setpoints_are_streamed_in_the_rigs_numbers(stand):
     stand.open()
-    assert stand.beat(vertical_left__force_setpoint=20 * kN, lateral__displacement_setpoint=3 * mm) == [
+    assert stand.cycle(vertical_left__force_setpoint=20 * kN, lateral__displacement_setpoint=3 * mm) == [
         {"Left": pytest.approx(-20.0), "lateral": pytest.approx(3.0)}
     ]
 
@@ -323,7 +323,7 @@ def test_a_set_point_that_the_rigs_numbers_cannot_be_is_told_to_the_plan(stand):
 
     stand.open()
     stand.bus.stream = refuse
-    assert stand.beat(vertical_left__force_setpoint=40 * kN, lateral__displacement_setpoint=3 * mm) == [
+    assert stand.cycle(vertical_left__force_setpoint=40 * kN, lateral__displacement_setpoint=3 * mm) == [
         {"lateral": pytest.approx(3.0)}
     ]
     assert str(stand.wiring.failure) == "set-points cannot be sent to hall: Set.Left = 40 is more than 10"
@@ -350,7 +350,7 @@ def test_a_setting_that_is_never_acknowledged_is_refused_and_taken_back(stand):
 def test_a_mode_must_not_change_under_a_program(stand):
     stand.open()
     setpoints = {"vertical_left__force_setpoint": 20 * kN, "vertical_right__force_setpoint": 20 * kN}
-    stand.beat(5, **setpoints)
+    stand.cycle(5, **setpoints)
     stand.wiring.write(
         {"generator.frequency": 1.0, "generator.cycles": 9, "generator.force_amplitude": 2 * kN}
     )
@@ -358,12 +358,12 @@ def test_a_mode_must_not_change_under_a_program(stand):
     stand.wiring.write({"vertical.control": 1})  # as it is
     with pytest.raises(Refused, match=r"vertical\.control must not change while a program runs"):
         stand.wiring.write({"vertical.control": 2})
-    crest = [-one["Left"] for one in stand.beat(100, **setpoints)]
+    crest = [-one["Left"] for one in stand.cycle(100, **setpoints)]
     assert [min(crest), max(crest)] == pytest.approx([18, 22], abs=0.1)
     assert stand.last("rig.program") == 1
     stand.plc.points["state"] = 2  # HOLD
     stand.wait(0.1)
-    assert stand.beat(2, **setpoints)[-1]["Left"] == pytest.approx(-20)
+    assert stand.cycle(2, **setpoints)[-1]["Left"] == pytest.approx(-20)
     assert stand.last("rig.program") == 3
 
 
@@ -432,12 +432,12 @@ def test_set_points_that_an_active_rig_goes_on_refusing_are_a_failure_that_is_to
     stand.open()
     stand.wait(100 * ms)
     stand.plc.refusal = Refusal(stand.clock.now(), Refused("writing lateral was refused: because", 4))
-    stand.beat(50, lateral__displacement_setpoint=1 * mm)
+    stand.cycle(50, lateral__displacement_setpoint=1 * mm)
     assert stand.wiring.failure is None, "in HOLD it may refuse them: the way up goes on"
     stand.plc.points["state"] = 3
-    stand.beat(10, lateral__displacement_setpoint=1 * mm)
+    stand.cycle(10, lateral__displacement_setpoint=1 * mm)
     assert stand.wiring.failure is None, "some may be lost on the way into a state"
-    stand.beat(10, lateral__displacement_setpoint=1 * mm)
+    stand.cycle(10, lateral__displacement_setpoint=1 * mm)
     assert isinstance(stand.wiring.failure, Refused)
     assert str(stand.wiring.failure) == "hall refuses set-points on plc: writing lateral was refused: because"
 

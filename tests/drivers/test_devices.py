@@ -40,7 +40,7 @@ def test_changing_the_control_mode_makes_no_bump(world, armed, mode):
     (blocks, commands), *_ = applied
     assert (
         blocks - before > 2 + 10
-    )  # averaged over 10 beats, then streamed for more than two before the change
+    )  # averaged over 10 cycles, then streamed for more than two before the change
     for actuator, value in measured.items():
         assert commands[f"{actuator}.{mode}_setpoint"] == pytest.approx(value)
         assert world.peer.values[f"{actuator}.{mode}"] == pytest.approx(value)

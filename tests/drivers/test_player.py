@@ -16,8 +16,8 @@ from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
 from drivers.wiring.player import Player
 
-BEAT = 20_000_000
-TICKS = round(BEAT / 1e9 / TICK)
+CYCLE = 20_000_000
+TICKS = round(CYCLE / 1e9 / TICK)
 LEVER = 1.2
 SETTINGS = {
     "generator.amplitude": 12 * mm,
@@ -70,8 +70,8 @@ def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
     _run(player, mode)
     rows = _rows(axis, mode)
     ended = False
-    for beat in range(1 + math.ceil(3.0 / 0.83 * 50) + 5):
-        offsets = player.advance(beat * BEAT, active=True)
+    for cycle in range(1 + math.ceil(3.0 / 0.83 * 50) + 5):
+        offsets = player.advance(cycle * CYCLE, active=True)
         assert {row: offsets.get(row, 0.0) for row in rows} == pytest.approx(
             {row: float(controls["offset"][0, target]) for row, target in rows.items()}, rel=1e-9, abs=1e-9
         )
@@ -89,38 +89,38 @@ def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
 def test_a_held_program_stays_where_it_is_and_goes_on():
     player = _player()
     _run(player, "displacement")
-    for beat in range(30):
-        before = player.advance(beat * BEAT, active=True)
+    for cycle in range(30):
+        before = player.advance(cycle * CYCLE, active=True)
     player.hold()
-    assert player.advance(100 * BEAT, active=True) == before
+    assert player.advance(100 * CYCLE, active=True) == before
     assert PROGRAM_STATES[int(player.told()["rig.program"])] == "HOLD"
     _run(player, "displacement")
-    assert player.advance(101 * BEAT, active=True) == before
-    assert player.advance(102 * BEAT, active=True) != before
+    assert player.advance(101 * CYCLE, active=True) == before
+    assert player.advance(102 * CYCLE, active=True) != before
 
 
 def test_no_wave_jumps_over_a_stall():
-    """Beats of 250 ms come too late, all at once: the wave goes on from where it was, by two beats at the most."""
+    """Cycles of 250 ms come too late, all at once: the wave goes on from where it was, by two cycles at the most."""
     stalled, sound = _player(), _player()
     for player in (stalled, sound):
         _run(player, "displacement")
-        for beat in range(40):
-            player.advance(beat * BEAT, active=True)
-    late = stalled.advance(52 * BEAT, active=True)
-    assert late == sound.advance(41 * BEAT, active=True)
+        for cycle in range(40):
+            player.advance(cycle * CYCLE, active=True)
+    late = stalled.advance(52 * CYCLE, active=True)
+    assert late == sound.advance(41 * CYCLE, active=True)
     stalled.stop()
     sound.stop()
-    assert stalled.advance(80 * BEAT, active=True) == sound.advance(42 * BEAT, active=True)
+    assert stalled.advance(80 * CYCLE, active=True) == sound.advance(42 * CYCLE, active=True)
 
 
 def test_a_stopped_program_comes_back_within_a_second():
     player = _player()
     _run(player, "displacement")
-    for beat in range(46):
-        last = player.advance(beat * BEAT, active=True)
+    for cycle in range(46):
+        last = player.advance(cycle * CYCLE, active=True)
     player.stop()
     assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
-    way = [player.advance((46 + k) * BEAT, active=True) for k in range(52)]
+    way = [player.advance((46 + k) * CYCLE, active=True) for k in range(52)]
     row = min(last)
     assert abs(last[row]) > 1 * mm
     assert [offset.get(row, 0.0) for offset in way[:51]] == pytest.approx(np.linspace(last[row], 0.0, 51))
@@ -131,8 +131,8 @@ def test_a_bench_that_is_not_active_any_more_has_no_program():
     player = _player()
     _run(player, "displacement")
     player.advance(0, active=True)
-    player.advance(BEAT, active=True)
-    assert player.advance(2 * BEAT, active=False) == {}
+    player.advance(CYCLE, active=True)
+    assert player.advance(2 * CYCLE, active=False) == {}
     assert not player.busy
     assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
 
@@ -173,18 +173,18 @@ def test_states_in_which_an_action_means_nothing():
 def test_a_program_that_is_stopped_while_the_last_one_comes_back_does_not_jump():
     player = _player()
     _run(player, "displacement")
-    for beat in range(46):
-        offset = player.advance(beat * BEAT, active=True)
+    for cycle in range(46):
+        offset = player.advance(cycle * CYCLE, active=True)
     player.stop()
-    way = [offset, *(player.advance((46 + k) * BEAT, active=True) for k in range(5))]
+    way = [offset, *(player.advance((46 + k) * CYCLE, active=True) for k in range(5))]
     _run(player, "displacement")
-    way += [player.advance((51 + k) * BEAT, active=True) for k in range(3)]
+    way += [player.advance((51 + k) * CYCLE, active=True) for k in range(3)]
     player.stop()
-    way += [player.advance((54 + k) * BEAT, active=True) for k in range(60)]
+    way += [player.advance((54 + k) * CYCLE, active=True) for k in range(60)]
     row = min(offset)
     assert abs(offset[row]) > 5 * mm
     steps = np.abs(np.diff([one.get(row, 0.0) for one in way]))
-    assert steps.max() < 2 * mm  # of 12 mm at 0.83 Hz there are 1.25 mm in a beat
+    assert steps.max() < 2 * mm  # of 12 mm at 0.83 Hz there are 1.25 mm in a cycle
     assert way[-1] == {}
 
 
@@ -215,8 +215,8 @@ def test_waves_of_a_program_are_those_of_the_rigs_generator_at_once():
     names = (*(f"{name}.displacement_setpoint" for name in names), "platform.vertical_setpoint",
              "platform.lateral_setpoint", "platform.roll_setpoint")  # fmt: skip
     seen = np.zeros(len(names))
-    for beat in range(1 + math.ceil(5.5 * 50) + 3):
-        offsets = player.advance(beat * BEAT, active=True)
+    for cycle in range(1 + math.ceil(5.5 * 50) + 3):
+        offsets = player.advance(cycle * CYCLE, active=True)
         asked = [offsets.get(TABLE.index[name], 0.0) for name in names]
         assert asked == pytest.approx(controls["offset"][0].tolist(), rel=1e-9, abs=1e-9)
         seen = np.maximum(seen, np.abs(asked))

@@ -137,7 +137,7 @@ def test_set_points_settings_and_actions_are_attributes(world, bench):
     bench.air.left_target = 3 * bar
     bench.air.left_mode = "level"
     bench.action.program_stop()
-    bench.wait_beats(2)
+    bench.wait_cycles(2)
     assert world.peer.commands["lateral.force_setpoint"] == 300
     assert bench.lateral.force_setpoint == 300
     assert bench.air.left_target == pytest.approx(3 * bar)

@@ -1,4 +1,4 @@
-"""A waveform that the host streams: every beat of it arrives, in bytes that cantools reads, or nothing moves at all."""
+"""A waveform that the host streams: each cycle of it arrives, in bytes that cantools reads, or nothing moves at all."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from bench_protocol.frames import join
 from bench_protocol.units import NS, kN, mm, ms, s
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from drivers.commander import BEAT, Commander
+from drivers.commander import CYCLE, Commander
 from drivers.errors import LinkLost, Misuse, NotAvailable, RigFault
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
@@ -42,25 +42,25 @@ def decoded(blocks, message, signal):
     step=st.floats(0.09, 0.4),
     lead=st.integers(1, 7),
 )
-def test_every_beat_of_it_is_on_the_wire_once_and_exact_to_half_a_step(knots, step, lead):
+def test_every_cycle_of_it_is_on_the_wire_once_and_exact_to_half_a_step(knots, step, lead):
     clock, blocks = VirtualClock(), []
     commander = Commander(own_wiring(InMemoryCan(blocks.append), InMemoryModbus(lambda _: b"")), clock)
     commander.set_all(BASE)
     commander.start()
-    clock.sleep_until(lead * BEAT)
+    clock.sleep_until(lead * CYCLE)
     way = np.array([0.0, *knots, 0.0])
     times = np.arange(way.size) * step
-    beats = np.interp(np.arange(round(times[-1] * NS) // BEAT + 2) * BEAT / NS, times, way)
-    commander.play({"lateral.force_setpoint": beats, "vertical_left.force_setpoint": -2 * beats})
-    clock.sleep_until(clock.now() + (beats.size + 5) * BEAT)
+    cycles = np.interp(np.arange(round(times[-1] * NS) // CYCLE + 2) * CYCLE / NS, times, way)
+    commander.play({"lateral.force_setpoint": cycles, "vertical_left.force_setpoint": -2 * cycles})
+    clock.sleep_until(clock.now() + (cycles.size + 5) * CYCLE)
     for message, signal, base, factor, half in (
         ("ForceSetpoints", "lateral_force_setpoint", 3.0, 1e-3, 1.01e-3),
         ("ForceSetpoints", "vertical_left_force_setpoint", 50.0, -2e-3, 5.01e-3),
     ):
         found = decoded(blocks, message, signal)
-        expected = np.concatenate([np.zeros(lead), beats, np.full(5, beats[-1])]) * factor + base
+        expected = np.concatenate([np.zeros(lead), cycles, np.full(5, cycles[-1])]) * factor + base
         assert found == pytest.approx(expected, abs=half)
-    assert commander.played == (beats.size, beats.size, False)
+    assert commander.played == (cycles.size, cycles.size, False)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def bump(height, lasts=2 * s):
 
 
 def test_the_bolster_follows_it(made):
-    """What is measured is the waveform, 50 to 55 ms later: two beats, the loop of the actuator and the transducer."""
+    """What is measured is the waveform, 50 to 55 ms later: two cycles, the loop of the actuator and the transducer."""
     _, bench = made
     times, way = bump(20 * mm)
     with bench.capture("lateral.displacement") as capture:
@@ -182,7 +182,7 @@ def test_a_host_that_falls_silent_in_the_middle_leaves_the_bench_holding(made):
         bench.waveform.wait_done(within=10 * s)
     assert memory.rig.state.name in ("FAULT_REACTION", "FAULT_HOLD")
     found = capture.values("lateral.displacement")
-    assert found[-2] - found[0] < 8 * mm  # of 20: it stands where the last beat left it
+    assert found[-2] - found[0] < 8 * mm  # of 20: it stands where the last cycle left it
     assert not bench.commander.played.going
 
 

@@ -155,7 +155,7 @@ def test_a_command_from_far_ahead_is_refused_until_silence_explains_it() -> None
     early["time"] = 20_000_000
     decoder.decode(early)
     assert decoder.tally[Tally.OUT_OF_SEQUENCE] == 1
-    decoder.decode(block[9:10])  # the same frame when 180 ms have passed: nine beats were lost
+    decoder.decode(block[9:10])  # the same frame when 180 ms have passed: nine cycles were lost
     assert decoder.tally[Tally.ACCEPTED] == 2
     assert decoder.tally[Tally.LOST] == 8
 

@@ -10,15 +10,15 @@ from bench_protocol.units import NS
 MS = NS // 1000
 
 
-def test_virtual_time_passes_only_in_sleep_and_stops_at_every_beat() -> None:
+def test_virtual_time_passes_only_in_sleep_and_stops_at_every_cycle() -> None:
     clock = VirtualClock()
     world: list[int] = []
-    beats: list[tuple[str, int]] = []
+    cycles: list[tuple[str, int]] = []
     clock.attach(world.append)
-    clock.every(20 * MS, lambda: beats.append(("command", clock.now())))
-    clock.every(30 * MS, lambda: beats.append(("poll", clock.now())))
+    clock.every(20 * MS, lambda: cycles.append(("command", clock.now())))
+    clock.every(30 * MS, lambda: cycles.append(("poll", clock.now())))
     clock.sleep_until(65 * MS)
-    assert beats == [
+    assert cycles == [
         ("command", 20 * MS),
         ("poll", 30 * MS),
         ("command", 40 * MS),
@@ -36,34 +36,34 @@ def test_virtual_time_never_goes_back() -> None:
     assert clock.now() == 5 * MS
 
 
-def test_a_cancelled_beat_does_not_come() -> None:
+def test_a_cancelled_cycle_does_not_come() -> None:
     clock = VirtualClock()
-    beats: list[int] = []
-    task = clock.every(MS, lambda: beats.append(clock.now()))
+    cycles: list[int] = []
+    task = clock.every(MS, lambda: cycles.append(clock.now()))
     clock.every(2 * MS, task.cancel)
     clock.sleep_until(10 * MS)
-    assert beats == [MS, 2 * MS]
+    assert cycles == [MS, 2 * MS]
 
 
 @pytest.mark.real_time
-def test_real_beats_stand_on_absolute_deadlines() -> None:
+def test_real_cycles_stand_on_absolute_deadlines() -> None:
     clock = RealClock()
-    beats: list[int] = []
+    cycles: list[int] = []
     enough = threading.Event()
     start = clock.now()
 
-    def beat() -> None:
-        beats.append(clock.now())
+    def cycle() -> None:
+        cycles.append(clock.now())
         clock.sleep_until(clock.now() + 3 * MS)  # work that would add up if deadlines were relative
-        if len(beats) == 20:
+        if len(cycles) == 20:
             enough.set()
 
-    task = clock.every(10 * MS, beat)
+    task = clock.every(10 * MS, cycle)
     assert enough.wait(5)
     task.cancel()
     # 19 periods later than the first, plus what this machine was late: never 19 times 3 ms more.
-    assert beats[19] - start < 20 * 10 * MS + 40 * MS
-    assert all(time - start >= (k + 1) * 10 * MS for k, time in enumerate(beats[:20]))
+    assert cycles[19] - start < 20 * 10 * MS + 40 * MS
+    assert all(time - start >= (k + 1) * 10 * MS for k, time in enumerate(cycles[:20]))
 
 
 @pytest.mark.real_time

@@ -179,15 +179,15 @@ def test_in_virtual_time_the_last_second_at_most_is_unwritten_at_any_moment(tmp_
     before = threading.active_count()
     recorder = Recorder(tmp_path / "run", SIGNALS, start_ns=0, in_background=False)
     assert threading.active_count() == before
-    for beat in range(500):  # 10 s in an instant
-        recorder.append([beat * 20 * MS], [0], [float(beat)])
-        if beat % 99 == 98:
-            copy = tmp_path / f"killed at {beat}"
+    for cycle in range(500):  # 10 s in an instant
+        recorder.append([cycle * 20 * MS], [0], [float(cycle)])
+        if cycle % 99 == 98:
+            copy = tmp_path / f"killed at {cycle}"
             copy.mkdir()
             shutil.copy(tmp_path / "run" / STREAM, copy)
             recover(copy)
             times = read(copy).series("left.height")[0]
-            assert beat * 0.02 - times[-1] <= 1.0
+            assert cycle * 0.02 - times[-1] <= 1.0
     recorder.close()
     assert len(read(tmp_path / "run")) == 500
 

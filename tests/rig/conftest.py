@@ -12,11 +12,11 @@ from bench_protocol.words import CONTROL_MODES, SIDES, STATES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 
-BEAT = 20  # ticks between commands
+CYCLE = 20  # ticks between commands
 
 
 class Commander:
-    """Speaks to a rig by bytes alone; one method call is one 20 ms beat or many.
+    """Speaks to a rig by bytes alone; one method call is one 20 ms cycle or many.
 
     It takes the lease before its first command, unless a token was given to it.
     """
@@ -61,15 +61,15 @@ class Commander:
         rows = self._encoder.rows(names) if names else self._rows
         return self._encoder.encode(self.values, rows, 0)
 
-    def beat(self, count: int = 1, **settings: float) -> None:
-        """Send commands for ``count`` beats; ``control_hold=1`` sets ``control.hold`` and so on."""
+    def cycle(self, count: int = 1, **settings: float) -> None:
+        """Send commands for ``count`` cycles; ``control_hold=1`` sets ``control.hold`` and so on."""
         for name, value in settings.items():
             self.values[TABLE.index[_signal(name)]] = value
         if self.token is None:
             self.take_lease()
         for _ in range(count):
             self.rig.receive(self.frames(), self.peer)
-            self.wait(BEAT)
+            self.wait(CYCLE)
 
     def ask(self, pdu: bytes, peer: str | None = None) -> bytes:
         """Return the PDU that answers a Modbus request PDU."""
@@ -103,11 +103,11 @@ class Commander:
     def arm(self) -> None:
         """Bring the rig from power-on to ACTIVE."""
         self.wait(500)
-        self.beat(2, control_enable=1)
-        self.beat(2, control_reset=1)
+        self.cycle(2, control_enable=1)
+        self.cycle(2, control_reset=1)
         assert self.coil("air_high")[0] == 5
-        self.beat(2, control_reset=0, control_hold=1)
-        self.beat(2, control_active=1)
+        self.cycle(2, control_reset=0, control_hold=1)
+        self.cycle(2, control_active=1)
         assert self.state == "ACTIVE"
 
     def hold_height(self) -> None:
@@ -116,7 +116,7 @@ class Commander:
             f"vertical_{side}_displacement_setpoint": self.read(f"vertical_{side}.displacement")
             for side in SIDES
         }
-        self.beat(2, **here)
+        self.cycle(2, **here)
         self.apply(vertical_control=CONTROL_MODES.index("displacement"))
 
 

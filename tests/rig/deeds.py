@@ -36,10 +36,10 @@ def go(commander: WatchedCommander, to: float, what: str = "displacement", rate:
     place = commander.read(f"vertical_left.{what}")
     steps = max(1, round(abs(to - place) / rate * 50))
     for k in range(1, steps + 1):
-        commander.beat(
+        commander.cycle(
             1, **{f"{name}_{what}_setpoint": place + (to - place) * k / steps for name in VERTICAL}
         )
-    commander.beat(25)
+    commander.cycle(25)
 
 
 def nothing(commander: WatchedCommander) -> None:
@@ -50,11 +50,11 @@ def on_the_valves(commander: WatchedCommander, load: Load) -> None:
     """Both springs carry the load on their leveling valves, the actuators press with constant force."""
     go(commander, 0.0)
     commander.apply(**both("air", mode=FILL, target=load.fill_pressure))
-    commander.beat(600)
-    commander.beat(2, **{f"{name}_force_setpoint": commander.read(f"{name}.force") for name in VERTICAL})
+    commander.cycle(600)
+    commander.cycle(2, **{f"{name}_force_setpoint": commander.read(f"{name}.force") for name in VERTICAL})
     commander.apply(vertical_control=FORCE, **both("air", mode=LEVEL))
     go(commander, load.actuator_force(OURS), "force", 20 * kN)
-    commander.beat(300)
+    commander.cycle(300)
     assert abs(commander.read("left.height")) < 15 * mm
     assert commander.read("left.bellows_pressure") > 0.9 * load.fill_pressure
 
@@ -68,7 +68,7 @@ def held(commander: WatchedCommander, load: Load) -> None:
 def held_down(commander: WatchedCommander) -> None:
     """Springs at 3.5 bar, and actuators that hold the bolster down against them."""
     commander.apply(**both("air", mode=FILL, target=3.5 * bar))
-    commander.beat(1000)
+    commander.cycle(1000)
 
 
 def hanging(commander: WatchedCommander) -> None:
@@ -109,11 +109,11 @@ class Deed:
 
     what: str
     values: tuple[tuple[str, float], ...] = ()
-    beats: int = 1
+    cycles: int = 1
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{name} = {value:g}" for name, value in self.values)
-        return f"{self.what} {shown} ({self.beats * 20} ms)".replace("  ", " ")
+        return f"{self.what} {shown} ({self.cycles * 20} ms)".replace("  ", " ")
 
     def do(self, commander: WatchedCommander) -> None:
         """Do it; the bench may refuse it."""
@@ -128,13 +128,13 @@ class Deed:
                 for name, value in self.values:
                     commander.values[ROWS[name]] = value
             case "pause":
-                commander.wait(20 * self.beats)
+                commander.wait(20 * self.cycles)
                 return
-        commander.beat(self.beats)
+        commander.cycle(self.cycles)
 
 
 ROWS = {signal.name.replace(".", "_"): row for row, signal in enumerate(TABLE.signals)}
-BEATS = st.integers(1, 60)
+CYCLES = st.integers(1, 60)
 PRESSURES = st.sampled_from([0.3 * bar, 1.56 * bar, 3.5 * bar, 5.5 * bar, 8.5 * bar])
 HEIGHTS = st.sampled_from([-110 * mm, -60 * mm, -20 * mm, 0.0, 30 * mm, 60 * mm, 110 * mm])
 #: The first two pull up an empty bolster, which is fast then.
@@ -155,7 +155,7 @@ COILS = st.sampled_from(
 
 
 def order(what: str, values: st.SearchStrategy[dict[str, float]], longer: int = 1) -> st.SearchStrategy[Deed]:
-    return st.tuples(values, BEATS).map(lambda drawn: Deed(what, tuple(drawn[0].items()), longer * drawn[1]))
+    return st.tuples(values, CYCLES).map(lambda drawn: Deed(what, tuple(drawn[0].items()), longer * drawn[1]))
 
 
 def deed(what: str, **values: st.SearchStrategy) -> st.SearchStrategy[Deed]:
@@ -193,5 +193,5 @@ DEEDS = st.one_of(
     order("coil", COILS.map(lambda name: {name: 1.0})),
     order("steer", st.fixed_dictionaries({"hold": st.booleans(), "active": st.booleans()}).map(bits_of)),
     order("steer", st.fixed_dictionaries({"enable": st.booleans(), "reset": st.booleans()}).map(bits_of)),
-    st.integers(1, 12).map(lambda beats: Deed("pause", (), beats)),
+    st.integers(1, 12).map(lambda cycles: Deed("pause", (), cycles)),
 )

@@ -45,8 +45,8 @@ def test_ten_seconds_before_and_after_a_trip_are_what_came_by_can(armed, port) -
     armed.wait = wait
     armed.hold_height()
     armed.apply(**{f"air_{side}_mode": AIR_MODES.index("fill") for side in SIDES}, air_left_target=1 * bar)
-    armed.beat(550)
-    armed.beat(70, lateral_force_setpoint=50 * kN)
+    armed.cycle(550)
+    armed.cycle(70, lateral_force_setpoint=50 * kN)
     assert armed.state == "FAULT_HOLD"
     tripped = armed.read("rig.tripped_tick")
     armed.wait(1000)
@@ -73,8 +73,8 @@ def test_the_story_says_what_tripped_what_had_gone_before_and_how_it_ended(armed
         air_left_target=2 * bar,
         air_right_target=2 * bar,
     )
-    armed.beat(500)
-    armed.beat(100, **{f"vertical_{side}_displacement_setpoint": 100 * mm for side in SIDES})
+    armed.cycle(500)
+    armed.cycle(100, **{f"vertical_{side}_displacement_setpoint": 100 * mm for side in SIDES})
     assert armed.state == "FAULT_DISABLED"
     armed.wait(10_000)
     lines = incident_of(port).story.splitlines()
@@ -98,8 +98,8 @@ def test_the_first_incident_stays_until_a_reset_and_the_next_takes_its_place(arm
     assert incident_of(port).number == 1, "what follows is a consequence of the first"
     armed.rig.release_estop()
     armed.take_lease()  # whoever has been silent for so long has lost it
-    armed.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
-    armed.beat(2, control_reset=1)
+    armed.cycle(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
+    armed.cycle(2, control_reset=1)
     assert armed.state == "DISABLED"
     armed.rig.press_estop()
     armed.wait(9_000)

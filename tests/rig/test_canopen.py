@@ -112,11 +112,11 @@ def test_nmt_changes_nothing_while_somebody_holds_the_bench(armed, command: int)
     stranger = Master(armed.rig, "can:4711")
     before = armed.read("rig.strangers")
     stranger.nmt(command)
-    armed.beat(10)
+    armed.cycle(10)
     assert armed.state == "ACTIVE"
     assert stranger.messages == PERIODIC
     assert number(stranger.upload(0x2000, 1)) == 1
-    armed.beat(5)
+    armed.cycle(5)
     assert armed.read("rig.strangers") == before + 1
     assert (armed.read("rig.stranger"), armed.read("rig.stranger_identifier")) == (4711, NMT)
 
@@ -131,7 +131,7 @@ def test_an_sdo_writes_nothing_without_the_holders_token(armed) -> None:
     assert stranger.download(0x1017, 0, 200, 2) == 0
     assert stranger.download(0x1017, 0, 300, 2) == 0x08000022, "a token opens one download"
     assert number(stranger.upload(0x1017)) == 200
-    armed.beat(5)
+    armed.cycle(5)
     assert armed.state == "ACTIVE"
 
 
@@ -151,7 +151,7 @@ def test_commands_to_a_stopped_node_are_counted_and_move_nothing(commander) -> N
     commander.wait(500)
     stranger.nmt(STOP)
     commander.bear(4711)  # nobody gave it this token: who takes the bench starts the node
-    commander.beat(5, control_enable=1)
+    commander.cycle(5, control_enable=1)
     stranger.nmt(START)
     assert number(stranger.upload(0x2000, 4)) >= 5
 
@@ -181,7 +181,7 @@ def test_nothing_that_a_stranger_says_disturbs_who_holds_the_bench(
 ) -> None:
     moving.rig.receive(join([frame(identifier, data) for identifier, data in said]), "can:4711")
     before = dict(moving.rig.node.objects.parameters)
-    moving.beat(3)
+    moving.cycle(3)
     assert moving.state == "ACTIVE"
     assert moving.rig.node.objects.parameters == before == DEFAULTS
     moving.rig.receive(moving.frames(), moving.peer)
@@ -202,19 +202,19 @@ def guard(armed, node: int = 0x7F, milliseconds: int = 200) -> Master:
 
 def test_a_lost_heartbeat_holds_the_bench_and_is_told(armed) -> None:
     master = guard(armed)
-    armed.beat(30)
+    armed.cycle(30)
     assert armed.state == "ACTIVE", "the first heartbeat starts the guarding"
     for _ in range(5):
         armed.rig.receive(frame(0x77F, b"\x05"), armed.peer)
-        armed.beat(8)
+        armed.cycle(8)
     assert armed.state == "ACTIVE"
-    armed.beat(4)
+    armed.cycle(4)
     assert armed.state == "FAULT_HOLD"
     assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "heartbeat lost"
     assert (armed.read("emergency.code"), armed.read("emergency.register")) == (0x8130, 0x11)
     assert number(master.upload(0x1001)) == 0x11
     assert number(master.upload(0x1003, 1)) & 0xFFFF == 0x8130
-    armed.beat(2, control_reset=1)
+    armed.cycle(2, control_reset=1)
     assert armed.state == "HOLD"
     assert armed.read("emergency.code") == 0
 
@@ -232,7 +232,7 @@ def test_a_heartbeat_is_lost_to_the_tick(armed) -> None:
 def test_a_guard_ends_with_the_lease(armed) -> None:
     master = guard(armed)
     armed.rig.receive(frame(0x77F, b"\x05"), armed.peer)
-    armed.beat(2, control_enable=0, control_hold=0, control_active=0)
+    armed.cycle(2, control_enable=0, control_hold=0, control_active=0)
     assert armed.ask(b"\x06\0\0\0\0")[0] == 6
     master.wait(1000)
     assert master.of(EMERGENCY) == []
@@ -298,7 +298,7 @@ def test_of_a_flood_few_frames_are_looked_at_and_all_are_counted(armed) -> None:
     """Each costs some microseconds between two ticks."""
     stranger = Master(armed.rig, "can:4711")
     armed.rig.receive(np.repeat(frame(NMT, b"\x02\x01"), 20_000), stranger.peer)
-    armed.beat(5)
+    armed.cycle(5)
     assert armed.state == "ACTIVE"
     assert [number(stranger.upload(0x2000, sub)) for sub in (1, 3)] == [32, 19_968]
 
@@ -345,7 +345,7 @@ def test_two_limits_that_trip_at_once_are_two_errors(parameters) -> None:
     commander = Commander(rig)
     commander.arm()
     master = Master(rig)
-    commander.beat(1, platform_vertical_setpoint=5 * mm, platform_lateral_setpoint=5 * mm)
+    commander.cycle(1, platform_vertical_setpoint=5 * mm, platform_lateral_setpoint=5 * mm)
     for _ in range(10):
         commander.rig.receive(commander.frames(), commander.peer)
         master.wait(20)

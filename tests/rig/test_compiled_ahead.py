@@ -26,7 +26,7 @@ before = compiled()
 assert "bench_protocol.e2e.token_mark" in before and "bench_sim.rig.tick.run_ticks" in before
 commander.arm()
 commander.hold_height()
-commander.beat(20)
+commander.cycle(20)
 {then}
 print(sorted(name for name, count in compiled().items() if count > before.get(name, 0)))
 """
@@ -36,7 +36,7 @@ for name in FAULTS:
     SEEN[name](stand)
 """
 OF_FAULTS = """
-import drivers.beat  # what a commander needs is compiled when he begins
+import drivers.cycle  # what a commander needs is compiled when he begins
 from bench_sim.rig.faults.catalogue import FAULTS
 from tests.system import faults_in_the_bench, faults_on_the_wires
 from tests.system.fault_stand import SEEN, Stand

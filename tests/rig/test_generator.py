@@ -42,11 +42,11 @@ def program(commander) -> Program:
     return Program(int(commander.rig._controls["program"]))
 
 
-def run(commander, beats: int) -> np.ndarray:
-    """Return what the generator adds to each set-point, beat by beat."""
+def run(commander, cycles: int) -> np.ndarray:
+    """Return what the generator adds to each set-point, cycle by cycle."""
     offsets = []
-    for _ in range(beats):
-        commander.beat(1)
+    for _ in range(cycles):
+        commander.cycle(1)
         offsets.append(commander.rig._controls["offset"].copy())
     return np.array(offsets)
 
@@ -86,7 +86,7 @@ def test_they_start_on_one_tick_and_end_together(placed):
 def test_the_actuators_do_it_together(moving):
     seen = []
     for _ in range(50):
-        moving.beat(1)
+        moving.cycle(1)
         seen.append([moving.read(f"{one}.displacement") for one in ("vertical_left", "lateral")])
     assert (np.ptp(seen, axis=0) > 5 * mm).all()
 

@@ -94,8 +94,8 @@ def test_the_mark_of_a_token_is_what_it_does_to_autosars_crc(token: int, data_id
 def test_nobody_commands_without_a_lease(commander) -> None:
     commander.wait(500)
     commander.bear(0)
-    commander.beat(5, control_enable=1)
-    commander.beat(5, control_reset=1)
+    commander.cycle(5, control_enable=1)
+    commander.cycle(5, control_reset=1)
     commander.wait(100)
     assert commander.state == "DISABLED"
     assert published(commander, "strangers") == 40
@@ -116,8 +116,8 @@ def test_a_stranger_with_the_next_counter_moves_nothing(commander, door: str) ->
         stranger._encoder.counters[:] = armed._encoder.counters
         stranger.values[TABLE.index["platform.vertical_setpoint"]] = 30 * mm
         armed.rig.receive(stranger.frames(), door)
-        armed.beat(1)
-    armed.beat(10)
+        armed.cycle(1)
+    armed.cycle(10)
     assert armed.state == "ACTIVE"
     assert abs(armed.read("platform.vertical")) < 1 * mm
     assert armed.read("rig.rejected_commands") == before, "the true commander's frames still count"
@@ -128,13 +128,13 @@ def test_a_stranger_with_the_next_counter_moves_nothing(commander, door: str) ->
 
 def test_the_token_of_somebody_before_is_a_strangers(armed) -> None:
     old = armed.token
-    armed.beat(2, control_enable=0)
+    armed.cycle(2, control_enable=0)
     armed.ask(b"\x06\0\0\0\0")
     successor = type(armed)(armed.rig, 2)
-    successor.beat(10)
+    successor.cycle(10)
     assert successor.token != old
     armed.rig.receive(armed.frames("Control"), armed.peer)
-    successor.beat(10)
+    successor.cycle(10)
     assert published(successor, "strangers") == 1
     assert published(successor, "stranger") == 1
     assert successor.read("rig.rejected_commands") == 0, "counters begin anew with the lease"
@@ -180,10 +180,10 @@ def test_a_lease_can_be_taken_and_returned_on_can(commander) -> None:
     assert commander.read("lease.nonce") == 0xBEEF, "the answer is not for the second one"
     commander.bear(token)
     commander.wait(300)
-    commander.beat(5, control_enable=1)
-    commander.beat(2, control_reset=1)
+    commander.cycle(5, control_enable=1)
+    commander.cycle(2, control_reset=1)
     assert commander.state == "AIR_LOW"
-    commander.beat(2, control_enable=0, control_reset=0)
+    commander.cycle(2, control_enable=0, control_reset=0)
     commander.rig.receive(request(1, token), commander.peer)
     commander.wait(5)
     assert published(commander, "lease") == 0
@@ -199,7 +199,7 @@ def test_a_lease_on_can_ends_with_the_silence_of_its_holder(commander) -> None:
     commander.wait(5)
     commander.bear(lease_of(commander))
     commander.peer = "vcan0"
-    commander.beat(50)
+    commander.cycle(50)
     assert lease_of(commander) == commander.token
     commander.wait(500)
     assert lease_of(commander) == 0
@@ -210,8 +210,8 @@ def test_a_modbus_connection_joins_a_lease_on_can_with_its_token(commander) -> N
     commander.rig.receive(request(1), commander.peer)
     commander.wait(5)
     commander.bear(token := lease_of(commander))
-    commander.beat(5, control_enable=1)
-    commander.beat(2, control_reset=1)
+    commander.cycle(5, control_enable=1)
+    commander.cycle(2, control_reset=1)
     assert commander.coil("air_high") == b"\x85\x06"
     assert commander.ask(struct.pack(">BHH", 6, 0, token ^ 1)) == b"\x86\x06"
     assert commander.ask(struct.pack(">BHH", 6, 0, token))[0] == 6
@@ -242,9 +242,9 @@ def watchdog(commander, milliseconds: int) -> bytes:
 
 
 def test_the_watchdog_is_armed_by_its_own_write_alone(armed) -> None:
-    armed.beat(2, control_active=0)
+    armed.cycle(2, control_active=0)
     assert watchdog(armed, 200)[0] == 6
-    armed.beat(20)
+    armed.cycle(20)
     assert armed.state == "FAULT_HOLD"
     assert TABLE["rig.reason"].choices[published(armed, "reason")] == "commander disconnected"
 
@@ -257,9 +257,9 @@ def test_a_refused_write_feeds_no_watchdog(armed) -> None:
         assert armed.ask(struct.pack(">BHH", 6, 9999, 1)) == b"\x86\x02"
         armed.stage("modbus:2", air_left_target=1e5)
         armed.ask(b"\x03\0\0\0\x02")
-        armed.beat(1)
+        armed.cycle(1)
     assert armed.state == "ACTIVE"
-    armed.beat(2)
+    armed.cycle(2)
     assert armed.state == "FAULT_HOLD"
 
 
@@ -267,9 +267,9 @@ def test_every_accepted_write_feeds_the_watchdog(armed) -> None:
     watchdog(armed, 200)
     for _ in range(5):
         assert armed.stage(air_left_target=1e5)[0][0] == 0x10
-        armed.beat(8)
+        armed.cycle(8)
         assert armed.coil("apply")[0] == 5
-        armed.beat(8)
+        armed.cycle(8)
     assert armed.state == "ACTIVE"
 
 
@@ -277,10 +277,10 @@ def test_zero_switches_the_watchdog_off_and_so_does_the_end_of_the_lease(armed) 
     watchdog(armed, 200)
     assert armed.ask(b"\x03\0\x01\0\x01") == b"\x03\x02\0\xc8"
     watchdog(armed, 0)
-    armed.beat(30)
+    armed.cycle(30)
     assert armed.state == "ACTIVE"
     watchdog(armed, 200)
-    armed.beat(2, control_enable=0)
+    armed.cycle(2, control_enable=0)
     armed.ask(b"\x06\0\0\0\0")
     armed.wait(20)
     assert armed.ask(b"\x03\0\x01\0\x01") == b"\x03\x02\0\0"
@@ -290,16 +290,16 @@ def test_zero_switches_the_watchdog_off_and_so_does_the_end_of_the_lease(armed) 
 
 def test_after_the_watchdog_can_goes_on_and_a_connection_may_join_again(armed) -> None:
     watchdog(armed, 200)
-    armed.beat(12)
+    armed.cycle(12)
     assert armed.state == "FAULT_HOLD"
-    armed.beat(100)
+    armed.cycle(100)
     assert armed.state == "FAULT_HOLD", "commands arrive: the air stays shut in"
     assert armed.coil("air_low") == b"\x85\x06"
     assert armed.ask(struct.pack(">BHH", 6, 0, armed.token))[0] == 6
-    armed.beat(2, control_active=0)
-    armed.beat(2, control_reset=1)
-    armed.beat(2, control_reset=0)
-    armed.beat(2, control_active=1)
+    armed.cycle(2, control_active=0)
+    armed.cycle(2, control_reset=1)
+    armed.cycle(2, control_reset=0)
+    armed.cycle(2, control_active=1)
     assert armed.state == "ACTIVE"
 
 
@@ -333,7 +333,7 @@ def test_who_returns_learns_on_either_wire_that_he_has_lost_it(armed) -> None:
     )
     assert armed.coil("power_off") == b"\x85\x06"
     assert watchdog(armed, 200) == b"\x86\x06"
-    armed.beat(1)
+    armed.cycle(1)
     armed.wait(100)
     assert published(armed, "strangers") == 4, "three requests, and the Control message with the old token"
     assert published(armed, "stranger") == 1
@@ -350,7 +350,7 @@ def test_a_commander_who_is_heard_on_one_wire_keeps_the_bench(armed, wire) -> No
     """A plan that computes for long still feeds; a client that streams need not write."""
     for _ in range(4):
         if wire == "can":
-            armed.beat(95)
+            armed.cycle(95)
         else:
             armed.wait(1900)
             assert armed.stage(air_left_target=1e5)[0][0] == 0x10

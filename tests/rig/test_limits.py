@@ -20,19 +20,19 @@ def limited(parameters, commander):
         made = type(commander)(Rig(parameters, seed=1, limits=limits_of([row])))
         made.arm()
         made.apply(lateral_control=DISPLACEMENT)
-        made.beat(10)
+        made.cycle(10)
         return made
 
     return make
 
 
-def push(commander, to: float, beats: int = 20) -> None:
-    commander.beat(beats, lateral_displacement_setpoint=to)
+def push(commander, to: float, cycles: int = 20) -> None:
+    commander.cycle(cycles, lateral_displacement_setpoint=to)
 
 
 def first_out(commander) -> tuple[str, str, float]:
     """Whose limit tripped first, its kind, and what it judged in steps; ("", "none", 0) for none."""
-    commander.beat(6)
+    commander.cycle(6)
     tripped = TABLE.tripped(commander.read("rig.tripped"))
     kind = LIMIT_KINDS[int(commander.read("rig.tripped_kind"))]
     return tripped.name if tripped else "", kind, commander.read("rig.tripped_value")
@@ -63,7 +63,7 @@ def test_a_limit_with_a_lead_trips_before_it_is_reached_by_what_is_fast(limited)
     assert fast.read("lateral.displacement") < 25 * mm, "it was stopped before"
     slow = limited(**ahead)
     for k in range(1, 286):
-        push(slow, 0.1 * k * mm, beats=1)
+        push(slow, 0.1 * k * mm, cycles=1)
     assert slow.state == "ACTIVE"
     assert slow.read("lateral.displacement") > 28 * mm
     push(slow, -29 * mm)
@@ -124,9 +124,9 @@ def test_each_kind_judges_what_it_says(limited, row, ways, kind, judged) -> None
 def test_a_reading_that_is_gone_trips_in_time(limited) -> None:
     bench = limited(signal="left.height", kind="timeout", at="200 ms", action="indicate")
     bench.rig.faults.on("broken_wire", {"sensor": "left.height", "reads": "nothing"})
-    bench.beat(4)
+    bench.cycle(4)
     assert bench.rig.values[TABLE.index["rig.tripped"]] == 0, "80 ms"
-    bench.beat(8)
+    bench.cycle(8)
     assert first_out(bench)[:2] == ("left.height", "timeout")
 
 

@@ -21,14 +21,14 @@ def kept(ticks):
 commander.rig.run = kept
 commander.arm()
 commander.hold_height()
-commander.beat(2, lateral_force_setpoint=500.0, platform_vertical_setpoint=1e-3)
+commander.cycle(2, lateral_force_setpoint=500.0, platform_vertical_setpoint=1e-3)
 commander.apply(
     generator_axis=AXES.index("platform_lateral"), generator_amplitude=1e-3,
     generator_frequency=20.0, generator_cycles=2,
     air_left_mode=AIR_MODES.index("fill"), air_left_target=1e5,
 )
 assert commander.coil("program_run")[0] == 5
-commander.beat(4)
+commander.cycle(4)
 for name, values in (
     ("bias", '"sensor": "left.height", "value": "1 mm"'),
     ("noise", '"sensor": "right.height", "value": "0.1 mm"'),
@@ -40,7 +40,7 @@ for name, values in (
 ):
     order = '{"do": "on", "name": "%s", "values": {%s}}' % (name, values)
     assert b"error" not in commander.rig.order(order.encode()), name
-commander.beat(4)
+commander.cycle(4)
 commander.rig.press_estop()
 commander.wait(20)
 print(commander.state, b"".join(sent).hex())

@@ -109,11 +109,11 @@ def test_of_a_block_with_one_bad_value_nothing_is_staged(commander) -> None:
 def test_settings_act_only_when_applied_and_all_at_once(armed) -> None:
     armed.hold_height()
     armed.stage(air_left_mode=2, air_left_target=2 * bar, air_right_mode=2, air_right_target=1 * bar)
-    armed.beat(50)
+    armed.cycle(50)
     assert abs(armed.read("left.auxiliary_pressure")) < 0.1 * bar
     assert armed.ask(b"\x02\0\0\0\x07")[2] & 0b1000000, "the contact says that something is staged"
     armed.coil("apply")
-    armed.beat(50)
+    armed.cycle(50)
     assert armed.read("left.auxiliary_pressure") > 0.2 * bar
     assert armed.read("right.auxiliary_pressure") > 0.2 * bar
     assert not armed.ask(b"\x02\0\0\0\x07")[2] & 0b1000000
@@ -160,7 +160,7 @@ def test_a_program_runs_with_what_is_in_force(armed) -> None:
     assert armed.coil("program_run")[0] == 5
     heights = []
     for _ in range(150):
-        armed.beat(1)
+        armed.cycle(1)
         heights.append(armed.read("platform.vertical"))
     assert max(heights) == pytest.approx(0.010, abs=0.001)
 
@@ -228,11 +228,11 @@ def test_the_commanders_modbus_connection_counts_too(armed) -> None:
 
 def test_a_modbus_watchdog_that_is_not_fed_holds(armed) -> None:
     armed.ask(struct.pack(">BHH", 6, 1, 200))
-    armed.beat(8)
+    armed.cycle(8)
     armed.ask(struct.pack(">BHH", 6, 1, 200))
-    armed.beat(8)
+    armed.cycle(8)
     assert armed.state == "ACTIVE"
-    armed.beat(4)
+    armed.cycle(4)
     assert armed.state == "FAULT_HOLD"
 
 

@@ -39,7 +39,7 @@ def leave_much(commander: Commander) -> None:
     )
     commander.apply(air_left_reservoir=0, air_right_reservoir=0)
     assert commander.coil("program_run")[0] == 5
-    commander.beat(40)
+    commander.cycle(40)
     commander.stage(generator_cycles=9)
 
 
@@ -62,7 +62,7 @@ def lose_modbus(commander: Commander) -> None:
 
 
 def clear_enable(commander: Commander) -> None:
-    commander.beat(2, control_enable=0)
+    commander.cycle(2, control_enable=0)
 
 
 ENDS: dict[str, Callable[[Commander], None]] = {
@@ -84,14 +84,14 @@ def test_after_every_end_the_wires_show_a_fresh_rig(armed, make_rig, end: Callab
     for commander, number in ((armed, 2), (fresh, 2)):
         successor = Commander(commander.rig, number)
         successor.rig.release_estop()
-        successor.beat(2, control_enable=1)
+        successor.cycle(2, control_enable=1)
         if successor.state == "OFF":
             successor.coil("power_on")
-            successor.beat(30)
+            successor.cycle(30)
         elif successor.state != "DISABLED":
-            successor.beat(2, control_reset=1)
-            successor.beat(2, control_reset=0)
-        successor.beat(10)
+            successor.cycle(2, control_reset=1)
+            successor.cycle(2, control_reset=0)
+        successor.cycle(10)
         assert successor.state == "DISABLED"
     assert differences(facts(armed.rig), facts(fresh.rig)) == []
 
@@ -104,12 +104,12 @@ def arm_as_a_stranger(commander: Commander) -> Commander:
     """Arm by the bits alone, as somebody else: to HOLD."""
     successor = Commander(commander.rig, 2)
     successor._rows = successor._encoder.rows(["Control"])
-    successor.beat(2, control_enable=1)
-    successor.beat(2, control_reset=1)
-    successor.beat(2, control_reset=0)
-    successor.beat(2, control_reset=1)
+    successor.cycle(2, control_enable=1)
+    successor.cycle(2, control_reset=1)
+    successor.cycle(2, control_reset=0)
+    successor.cycle(2, control_reset=1)
     assert successor.coil("air_high")[0] == 5
-    successor.beat(2, control_hold=1)
+    successor.cycle(2, control_hold=1)
     assert successor.state == "HOLD"
     return successor
 
@@ -118,19 +118,19 @@ def test_who_arms_after_a_killed_leveling_moves_nothing(armed) -> None:
     """It rose by 91 mm on what the dead one had in force."""
     armed.hold_height()
     armed.apply(**both("air", mode=FILL, target=2.21 * bar))
-    armed.beat(400)
+    armed.cycle(400)
     armed.apply(vertical_control=FORCE, **both("air", mode=LEVEL))
-    armed.beat(50, **{f"{name}_force_setpoint": 20 * kN for name in VERTICAL})
+    armed.cycle(50, **{f"{name}_force_setpoint": 20 * kN for name in VERTICAL})
     assert armed.read("left.bellows_pressure") > 1 * bar
     lose_can(armed)
     armed.rig.peer_lost(armed.modbus)
     armed.wait(20_000)
     before = heights(armed)
     successor = arm_as_a_stranger(armed)
-    successor.beat(2, control_active=1)
+    successor.cycle(2, control_active=1)
     assert successor.state == "ACTIVE"
     for _ in range(20):
-        successor.beat(20)
+        successor.cycle(20)
         assert np.abs(heights(successor) - before).max() < 1 * mm
         assert successor.read("left.bellows_pressure") < 20e-3 * bar
 
@@ -140,7 +140,7 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 50 * mm
     for _ in range(100):
-        armed.beat(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
+        armed.cycle(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
     armed.apply(
         generator_axis=AXES.index("vertical"),
         generator_amplitude=40 * mm,
@@ -148,8 +148,8 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
         generator_cycles=20,
     )
     assert armed.coil("program_run")[0] == 5
-    armed.beat(320)
-    armed.beat(5, control_active=0)
+    armed.cycle(320)
+    armed.cycle(5, control_active=0)
     assert armed.state == "HOLD"
     lose_can(armed)
     armed.rig.peer_lost(armed.modbus)
@@ -159,7 +159,7 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
     assert np.abs(heights(successor) - before).max() < 1 * mm
     here = {f"{name}_displacement_setpoint": successor.read(f"{name}.displacement") for name in VERTICAL}
     successor._rows = armed._rows
-    successor.beat(50, **here, control_active=1)
+    successor.cycle(50, **here, control_active=1)
     assert successor.state == "ACTIVE"
     assert np.abs(heights(successor) - before).max() < 1 * mm
 
@@ -167,17 +167,17 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
 def seize_aside(commander: Commander, fault: str, **values: str | float) -> float:
     """Let the lateral actuator be asked for 40 mm that it does not go, by its reading; return where it is."""
     commander.apply(lateral_control=DISPLACEMENT)
-    commander.beat(5, lateral_displacement_setpoint=0.0)
+    commander.cycle(5, lateral_displacement_setpoint=0.0)
     commander.rig.faults.on(fault, values)
-    commander.beat(50, lateral_displacement_setpoint=0.0 if values.get("sensor") else 40 * mm)
+    commander.cycle(50, lateral_displacement_setpoint=0.0 if values.get("sensor") else 40 * mm)
     return float(commander.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT])
 
 
-def aside(commander: Commander, beats: int) -> np.ndarray:
-    """Return where the lateral actuator truly is, beat by beat."""
+def aside(commander: Commander, cycles: int) -> np.ndarray:
+    """Return where the lateral actuator truly is, cycle by cycle."""
     places = []
-    for _ in range(beats):
-        commander.beat(1)
+    for _ in range(cycles):
+        commander.cycle(1)
         places.append(commander.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT])
     return np.array(places)
 
@@ -185,7 +185,7 @@ def aside(commander: Commander, beats: int) -> np.ndarray:
 def test_what_could_not_follow_does_not_jump_when_it_is_held_and_goes_on(armed) -> None:
     """It went to where it had been asked to be as fast as its valve lets it, also in HOLD."""
     here = seize_aside(armed, "seized_actuator", actuator="lateral")
-    armed.beat(5, control_active=0)
+    armed.cycle(5, control_active=0)
     assert armed.state == "HOLD"
     armed.rig.faults.off("all")
     assert np.abs(aside(armed, 20) - here).max() < 1 * mm, "HOLD holds the present value"
@@ -221,12 +221,12 @@ def test_a_wave_that_is_held_goes_on_from_where_its_actuator_is(armed) -> None:
     )
     armed.rig.faults.on("seized_actuator", {"actuator": "lateral"})
     assert armed.coil("program_run")[0] == 5
-    armed.beat(310)  # a quarter of its second turn
-    armed.beat(5, control_active=0)
+    armed.cycle(310)  # a quarter of its second turn
+    armed.cycle(5, control_active=0)
     armed.rig.faults.off("all")
     here = armed.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT]
     armed._rows = armed._encoder.rows(["Control"])
-    armed.beat(5, control_active=1)
+    armed.cycle(5, control_active=1)
     assert armed.coil("program_run")[0] == 5
     way = np.diff(aside(armed, 50), prepend=here)
     assert np.abs(way).max() < 2 * np.pi * 0.2 * 40 * mm * 0.02 + 0.5 * mm, "no faster than the wave"

@@ -20,70 +20,70 @@ def test_no_step_of_arming_can_be_skipped(commander) -> None:
     assert commander.state == "DISABLED"
     assert commander.coil("air_high") == b"\x85\x04"
     assert commander.coil("reset") == b"\x85\x04", "nobody commands: the air stays shut"
-    commander.beat(2, control_enable=1, control_hold=1, control_active=1)
+    commander.cycle(2, control_enable=1, control_hold=1, control_active=1)
     assert commander.state == "DISABLED", "H and M without reset and air"
-    commander.beat(2, control_reset=1)
+    commander.cycle(2, control_reset=1)
     assert commander.state == "AIR_LOW"
-    commander.beat(5)
+    commander.cycle(5)
     assert commander.state == "AIR_LOW", "levels are no edges"
 
 
 def test_clearing_the_bits_steps_down(armed) -> None:
-    armed.beat(2, control_active=0)
+    armed.cycle(2, control_active=0)
     assert armed.state == "HOLD"
-    armed.beat(2, control_hold=0)
+    armed.cycle(2, control_hold=0)
     assert armed.state == "AIR_HIGH"
-    armed.beat(2, control_enable=0)
+    armed.cycle(2, control_enable=0)
     assert armed.state == "DISABLED"
 
 
 def test_filling_stops_at_the_target_and_venting_empties(armed) -> None:
     armed.hold_height()
     armed.apply(air_left_mode=FILL, air_left_target=2 * bar, air_right_mode=FILL, air_right_target=2 * bar)
-    armed.beat(600)
+    armed.cycle(600)
     assert armed.read("left.auxiliary_pressure") == pytest.approx(2 * bar, abs=0.05 * bar)
     armed.apply(air_left_mode=VENT, air_right_mode=VENT, air_left_target=0, air_right_target=0)
-    armed.beat(3000)
+    armed.cycle(3000)
     assert armed.read("left.auxiliary_pressure") < 0.15 * bar
 
 
 def test_leveling_lifts_the_empty_bolster_to_its_dead_band(armed) -> None:
     armed.apply(air_left_mode=LEVEL, air_right_mode=LEVEL)
-    armed.beat(1250)
+    armed.cycle(1250)
     for side in ("left", "right"):
         assert abs(armed.read(f"{side}.height")) < 14 * mm
 
 
 def test_air_low_restricts_and_disabled_shuts(commander) -> None:
     commander.wait(500)
-    commander.beat(2, control_enable=1)
-    commander.beat(2, control_reset=1)
+    commander.cycle(2, control_enable=1)
+    commander.cycle(2, control_reset=1)
     commander.apply(
         air_left_mode=FILL, air_left_target=5 * bar, air_right_mode=FILL, air_right_target=5 * bar
     )
     start = commander.read("left.auxiliary_pressure")
-    commander.beat(5)
+    commander.cycle(5)
     slow = commander.read("left.auxiliary_pressure") - start
     commander.coil("air_high")
     before = commander.read("left.auxiliary_pressure")
-    commander.beat(5)
+    commander.cycle(5)
     fast = commander.read("left.auxiliary_pressure") - before
     assert fast > 3 * slow > 0
     commander.coil("disable")
-    commander.beat(500)  # the bolster comes to rest on what air there is
+    commander.cycle(500)  # the bolster comes to rest on what air there is
     shut = commander.read("left.auxiliary_pressure")
-    commander.beat(50)
+    commander.cycle(50)
     assert commander.read("left.auxiliary_pressure") == pytest.approx(shut, abs=0.05 * bar)
 
 
 def test_force_set_points_are_followed(armed) -> None:
-    armed.beat(1, lateral_force_setpoint=2 * kN)
-    armed.beat(50)
+    armed.cycle(1, lateral_force_setpoint=2 * kN)
+    armed.cycle(50)
     assert armed.read("lateral.force") == pytest.approx(2 * kN, abs=0.1 * kN)
 
 
 def test_a_change_of_control_mode_makes_no_bump(armed) -> None:
-    armed.beat(100, lateral_force_setpoint=1 * kN)
+    armed.cycle(100, lateral_force_setpoint=1 * kN)
     before = armed.read("lateral.displacement")
     armed.apply(lateral_control=2)
     armed.wait(20)
@@ -97,7 +97,7 @@ def run_program(commander, **settings: float) -> np.ndarray:
     assert commander.coil("program_run")[0] == 5
     trace = []
     for _ in range(5000):
-        commander.beat(1)
+        commander.cycle(1)
         trace.append(commander.read("platform.vertical"))
         if commander.read("rig.program") == 0 and len(trace) > 3:
             break
@@ -115,7 +115,7 @@ def test_unilateral_cosine_rises_to_its_amplitude_and_comes_back(armed) -> None:
     )
     assert trace.max() == pytest.approx(5 * mm, abs=0.2 * mm)
     assert trace.min() > -0.3 * mm
-    armed.beat(20)
+    armed.cycle(20)
     assert armed.read("platform.vertical") == pytest.approx(0, abs=0.2 * mm)
     assert armed.read("rig.generator_cycle") == 3
 
@@ -124,7 +124,7 @@ def test_a_program_needs_active_and_a_control_mode(commander, armed) -> None:
     armed.apply(lateral_control=0, generator_axis=AXES.index("lateral"))
     assert armed.coil("program_run") == b"\x85\x04", "the actuator is off"
     armed.apply(generator_axis=AXES.index("platform_vertical"))
-    armed.beat(2, control_active=0)
+    armed.cycle(2, control_active=0)
     assert armed.coil("program_run") == b"\x85\x04", "not ACTIVE"
 
 
@@ -136,36 +136,36 @@ def test_pausing_freezes_the_program_and_running_goes_on(armed) -> None:
         generator_cycles=5,
     )
     armed.coil("program_run")
-    armed.beat(80)
-    armed.beat(10, control_active=0)
+    armed.cycle(80)
+    armed.cycle(10, control_active=0)
     assert armed.read("rig.program") == 2
     frozen = armed.read("platform.vertical")
-    armed.beat(20)
+    armed.cycle(20)
     assert armed.read("platform.vertical") == pytest.approx(frozen, abs=0.3 * mm)
-    armed.beat(2, control_active=1)
+    armed.cycle(2, control_active=1)
     armed.coil("program_run")
-    armed.beat(60)
+    armed.cycle(60)
     assert armed.read("rig.program") == 1
 
 
 def test_the_stop_button_vents_and_no_software_resets_it_alone(armed) -> None:
     armed.hold_height()
     armed.apply(air_left_mode=FILL, air_left_target=3 * bar, air_right_mode=FILL, air_right_target=3 * bar)
-    armed.beat(300)
+    armed.cycle(300)
     before = armed.read("left.auxiliary_pressure")
     armed.rig.press_estop()
-    armed.beat(100)
+    armed.cycle(100)
     assert armed.state == "ESTOP"
     assert armed.read("left.auxiliary_pressure") < 0.7 * before
     assert armed.read("emergency.code") == 0xFF02
-    armed.beat(2, control_reset=1)
+    armed.cycle(2, control_reset=1)
     assert armed.coil("reset") == b"\x85\x04"
     assert armed.state == "ESTOP"
     armed.rig.release_estop()
-    armed.beat(2)
+    armed.cycle(2)
     assert armed.state == "ESTOP", "releasing the button starts nothing"
-    armed.beat(2, control_reset=0)
-    armed.beat(2, control_reset=1)
+    armed.cycle(2, control_reset=0)
+    armed.cycle(2, control_reset=1)
     assert armed.state == "DISABLED"
 
 
@@ -173,7 +173,7 @@ def test_the_stop_button_empties_a_bellows_that_is_shut_off(armed) -> None:
     """Its air can leave through the auxiliary chamber alone."""
     armed.hold_height()
     armed.apply(air_left_mode=FILL, air_left_target=1 * bar)
-    armed.beat(1000)
+    armed.cycle(1000)
     armed.apply(air_left_reservoir=0)
     assert armed.read("left.bellows_pressure") > 0.8 * bar
     armed.rig.press_estop()
@@ -184,7 +184,7 @@ def test_the_stop_button_empties_a_bellows_that_is_shut_off(armed) -> None:
 
 
 def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:
-    armed.beat(50, lateral_force_setpoint=50 * kN)
+    armed.cycle(50, lateral_force_setpoint=50 * kN)
     assert armed.state == "FAULT_HOLD"
     assert TABLE.tripped(armed.read("rig.tripped")) is TABLE["lateral.force"]
     assert armed.read("rig.tripped") == 11, "as ever"
@@ -226,7 +226,7 @@ def fill_at_once(commander, pressure: float) -> None:
     commander.apply(
         air_left_mode=FILL, air_left_target=pressure, air_right_mode=FILL, air_right_target=pressure
     )
-    commander.beat(600)
+    commander.cycle(600)
 
 
 def swing(commander, **settings: float) -> tuple[float, float]:
@@ -240,10 +240,10 @@ def swing(commander, **settings: float) -> tuple[float, float]:
         **settings,
     )
     assert commander.coil("program_run")[0] == 5
-    commander.beat(200)
+    commander.cycle(200)
     rows = []
     for _ in range(100):
-        commander.beat(1)
+        commander.cycle(1)
         rows.append([commander.read("left.bellows_pressure"), commander.read("left.auxiliary_pressure")])
     bellows, auxiliary = np.std(rows, axis=0) * np.sqrt(2)
     return bellows, auxiliary
@@ -272,7 +272,7 @@ def test_a_wider_plate_lets_the_bellows_empty_faster(make_rig, commander) -> Non
         bench.arm()
         fill_at_once(bench, 3 * bar)
         bench.apply(air_left_mode=VENT, air_right_mode=VENT, air_left_target=0, air_right_target=0)
-        bench.beat(50)
+        bench.cycle(50)
         left.append(bench.read("left.bellows_pressure"))
     assert left[0] > left[1] + 0.5 * bar
 
@@ -284,7 +284,7 @@ CHANGES = [{"rig_orifice_diameter": 16 * mm}, {"rig_pipe": 1}]
 def test_plates_and_pipes_stay_while_the_actuators_hold(armed, change) -> None:
     armed.stage(**change)
     assert armed.coil("apply") == b"\x85\x04"
-    armed.beat(2, control_hold=0, control_active=0)
+    armed.cycle(2, control_hold=0, control_active=0)
     assert armed.state == "AIR_HIGH"
     assert armed.coil("apply")[0] == 5, "empty and disengaged"
 
@@ -294,7 +294,7 @@ def test_plates_and_pipes_stay_while_there_is_pressure(armed, change) -> None:
     """All or nothing: what was staged with them is not taken over either, and goes when they may."""
     parameters = armed.rig.plant.parameters
     fill_at_once(armed, 1 * bar)
-    armed.beat(2, control_enable=0, control_hold=0, control_active=0)
+    armed.cycle(2, control_enable=0, control_hold=0, control_active=0)
     armed.coil("disable")
     armed.wait(500)
     before = parameters.tobytes()
@@ -302,7 +302,7 @@ def test_plates_and_pipes_stay_while_there_is_pressure(armed, change) -> None:
     assert armed.state == "DISABLED"
     assert armed.coil("apply") == b"\x85\x04"
     assert parameters.tobytes() == before
-    armed.beat(1000)  # DISABLED vents, and what this commander has staged stays while it commands
+    armed.cycle(1000)  # DISABLED vents, and what this commander has staged stays while it commands
     assert armed.read("left.bellows_pressure") < 0.3 * bar
     assert armed.coil("apply")[0] == 5
     assert parameters.tobytes() != before
@@ -335,7 +335,7 @@ def test_a_plate_that_was_bored_wrong_stays_in_until_it_is_changed(make_rig, com
     bench.apply(rig_orifice_diameter=13 * mm, rig_pipe=0)
     assert par.orifice_diameter.tolist() == [13 * mm, 14.5 * mm]
     assert par.pipe_length.tolist() == [0, 2.0]
-    bench.beat(2, control_hold=0, control_active=0)
+    bench.cycle(2, control_hold=0, control_active=0)
     bench.apply(rig_orifice_diameter=16 * mm)
     assert par.orifice_diameter == pytest.approx([16 * mm, 16 * mm], rel=1e-12)
     assert par.pipe_length.tolist() == [0, 2.0]
@@ -375,6 +375,6 @@ def test_a_rig_with_all_effects_at_once_runs_and_reads_numbers(parameters, comma
     }
     everything = type(commander)(Rig(with_effects(parameters, given), seed=1))
     everything.arm()
-    everything.beat(50)
+    everything.cycle(50)
     assert everything.state == "ACTIVE"
     assert np.all(np.isfinite(everything.rig.values[[TABLE.index[row.name] for row in MEASUREMENTS]]))

@@ -32,7 +32,7 @@ def held_down(armed):
 def holding_down(armed):
     armed.hold_height()
     armed.apply(**{f"air_{side}_{what}": value for side in SIDES for what, value in FILLED.items()})
-    armed.beat(1000)
+    armed.cycle(1000)
     return armed
 
 
@@ -64,8 +64,8 @@ def test_a_bolster_that_hangs_on_the_actuators_is_set_down(armed) -> None:
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 130 * mm
     for _ in range(100):
-        armed.beat(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
-    armed.beat(50)
+        armed.cycle(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
+    armed.cycle(50)
     lose_can(armed)
     armed.wait(600)
     heights = []
@@ -81,8 +81,8 @@ def test_a_side_whose_force_nobody_can_read_is_set_down_with_the_other(armed) ->
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 110 * mm
     for _ in range(100):
-        armed.beat(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
-    armed.beat(50)
+        armed.cycle(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
+    armed.cycle(50)
     armed.rig.faults.on("broken_wire", {"sensor": "vertical_right.force", "reads": "nothing"})
     lose_can(armed)
     armed.wait(600)
@@ -96,13 +96,13 @@ def test_a_side_whose_force_nobody_can_read_is_set_down_with_the_other(armed) ->
 
 
 @pytest.mark.parametrize("force", [-10 * kN, -20 * kN, -60 * kN])
-@pytest.mark.parametrize("beats", [32, 45, 200])
-def test_a_bolster_that_is_lifted_by_force_is_caught_at_its_limit(armed, force, beats) -> None:
+@pytest.mark.parametrize("cycles", [32, 45, 200])
+def test_a_bolster_that_is_lifted_by_force_is_caught_at_its_limit(armed, force, cycles) -> None:
     """Pulled up with hardly a load it is fast: the limit looks ahead, or it would go 14 mm past its 90 mm."""
-    armed.beat(2, **{f"{name}_force_setpoint": force for name in VERTICAL})
+    armed.cycle(2, **{f"{name}_force_setpoint": force for name in VERTICAL})
     armed.apply(vertical_control=CONTROL_MODES.index("force"))
-    for _ in range(beats):
-        armed.beat(1)
+    for _ in range(cycles):
+        armed.cycle(1)
         if armed.state == "FAULT_DISABLED":
             break
     LOSSES["go_silent"](armed)
@@ -124,17 +124,17 @@ def test_a_standing_limit_lets_the_bench_come_back(parameters, commander) -> Non
     held_down.arm()
     holding_down(held_down)
     force = CONTROL_MODES.index("force")
-    held_down.beat(2, vertical_left_force_setpoint=38 * kN, vertical_right_force_setpoint=38 * kN)
+    held_down.cycle(2, vertical_left_force_setpoint=38 * kN, vertical_right_force_setpoint=38 * kN)
     held_down.apply(vertical_control=force)
     letting_go = {f"{name}_force_setpoint": 0.0 for name in VERTICAL}
-    assert any(held_down.beat(1, **letting_go) or held_down.state == "FAULT_DISABLED" for _ in range(100))
+    assert any(held_down.cycle(1, **letting_go) or held_down.state == "FAULT_DISABLED" for _ in range(100))
     assert TABLE["rig.reason"].choices[int(held_down.read("rig.reason"))] == "limit tripped"
     assert held_down.read("left.height") < 110 * mm, "the actuators caught it"
-    held_down.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
-    held_down.beat(2, control_reset=1)
+    held_down.cycle(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
+    held_down.cycle(2, control_reset=1)
     assert held_down.state == "DISABLED"
-    held_down.beat(2, control_reset=0)
-    held_down.beat(2, control_reset=1)
+    held_down.cycle(2, control_reset=0)
+    held_down.cycle(2, control_reset=1)
     assert held_down.state == "AIR_LOW"
     assert held_down.read("left.height") > 90 * mm, "the limit is still standing"
     held_down.apply(
@@ -142,7 +142,7 @@ def test_a_standing_limit_lets_the_bench_come_back(parameters, commander) -> Non
         air_left_target=0.0,
         air_right_target=0.0,
     )
-    held_down.beat(1000)
+    held_down.cycle(1000)
     assert held_down.state == "AIR_LOW", "it vents, and does not trip"
     assert held_down.read("left.height") < 90 * mm
     assert held_down.read("rig.tripped") == 0
@@ -155,7 +155,7 @@ def test_the_bench_may_not_be_opened_while_it_holds_the_bolster(held_down) -> No
     assert answer[0][0] == 0x10
     assert held_down.coil("apply")[0] & 0x80, "shims want free actuators"
     # What is staged stays while its commander commands: it waits, and does not fall silent.
-    assert any(held_down.beat(25) or is_safe(held_down) for _ in range(120)), told(held_down)
+    assert any(held_down.cycle(25) or is_safe(held_down) for _ in range(120)), told(held_down)
     assert held_down.state == "DISABLED"
     assert held_down.coil("apply")[0] == 5
     assert (held_down.rig.plant.parameters.nominal_preload == 145 * kN).all()
@@ -174,7 +174,7 @@ def test_a_bolster_that_hangs_on_one_side_is_not_pressed_down_on_the_other(armed
     """The one that stood already went down with the other, at 40 mm/s, and pressed its spring with 198 kN."""
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 110 * mm
-    armed.beat(60, vertical_left_displacement_setpoint=up)
+    armed.cycle(60, vertical_left_displacement_setpoint=up)
     lose_can(armed)
     pressed = []
     for _ in range(80):

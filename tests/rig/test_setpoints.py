@@ -14,7 +14,7 @@ FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displac
 
 
 def send_raw(commander, identifier: int, *raw: float) -> None:
-    """Send one protected frame of three 16-bit fields with any codes, and let a beat pass."""
+    """Send one protected frame of three 16-bit fields with any codes, and let a cycle pass."""
     row = commander._encoder.rows([next(m.name for m in TABLE.messages if m.identifier == identifier)])
     message = next(m for m in TABLE.messages if m.identifier == identifier)
     kept = {field.signal: commander.values[TABLE.index[field.signal]] for field in message.fields}
@@ -26,13 +26,13 @@ def send_raw(commander, identifier: int, *raw: float) -> None:
 
 
 def refused(commander) -> float:
-    commander.beat(6)  # the count travels ten times a second
+    commander.cycle(6)  # the count travels ten times a second
     return commander.read("rig.refused_setpoints")
 
 
 def test_a_set_point_out_of_range_is_refused_counted_and_not_followed(armed) -> None:
     armed.apply(lateral_control=DISPLACEMENT)
-    armed.beat(50, lateral_displacement_setpoint=5 * mm)
+    armed.cycle(50, lateral_displacement_setpoint=5 * mm)
     before = armed.read("lateral.displacement")
     assert refused(armed) == 0
     send_raw(armed, 0x203, 0, 0, 32767)  # 327.67 of ±300 mm
@@ -79,7 +79,7 @@ def course(commander, name: str, ticks: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_jump_is_followed_at_the_greatest_speed(armed) -> None:
     armed.apply(lateral_control=DISPLACEMENT)
-    armed.beat(2)
+    armed.cycle(2)
     start = armed.read("lateral.displacement")
     armed.values[TABLE.index["lateral.displacement_setpoint"]] = start + 15 * mm
     rows = []
@@ -93,7 +93,7 @@ def test_a_jump_is_followed_at_the_greatest_speed(armed) -> None:
 
 
 def test_a_jump_of_a_force_is_followed_at_its_rate(armed) -> None:
-    armed.beat(1, lateral_force_setpoint=10 * kN)
+    armed.cycle(1, lateral_force_setpoint=10 * kN)
     rows = []
     for _ in range(15):
         armed.rig.receive(armed._encoder.encode(armed.values, armed._rows, 0), armed.peer)
@@ -156,10 +156,10 @@ def test_a_place_is_held_by_the_transducer_there(armed) -> None:
         "each of them is wrong by something"
     )
     armed.apply(vertical_control=DISPLACEMENT, lateral_control=DISPLACEMENT)
-    armed.beat(20)
+    armed.cycle(20)
     began = rig.plant.ideal()[places]
     for _ in range(10):
-        armed.beat(
+        armed.cycle(
             5,
             **{f"{name}_displacement_setpoint": armed.read(f"{name}.displacement") for name in ACTUATORS},
             **{f"platform_{axis}_setpoint": armed.read(f"platform.{axis}") for axis in PLATFORM_AXES},

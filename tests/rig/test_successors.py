@@ -20,7 +20,7 @@ from bench_sim.model.layout import Sensor
 from bench_sim.rig.controls import Target
 from bench_sim.rig.in_force import InForce
 from tests.rig.bookmark import Bookmark
-from tests.rig.conftest import BEAT
+from tests.rig.conftest import CYCLE
 from tests.rig.deeds import COILS, DEEDS, FORCE, STARTS, Deed, deed, order, prepared
 from tests.rig.way_down import LOSSES, VERTICAL, LimitWatch, WatchedCommander, told
 
@@ -40,11 +40,11 @@ CHAMBERS = [
     Sensor.LEFT_AUXILIARY_PRESSURE,
     Sensor.RIGHT_AUXILIARY_PRESSURE,
 ]
-#: Of what moves, in beats at its speed.
+#: Of what moves, in cycles at its speed.
 WAY_TO_STOP = 2.5
 #: By which part of its pressure a bellows is pressed, by each metre of that way: 1.4 times 0.26 m² over 30 litre.
 PRESSED = 1.4 * 0.26 / 0.030
-#: Beats that arming takes.
+#: Cycles that arming takes.
 LONGEST = 20
 
 Truth = npt.NDArray[np.float64]
@@ -78,7 +78,7 @@ def lose_mains(commander: WatchedCommander) -> None:
 
 def pause_first(commander: WatchedCommander) -> None:
     """HOLD for a while, and then gone: what runs is only held."""
-    commander.beat(10, control_active=0)
+    commander.cycle(10, control_active=0)
     lose_both(commander)
 
 
@@ -119,7 +119,7 @@ class Trouble(Deed):
 
     def do(self, commander: WatchedCommander) -> None:
         if self.what == "spoiled frames":
-            for _ in range(self.beats):
+            for _ in range(self.cycles):
                 block = commander.frames()
                 block["data"][:, 0] ^= 0x5A
                 commander.rig.receive(block, commander.peer)
@@ -129,17 +129,17 @@ class Trouble(Deed):
         if "sensor" in values:  # what it reads is no motion
             commander.watch = LimitWatch(but=commander.watch.but | {str(values["sensor"])})
         commander.rig.faults.on(name, values)
-        commander.beat(self.beats)
+        commander.cycle(self.cycles)
 
     def __repr__(self) -> str:
-        return f"{self.what} {dict(self.values) or ''} ({self.beats * 20} ms)"
+        return f"{self.what} {dict(self.values) or ''} ({self.cycles * 20} ms)"
 
 
 TROUBLES = st.one_of(
     st.tuples(FAULTS, st.integers(1, 20)).map(
         lambda drawn: Trouble(f"fault {drawn[0][0]}", tuple(drawn[0][1].items()), drawn[1])  # type: ignore[arg-type]
     ),
-    st.integers(1, 4).map(lambda beats: Trouble("spoiled frames", (), beats)),
+    st.integers(1, 4).map(lambda cycles: Trouble("spoiled frames", (), cycles)),
 )
 ACTS = st.one_of(
     DEEDS,
@@ -200,14 +200,14 @@ def at_rest(commander: WatchedCommander) -> None:
 
 def lead_to_disabled(successor: WatchedCommander) -> None:
     """Leave what fault there is, and power the bench up."""
-    successor.beat(2, control_enable=1)
+    successor.cycle(2, control_enable=1)
     at_rest(successor)
     if successor.state == "OFF":
         successor.coil("power_on")
-        successor.beat(22)
+        successor.cycle(22)
     if successor.state != "DISABLED":
-        successor.beat(2, control_reset=1)
-        successor.beat(1, control_reset=0)
+        successor.cycle(2, control_reset=1)
+        successor.cycle(1, control_reset=0)
 
 
 def arm(successor: WatchedCommander) -> None:
@@ -216,31 +216,31 @@ def arm(successor: WatchedCommander) -> None:
     start, course = int(successor.rig._controls["tick"]), list[Truth]()
 
     def alone() -> tuple[Truth, Truth]:
-        """Where all would have been until now if nobody armed, and the longest steps from beat to beat."""
+        """Where all would have been until now if nobody armed, and the longest steps from cycle to cycle."""
         if not course:
             now = Bookmark(successor.rig)
             here.restore()
             for _ in range(LONGEST):
                 course.append(truth(successor))
-                successor.rig.run(BEAT)
+                successor.rig.run(CYCLE)
             now.restore()
-        beat = (int(successor.rig._controls["tick"]) - start) // BEAT
-        return np.array(course[: beat + 1]), np.abs(np.diff(course[: beat + 2], axis=0)).max(axis=0)
+        cycle = (int(successor.rig._controls["tick"]) - start) // CYCLE
+        return np.array(course[: cycle + 1]), np.abs(np.diff(course[: cycle + 2], axis=0)).max(axis=0)
 
-    def beat(count: int, **bits: float) -> None:
+    def cycle(count: int, **bits: float) -> None:
         for _ in range(count):
-            successor.beat(1, **bits)
+            successor.cycle(1, **bits)
             look(successor, before, alone)
 
-    beat(2, control_reset=1)
-    beat(1, control_reset=0)
+    cycle(2, control_reset=1)
+    cycle(1, control_reset=0)
     successor.coil("air_high")
-    beat(2, control_hold=1)
-    beat(12, control_active=1)
+    cycle(2, control_hold=1)
+    cycle(12, control_active=1)
 
 
 def onwards(successor: WatchedCommander, keeping: Mapping[Target, float] | None = None) -> Truth:
-    """Return where all is, beat by beat, if only bits are sent, and actuators keep the forces ``keeping`` (N)."""
+    """Return where all is, cycle by cycle, if only bits are sent, and actuators keep the forces ``keeping`` (N)."""
     here, course = Bookmark(successor), list[Truth]()
     for actuator, force in (keeping or {}).items():
         for what in ("setpoint", "goal"):
@@ -248,7 +248,7 @@ def onwards(successor: WatchedCommander, keeping: Mapping[Target, float] | None 
         successor.rig._controls["slew"][actuator] = 0
     for _ in range(13):
         course.append(truth(successor))
-        successor.beat(1)
+        successor.cycle(1)
     here.restore()
     return np.array(course)
 
@@ -272,7 +272,7 @@ def take_up(successor: WatchedCommander) -> None:
         course = onwards(successor, keeping=forces)
     successor._rows = successor._encoder.rows(["Control", "ForceSetpoints", "DisplacementSetpoints"])
     engaged = successor.rig._controls["engaged"]
-    successor.beat(12, **present)
+    successor.cycle(12, **present)
     if engaged and successor.state == "ACTIVE":
         now, steps = truth(successor), np.abs(np.diff(course, axis=0)).max(axis=0)
         beyond = np.maximum(now - course.max(axis=0), course.min(axis=0) - now) - WAY_TO_STOP * steps
@@ -393,16 +393,16 @@ def test_a_rest_that_does_nothing_is_found_without_any_story(monkeypatch) -> Non
 
 
 def test_what_pushes_a_bolster_that_sinks_is_found(monkeypatch) -> None:
-    beat = WatchedCommander.beat
+    cycle = WatchedCommander.cycle
 
     def pushing(commander: WatchedCommander, count: int = 1, **values: float) -> None:
         if commander.peer == "can:2":
             values = {
                 name: value + 0.3 * kN * name.endswith("force_setpoint") for name, value in values.items()
             }
-        beat(commander, count, **values)
+        cycle(commander, count, **values)
 
-    monkeypatch.setattr(WatchedCommander, "beat", pushing)
+    monkeypatch.setattr(WatchedCommander, "cycle", pushing)
 
     @settings(SETTINGS, max_examples=1)
     @given(st.just(SINKING))

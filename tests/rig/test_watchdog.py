@@ -10,7 +10,7 @@ from bench_sim.rig.controls import TICK_NS
 def test_silence_holds_at_100_ms_and_disables_at_500_ms(armed) -> None:
     """To the tick: the last command came with the rig's time at the beginning of the silence."""
     rig = armed.rig
-    start = rig._controls["tick"] - 20  # commander.beat lets 20 ticks pass after its last frames
+    start = rig._controls["tick"] - 20  # commander.cycle lets 20 ticks pass after its last frames
     states = {}
     for _ in range(600):
         rig.tick()
@@ -32,21 +32,21 @@ def test_the_wires_tell_why(armed) -> None:
 
 def test_a_fault_is_latched_until_a_rising_edge_of_reset(armed) -> None:
     armed.wait(120)
-    armed.beat(20)
+    armed.cycle(20)
     assert armed.state == "FAULT_HOLD"
-    armed.beat(2, control_reset=1)
+    armed.cycle(2, control_reset=1)
     assert armed.state == "HOLD", "M is still set, but moving again needs its edge"
-    armed.beat(2, control_reset=0, control_active=0)
-    armed.beat(2, control_active=1)
+    armed.cycle(2, control_reset=0, control_active=0)
+    armed.cycle(2, control_active=1)
     assert armed.state == "ACTIVE"
     assert armed.read("emergency.code") == 0
 
 
 def test_holding_means_that_the_set_point_stands_still(armed) -> None:
     armed.apply(lateral_control=2)
-    armed.beat(100, lateral_displacement_setpoint=0.010)
+    armed.cycle(100, lateral_displacement_setpoint=0.010)
     armed.values[TABLE.index["lateral.displacement_setpoint"]] = 0.030
-    armed.beat(1)
+    armed.cycle(1)
     armed.wait(100)
     assert armed.state == "FAULT_HOLD"
     armed.wait(300)
@@ -72,7 +72,7 @@ def test_spoilt_commands_feed_no_watchdog(armed) -> None:
         send(spoilt, peer)
 
     armed.rig.receive = spoil
-    armed.beat(7)
+    armed.cycle(7)
     assert armed.state == "FAULT_HOLD"
     assert armed.rig.values[TABLE.index["rig.rejected_commands"]] == 28
 
@@ -87,7 +87,7 @@ def test_a_closed_connection_holds_within_two_ticks(armed) -> None:
 
 def test_somebody_elses_closed_connection_changes_nothing(armed) -> None:
     armed.rig.peer_lost("can:2")
-    armed.beat(5)
+    armed.cycle(5)
     assert armed.state == "ACTIVE"
 
 
@@ -95,8 +95,8 @@ def test_a_second_commander_is_not_heard(armed) -> None:
     intruder = type(armed)(armed.rig, 2)
     intruder.bear(armed.token)
     for _ in range(10):
-        intruder.beat(1, control_enable=0)
-        armed.beat(1)
+        intruder.cycle(1, control_enable=0)
+        armed.cycle(1)
     assert armed.state == "ACTIVE"
 
 

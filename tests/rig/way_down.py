@@ -109,7 +109,7 @@ def disable(commander) -> None:
 def black_hole(commander) -> None:
     """The connection of the commander to Modbus stays open and says no more; its frames still come."""
     assert commander.ask(b"\x06\0\1\0\xc8")[0] == 6, "a watchdog of 200 ms"
-    commander.beat(15)
+    commander.cycle(15)
 
 
 LOSSES = {act.__name__: act for act in (go_silent, lose_can, black_hole, press_estop, cut_power, disable)}
@@ -145,16 +145,16 @@ def way_back(commander) -> None:
     commander.rig.release_estop()
     commander.take_lease()
     for _ in range(4):
-        commander.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
+        commander.cycle(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
         if commander.state == "DISABLED":
             break
         if commander.state == "OFF":
             assert commander.coil("power_on")[0] == 5
-            commander.beat(30)
+            commander.cycle(30)
         elif commander.state in ("FAULT_HOLD", "HOLD", "ACTIVE", "AIR_LOW", "AIR_HIGH"):
             commander.coil("disable")
         else:
-            commander.beat(2, control_reset=1)
+            commander.cycle(2, control_reset=1)
     assert commander.state == "DISABLED", told(commander)
     way_down(commander)
     assert commander.coil("power_off")[0] == 5

@@ -76,7 +76,7 @@ def test_a_whole_plan_gives_its_verdict_through_a_bad_link(memory_site, tmp_path
 
 @on_every_wire
 def test_the_rig_holds_when_most_commands_are_lost(site, through):
-    """Of 20 commands in 100 ms (five beats of four) the five that feed the watchdog are lost every second time."""
+    """Of 20 commands in 100 ms (five cycles of four) the five that feed the watchdog are lost every second time."""
     bench = through(Faults())
     bench.arm()
     bench.lateral.move_to(2 * mm, rate=20 * mm / s)
@@ -93,7 +93,7 @@ def test_the_rig_holds_when_most_commands_are_lost(site, through):
 
 @in_memory
 def test_no_late_command_turns_the_bench_back(site, through):
-    """A third of all commands comes up to five beats late, behind its successors: what moves up never moves down."""
+    """A third of all commands comes up to five cycles late, behind its successors: what moves up never moves down."""
     bench = through(Faults(delay=0.33, delay_frames=20))
     bench.arm()
     with site.listening() as heard:
@@ -101,7 +101,7 @@ def test_no_late_command_turns_the_bench_back(site, through):
     path = heard.series("platform.vertical")
     path = path[~np.isnan(path)]
     assert path[-1] - path[0] > 15 * mm
-    # Noise of 5 µm and steps of 10 µm; one beat of the ramp is 400 µm.
+    # Noise of 5 µm and steps of 10 µm; one cycle of the ramp is 400 µm.
     assert np.diff(path).min() > -50e-6
     assert bench.rig.rejected_commands > 10, "such commands did come"
 

@@ -136,13 +136,13 @@ class ForeignCommander:
 
     def _run(self) -> None:
         start = time.monotonic()
-        beat = 0
+        cycle = 0
         while not self._stop.is_set():
             self._send("Control", {"control_token": self.token, **self.bits})
             axes = {"platform_lateral_setpoint": 0, "platform_roll_setpoint": 0}
             self._send("PlatformSetpoints", {"platform_vertical_setpoint": self.platform, **axes})
-            beat += 1
-            time.sleep(max(0.0, start + beat * 0.02 - time.monotonic()))
+            cycle += 1
+            time.sleep(max(0.0, start + cycle * 0.02 - time.monotonic()))
 
     def _send(self, name: str, values: dict[str, float]) -> None:
         message = self._database.get_message_by_name(name)

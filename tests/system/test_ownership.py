@@ -17,7 +17,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 from drivers.bench import Bench
 from drivers.can_port import open_can
-from drivers.commander import BEAT
+from drivers.commander import CYCLE
 from drivers.errors import BenchError, LinkLost, NotCommander
 from drivers.modbus_port import open_modbus
 from drivers.wiring.own import own_wiring
@@ -156,7 +156,7 @@ def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
     encoder, values, stranger = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.can()
     values[TABLE.index["control.enable"]] = 1
     rows = encoder.rows(["Control", "DisplacementSetpoints"])
-    task = site.clock.every(BEAT, lambda: stranger.send(encoder.encode(values, rows, 0)))
+    task = site.clock.every(CYCLE, lambda: stranger.send(encoder.encode(values, rows, 0)))
     try:
         # What the test before has left comes to rest: a bolster that swings sideways trips a limit when it is held.
         site.wait(4 * s)

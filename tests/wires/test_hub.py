@@ -278,11 +278,11 @@ def busy(rig: Rig, numbered: Callable[..., Block]) -> Iterator[None]:
     stop = threading.Event()
 
     def run() -> None:
-        start, beat = time.monotonic(), 0
+        start, cycle = time.monotonic(), 0
         while not stop.is_set():
-            rig.hub.publish(numbered(10, 10 * beat))
-            beat += 1
-            stop.wait(max(0.0, start + beat * 0.003 - time.monotonic()))
+            rig.hub.publish(numbered(10, 10 * cycle))
+            cycle += 1
+            stop.wait(max(0.0, start + cycle * 0.003 - time.monotonic()))
 
     thread = threading.Thread(target=run)
     thread.start()

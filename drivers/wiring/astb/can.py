@@ -1,4 +1,4 @@
-"""Our own CAN: the table's frames become samples, and set-points become the protected frames of every beat.
+"""Our own CAN: the table's frames become samples, and set-points become the protected frames of every cycle.
 
 Commands that a bus echoes back are not readings: only messages *from the rig* are decoded.
 """
@@ -18,12 +18,12 @@ from bench_protocol.frames import Block, copied
 from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
-from drivers.wiring.contract import Beating, Floats, Hear, Ints
+from drivers.wiring.contract import CyclicStream, Floats, Hear, Ints
 
 if TYPE_CHECKING:
     from bench_protocol.clock import Clock
-    from drivers.beat import Beat
     from drivers.can_port import CanPort
+    from drivers.cycle import Cycle
     from drivers.wire import Wire
 
 STALE_AFTER: Final = 100 * ms
@@ -100,10 +100,10 @@ class AstbEar:
 
 
 class AstbOutlet:
-    """Sends the protected command messages, one block per beat.
+    """Sends the protected command messages, one block per cycle.
 
     In real time the stream goes on while the interpreter is held by what computes, for ``AUTONOMY`` at most
-    (`drivers.beat`).
+    (`drivers.cycle`).
     """
 
     def __init__(self, table: Table, port: CanPort) -> None:
@@ -115,41 +115,41 @@ class AstbOutlet:
         self._rows = self._encoder.rows(commands)
 
     def bear(self, token: int) -> None:
-        """Let all that is sent from now on be that of the holder with ``token``; not while the beat goes on."""
+        """Let all that is sent from now on be that of the holder with ``token``; not while the cycle goes on."""
         self._encoder.bind(token)
 
     def send(self, values: Floats, time: int) -> None:
         """Send a block by the port: in virtual time, and on buses that only Python can write to."""
         self._port.send(self._encoder.encode(values, self._rows, time))
 
-    def beat(self, beating: Beating) -> Task | None:
+    def send_cyclic(self, stream: CyclicStream) -> Task | None:
         """Let compiled code write to the port's wire, if it has one."""
-        from drivers import beat
+        from drivers import cycle
 
         wire = self._port.wire
-        if wire is None or not beat.COMPILED or not isinstance(beating.clock, RealClock):
+        if wire is None or not cycle.COMPILED or not isinstance(stream.clock, RealClock):
             return None
-        state = beat.Beat.of(self._encoder, self._rows, beating.setpoints)
-        return _PunctualTask(state, wire, beating, beating.clock)
+        state = cycle.Cycle.of(self._encoder, self._rows, stream.setpoints)
+        return _PunctualTask(state, wire, stream, stream.clock)
 
 
 class _PunctualTask:
-    """The compiled beat in a thread of its own, and Python's word from time to time that the plan lives."""
+    """The compiled cycle in a thread of its own, and Python's word from time to time that the plan lives."""
 
-    def __init__(self, state: Beat, wire: Wire, beating: Beating, clock: RealClock) -> None:
-        self._counts, self._ahead = state.counts, AUTONOMY // beating.period
-        begin = clock.monotonic(beating.start)
-        period = clock.monotonic(beating.start + beating.period) - begin
+    def __init__(self, state: Cycle, wire: Wire, stream: CyclicStream, clock: RealClock) -> None:
+        self._counts, self._ahead = state.counts, AUTONOMY // stream.period
+        begin = clock.monotonic(stream.start)
+        period = clock.monotonic(stream.start + stream.period) - begin
 
         def run() -> None:
-            from drivers.beat import run_beats
+            from drivers.cycle import run_cycles
 
             hurry(_PRIORITY)
-            gate, door = beating.gate.address, wire.gate.address
-            error = run_beats(state, gate, wire.descriptor, door, wire.lines, begin, period)
+            gate, door = stream.gate.address, wire.gate.address
+            error = run_cycles(state, gate, wire.descriptor, door, wire.lines, begin, period)
             if error:
                 wire.cut()  # half a line may be out
-                beating.failed(LinkLost(f"frames could not be sent: {os.strerror(error)}"))
+                stream.failed(LinkLost(f"frames could not be sent: {os.strerror(error)}"))
 
         self._grant()
         self._granting = clock.every(_GRANT, self._grant)

@@ -128,7 +128,7 @@ class ModbusTransport:
         self._writing = threading.RLock()
         self._port: ModbusPort | None = None
         self._clock: Clock | None = None
-        self._beats = 0
+        self._cycles = 0
 
     def _check_sizes(self, where: str) -> None:
         most = self._keys.request_max
@@ -274,7 +274,7 @@ class ModbusTransport:
             self._writer.write(coded, partial(self._ask, patient=patient))
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next beat of the stream; NaN leaves what was there."""
+        """Take values that are written with the next cycle of the stream; NaN leaves what was there."""
         self._ear.check()
         news = {}
         for name, value in points.items():
@@ -329,8 +329,8 @@ class ModbusTransport:
             return
         name = self._alive[0]
         _, high = self._points[name].range()
-        self._beats += 1
-        self._in_background({name: self._beats % (min(high, 65535.0) + 1)})
+        self._cycles += 1
+        self._in_background({name: self._cycles % (min(high, 65535.0) + 1)})
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
         """Write ``values``; return what the device has against them, ``before`` if it has said nothing new."""

@@ -122,7 +122,7 @@ class OpcUaTransport:
         self._known: dict[str, float] = {}
         self._news_lock, self._closing = threading.Lock(), threading.Lock()
         self._writing = threading.RLock()
-        self._beats = 0
+        self._cycles = 0
 
     # -- what there is -------------------------------------------------------------------------------------------
 
@@ -166,7 +166,7 @@ class OpcUaTransport:
         except BenchError:
             self.close()
             raise
-        self._ear.recur(self._every, self._beat)
+        self._ear.recur(self._every, self._cycle)
         if self._alive is not None:
             self._ear.recur(self._alive[1], self._count)
 
@@ -347,7 +347,7 @@ class OpcUaTransport:
         with self._news_lock:
             self._news.append((self._clock.now(), name, self._number(name, value)))
 
-    def _beat(self) -> None:
+    def _cycle(self) -> None:
         """Write what is streamed, hand on what is new, and, if the server answers, what is as it was."""
         assert self._clock is not None
         try:
@@ -375,10 +375,10 @@ class OpcUaTransport:
     def _count(self) -> None:
         assert self._alive is not None and self._clock is not None
         if self._grant.given(self._clock.now()):
-            self._beats += 1
+            self._cycles += 1
             with contextlib.suppress(LinkLost, Refused):
                 highest = _SMALLER_COUNTS.get(self._type(self._alive[0]).name, _COUNT_MAX)
-                self._in_background({self._alive[0]: float(self._beats % (highest + 1))})
+                self._in_background({self._alive[0]: float(self._cycles % (highest + 1))})
 
     @property
     def refusal(self) -> Refusal | None:

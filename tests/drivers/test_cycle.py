@@ -1,4 +1,4 @@
-"""The compiled beat: the bytes of the codecs in Python, whole on the wire, without the interpreter but not for long."""
+"""The compiled cycle: bytes of the codecs in Python, whole on the wire, without the interpreter but not for long."""
 
 import ctypes
 import errno
@@ -19,8 +19,8 @@ from bench_protocol.socketcand import Parser, Sent, send_bytes
 from bench_protocol.system.gate import Gate
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
-from drivers.beat import COMPILED, Beat, frames_to_text, run_beats
-from drivers.commander import BEAT, Commander
+from drivers.commander import CYCLE, Commander
+from drivers.cycle import COMPILED, Cycle, frames_to_text, run_cycles
 from drivers.errors import LinkLost
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
@@ -80,7 +80,7 @@ class Peer:
         """Begin to stream, and return when the compiled loop is at work."""
         self.commander.start()
         for _ in range(100):
-            RealClock().sleep_until(BEAT)
+            RealClock().sleep_until(CYCLE)
             if self.waiting().size:
                 return
         pytest.fail("no block came within 2 s")
@@ -92,7 +92,7 @@ class Peer:
         for _ in range(100):
             if self.commander.failure:
                 break
-            clock.sleep_until(clock.now() + BEAT)
+            clock.sleep_until(clock.now() + CYCLE)
 
     def close(self):
         self.commander.stop()
@@ -107,7 +107,9 @@ def peer():
     one.close()
 
 
-compiled_only = pytest.mark.skipif(not COMPILED, reason="NUMBA_DISABLE_JIT: every beat needs the interpreter")
+compiled_only = pytest.mark.skipif(
+    not COMPILED, reason="NUMBA_DISABLE_JIT: every cycle needs the interpreter"
+)
 
 
 def hold_the_interpreter(seconds):
@@ -123,31 +125,31 @@ def test_the_stream_goes_on_while_a_library_holds_the_interpreter(peer):
     peer.commander.ramp("lateral.force_setpoint", 5000.0, 10_000.0)
     hold_the_interpreter(300 * ms)
     frames = peer.waiting()
-    assert frames.size >= 4 * 10, "ten beats of four frames, while no Python ran"
+    assert frames.size >= 4 * 10, "ten cycles of four frames, while no Python ran"
     decoder = Decoder(TABLE)
     samples = decoder.decode(frames)
     assert decoder.tally[3] == 0, "the counters are in sequence"
     forces = samples.values[samples.signals == TABLE.index["lateral.force_setpoint"]]
-    assert np.diff(forces[1:]) == pytest.approx(10_000.0 * BEAT / NS, abs=1.01), "and so is the ramp"
+    assert np.diff(forces[1:]) == pytest.approx(10_000.0 * CYCLE / NS, abs=1.01), "and so is the ramp"
     assert peer.commander.failure is None
 
 
 @compiled_only
 @pytest.mark.real_time
-def test_a_waveform_arrives_beat_by_beat_while_a_library_holds_the_interpreter(peer):
+def test_a_waveform_arrives_cycle_by_cycle_while_a_library_holds_the_interpreter(peer):
     peer.commander.set("lateral.force_setpoint", 0.0)
     peer.start()
-    beats = 1000.0 * np.sin(np.pi * np.arange(26) / 25) ** 2
-    peer.commander.play({"lateral.force_setpoint": beats})
+    cycles = 1000.0 * np.sin(np.pi * np.arange(26) / 25) ** 2
+    peer.commander.play({"lateral.force_setpoint": cycles})
     hold_the_interpreter(300 * ms)
     clock = RealClock()
-    clock.sleep_until(clock.now() + 20 * BEAT)
+    clock.sleep_until(clock.now() + 20 * CYCLE)
     decoder = Decoder(TABLE)
     samples = decoder.decode(peer.waiting())
-    assert decoder.tally[3] == 0, "no beat is lost"
+    assert decoder.tally[3] == 0, "no cycle is lost"
     forces = samples.values[samples.signals == TABLE.index["lateral.force_setpoint"]]
-    first = int(np.argmax(forces > 0.0)) - 1  # the first beat of it is still at rest
-    assert forces[first : first + 26] == pytest.approx(beats, abs=1.01), "none twice, none changed"
+    first = int(np.argmax(forces > 0.0)) - 1  # the first cycle of it is still at rest
+    assert forces[first : first + 26] == pytest.approx(cycles, abs=1.01), "none twice, none changed"
     assert (forces[first + 26 :] == 0.0).all()
 
 
@@ -157,10 +159,10 @@ def test_a_plan_that_is_stuck_is_not_alive(peer):
     """What the stream does without Python is bounded; afterwards it goes on."""
     peer.start()
     hold_the_interpreter(AUTONOMY / NS + 400 * ms)
-    granted = AUTONOMY // BEAT
+    granted = AUTONOMY // CYCLE
     assert granted - 6 <= peer.waiting().size // 4 <= granted + 1
     clock = RealClock()
-    clock.sleep_until(clock.now() + 10 * BEAT)
+    clock.sleep_until(clock.now() + 10 * CYCLE)
     assert peer.waiting().size >= 4 * 3
     assert peer.commander.failure is None
 
@@ -182,24 +184,24 @@ def test_a_far_end_that_has_gone_ends_the_stream(peer):
     peer.far = socket.socket()
 
 
-def _beating(wire, blocks):
-    """Return a thread that beats every millisecond, and where it puts its end."""
+def _sending(wire, blocks):
+    """Return a thread that sends every millisecond, and where it puts its end."""
     encoder = Encoder(TABLE)
-    beat = Beat.of(encoder, encoder.rows(["Control", "ForceSetpoints"]), Setpoints.of(len(TABLE.signals)))
-    beat.counts["granted"] = blocks
+    cycle = Cycle.of(encoder, encoder.rows(["Control", "ForceSetpoints"]), Setpoints.of(len(TABLE.signals)))
+    cycle.counts["granted"] = blocks
     gate, clock, end = Gate(), RealClock(), []
 
     def run():
         start, period = clock.monotonic(clock.now()), round(1 * ms * NS)
-        end.append(run_beats(beat, gate.address, wire.descriptor, wire.gate.address, True, start, period))
+        end.append(run_cycles(cycle, gate.address, wire.descriptor, wire.gate.address, True, start, period))
 
-    return threading.Thread(target=run), beat, end
+    return threading.Thread(target=run), cycle, end
 
 
 @compiled_only
 def test_a_full_socket_is_waited_for_and_every_line_arrives_whole(peer):
     peer.near.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-    thread, beat, end = _beating(peer.wire, 300)
+    thread, cycle, end = _sending(peer.wire, 300)
     thread.start()
     clock, frames = RealClock(), []
     for _ in range(400):
@@ -207,7 +209,7 @@ def test_a_full_socket_is_waited_for_and_every_line_arrives_whole(peer):
         if sum(part.size for part in frames) >= 600:
             break
         clock.sleep_until(clock.now() + round(15 * ms * NS))
-    beat.counts["stop"] = 1
+    cycle.counts["stop"] = 1
     thread.join()
     assert end == [0]
     identifiers = join(frames)["id"].tolist()
@@ -217,7 +219,7 @@ def test_a_full_socket_is_waited_for_and_every_line_arrives_whole(peer):
 @compiled_only
 def test_a_socket_that_stays_full_is_an_error(peer):
     peer.near.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-    thread, _, end = _beating(peer.wire, 10_000)
+    thread, _, end = _sending(peer.wire, 10_000)
     thread.start()
     thread.join(20)
     assert end == [errno.ETIMEDOUT]

@@ -1,6 +1,6 @@
-"""How steadily set-points arrive while a plan computes, beside a stream that needs the interpreter for every beat.
+"""How steadily set-points arrive while a plan computes, beside a stream that needs the interpreter for every cycle.
 
-python -m benchmarks.commander_beats PORT PLAN WAY    streams until its input ends; WAY is compiled or interpreted
+python -m benchmarks.commander_cycles PORT PLAN WAY    streams until its input ends; WAY is compiled or interpreted
 """
 
 import contextlib
@@ -102,7 +102,7 @@ def run(effort: Effort) -> Section:
                     compare(
                         f"silence while the plan {plan}, {name}",
                         [float(np.percentile(compiled, quantile))],
-                        "the interpreter beats",
+                        "the interpreter sends",
                         [float(np.percentile(interpreted, quantile))],
                         aim=f"under {SILENCE / ms:g} ms" if quantile == 100.0 else "",
                         met=bool(compiled.max() < SILENCE) if quantile == 100.0 else None,
@@ -114,7 +114,7 @@ def run(effort: Effort) -> Section:
         f"In C the plan's thread keeps the interpreter for {CALL / ms:g} ms a call. "
         f"The stream outlives a stuck interpreter by {AUTONOMY * 1e-6:g} ms, no longer.",
     )
-    return Section("The commander's beats", rows, notes)
+    return Section("The commander's cycles", rows, notes)
 
 
 def measure(plan: str, seconds: int) -> list[NDArray[np.float64]]:
@@ -123,7 +123,7 @@ def measure(plan: str, seconds: int) -> list[NDArray[np.float64]]:
     with contextlib.ExitStack() as stack:
         for listener, way in zip(listeners, WAYS, strict=True):
             listener.start()
-            command = sys.executable, "-m", "benchmarks.commander_beats", str(listener.port), plan, way
+            command = sys.executable, "-m", "benchmarks.commander_cycles", str(listener.port), plan, way
             stack.enter_context(child(*command)).stdout.readline()
         time.sleep(WARM_UP)
         start = time.monotonic_ns()

@@ -1,10 +1,10 @@
-"""The beat of the command stream, compiled: ramps, frames, and their bytes on the wire without the interpreter.
+"""The cycle of the command stream, compiled: ramps, frames, and their bytes on the wire without the interpreter.
 
 A plan computes, and whatever computes holds the interpreter: 47 ms and more in one call of a C library. The rig takes
-100 ms of silence for the loss of its commander. So in real time the beat neither needs the interpreter nor waits for
+100 ms of silence for the loss of its commander. So in real time the cycle neither needs the interpreter nor waits for
 it: it sleeps, moves the set-points, encodes and writes to the socket in compiled code.
 
-It does so for a plan that lives. Python gives it a number of beats in advance and renews them all the time; when they
+It does so for a plan that lives. Python gives it a number of cycles in advance and renews them all the time; when they
 are used up, because the interpreter has been stuck for that long, nothing more is sent and the rig does what is right.
 In virtual time, and on buses that only Python can write to, Python makes each block with the same codec.
 """
@@ -35,11 +35,11 @@ COUNTS: Final = np.dtype(
     [
         ("sent", "<i8"),  # blocks
         ("granted", "<i8"),  # blocks that may be sent in all without a further word from Python
-        ("stop", "<i8"),  # 1: come back before the next beat
+        ("stop", "<i8"),  # 1: come back before the next cycle
     ]
 )
 
-#: How long the beat waits for room in a socket, ns.
+#: How long the cycle waits for room in a socket, ns.
 _PATIENCE: Final = round(200 * ms * NS)
 _NAP: Final = round(1 * ms * NS)
 
@@ -58,8 +58,8 @@ _errno_location: Final = external("__errno_location", ADDRESS)
 _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 
-class Beat(NamedTuple):
-    """What a beat reads and writes; ``granted`` and ``stop`` of its counts may be written without the gate."""
+class Cycle(NamedTuple):
+    """What a cycle reads and writes; ``granted`` and ``stop`` of its counts may be written without the gate."""
 
     setpoints: Setpoints
     rows: npt.NDArray[np.int64]  #: of the messages that go out
@@ -72,8 +72,8 @@ class Beat(NamedTuple):
     work: npt.NDArray[np.int64]  #: work space of the system calls
 
     @classmethod
-    def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], setpoints: Setpoints) -> "Beat":
-        """Return a beat of the messages ``rows`` of ``encoder``, which carry ``setpoints``."""
+    def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], setpoints: Setpoints) -> "Cycle":
+        """Return a cycle of the messages ``rows`` of ``encoder``, which carry ``setpoints``."""
         return cls(
             setpoints,
             rows,
@@ -88,11 +88,18 @@ class Beat(NamedTuple):
 
 
 @entry
-def make_block(beat: Any, time: int) -> None:
-    """Advance by one beat and encode its frames, stamped ``time`` (ns)."""
-    advance(beat.setpoints)
+def make_block(cycle: Any, time: int) -> None:
+    """Advance by one cycle and encode its frames, stamped ``time`` (ns)."""
+    advance(cycle.setpoints)
     encode_into(
-        beat.setpoints.values, beat.rows, time, beat.messages, beat.fields, beat.counters, beat.frames, 0
+        cycle.setpoints.values,
+        cycle.rows,
+        time,
+        cycle.messages,
+        cycle.fields,
+        cycle.counters,
+        cycle.frames,
+        0,
     )
 
 
@@ -171,23 +178,23 @@ def _send_all(descriptor: int, address: int, size: int, work: Any) -> int:
 
 
 @entry
-def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start: int, period: int) -> int:
+def send_cycles(cycle: Any, gate: int, wire: Any, door: int, lines: bool, start: int, period: int) -> int:
     """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
 
-    ``gate`` and ``door`` are the addresses of the gates of the beat and of the ``wire`` (1,), a descriptor.
+    ``gate`` and ``door`` are the addresses of the gates of the cycle and of the ``wire`` (1,), a descriptor.
     """
-    counts = beat.counts[0]
+    counts = cycle.counts[0]
     due = start
     while True:
         due += period
-        sleep_until(due, beat.work)
+        sleep_until(due, cycle.work)
         lock_mutex(gate)
         go = counts.stop == 0 and counts.sent < counts.granted
         size = 0
         if go:
             counts.sent += 1
-            make_block(beat, 0)
-            size = write_text(beat.frames, beat.text, lines)
+            make_block(cycle, 0)
+            size = write_text(cycle.frames, cycle.text, lines)
         stop = counts.stop != 0
         unlock_mutex(gate)
         if stop:
@@ -199,14 +206,14 @@ def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start:
         error = 0
         for first in range(0, size, piece):
             if error == 0:
-                error = _send_all(wire[0], beat.text.ctypes.data + first, piece, beat.work)
+                error = _send_all(wire[0], cycle.text.ctypes.data + first, piece, cycle.work)
         unlock_mutex(door)
         if error != 0:
             return error
 
 
-_BEAT: Final = Beat.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0))
-frames_to_text: Final = bind(write_text, _BEAT.frames, _BEAT.text, True)
-run_beats: Final = bind(keep_beating, _BEAT, 0, np.zeros(1, np.int64), 0, True, 0, 0)
-#: With ``NUMBA_DISABLE_JIT=1`` no beat can do without the interpreter.
-COMPILED: Final = hasattr(keep_beating, "get_overload")
+_CYCLE: Final = Cycle.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0))
+frames_to_text: Final = bind(write_text, _CYCLE.frames, _CYCLE.text, True)
+run_cycles: Final = bind(send_cycles, _CYCLE, 0, np.zeros(1, np.int64), 0, True, 0, 0)
+#: With ``NUMBA_DISABLE_JIT=1`` no cycle can do without the interpreter.
+COMPILED: Final = hasattr(send_cycles, "get_overload")
