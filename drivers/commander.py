@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bench_protocol.clock import Clock, Task, every_without_late
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
-from bench_protocol.system.gate import Gate
+from bench_protocol.system.mutex import Mutex
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
 from drivers.wiring.contract import CyclicOutlet, CyclicStream, Wiring, refuse_absent
@@ -45,7 +45,7 @@ class Commander:
         for signal in self._table.of_kind(Kind.SETPOINT):
             if signal.choices:
                 self._values[self._table.index[signal.name]] = 0.0
-        self._gate = Gate()
+        self._mutex = Mutex()
         self._task: Task | None = None
         self.origin = clock.now()  #: cycles are at ``origin + k * CYCLE``
         self.failure: LinkLost | None = None
@@ -60,7 +60,7 @@ class Commander:
         outlet = self._wiring.outlet
         if isinstance(outlet, CyclicOutlet):
             self._task = outlet.send_cyclic(
-                CyclicStream(self._setpoints, self._gate, self._clock, self.origin, CYCLE, self._fail)
+                CyclicStream(self._setpoints, self._mutex, self._clock, self.origin, CYCLE, self._fail)
             )
         if self._task is None:
             # After a stall set-points go on from where they were, one step at a time.
@@ -102,7 +102,7 @@ class Commander:
         rows, ends = self._checked(targets)
         self._wiring.begin()
         pace = rate * CYCLE / NS
-        cycles = self._moving.start_ramps(self._setpoints, self._gate.address, rows, ends, pace)
+        cycles = self._moving.start_ramps(self._setpoints, self._mutex.address, rows, ends, pace)
         if math.isnan(cycles):
             name = next(name for name in targets if math.isnan(self.value(name)))
             raise Misuse(f"{name} has no value yet to start a ramp from; arm the bench, or set it first")
@@ -136,7 +136,7 @@ class Commander:
                     f"{name} would be {signal.show(places[first])} at {first * CYCLE / NS:g} s of the waveform, "
                     f"and can be {signal.range_text()}"
                 )
-        if not self._moving.play_waveform(self._setpoints, self._gate.address, rows, table):
+        if not self._moving.play_waveform(self._setpoints, self._mutex.address, rows, table):
             name = next(name for name in offsets if math.isnan(self.value(name)))
             raise Misuse(
                 f"{name} has no value yet for a waveform to begin from; arm the bench, or set it first"
@@ -161,10 +161,10 @@ class Commander:
 
     def freeze(self) -> None:
         """End all ramps and the waveform where they are."""
-        self._moving.end_moves(self._setpoints, self._gate.address)
+        self._moving.end_moves(self._setpoints, self._mutex.address)
 
     def _change(self, rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
-        self._moving.set_values(self._setpoints, self._gate.address, rows, values)
+        self._moving.set_values(self._setpoints, self._mutex.address, rows, values)
 
     def _checked(self, values: Mapping[str, float]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Return rows and values of set-points that the wire can carry; ValueError or Misuse for any other."""
@@ -183,7 +183,7 @@ class Commander:
         """Hand a cycle to the outlet: in virtual time, and to whatever only Python can send."""
         if self.failure is not None:
             return
-        with self._gate:
+        with self._mutex:
             self._moving.next_cycle(self._setpoints)
             values = self._values.copy()
         try:

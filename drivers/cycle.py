@@ -59,7 +59,7 @@ _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 
 class Cycle(NamedTuple):
-    """What a cycle reads and writes; ``granted`` and ``stop`` of its counts may be written without the gate."""
+    """What a cycle reads and writes; ``granted`` and ``stop`` of its counts may be written without the mutex."""
 
     setpoints: Setpoints
     rows: npt.NDArray[np.int64]  #: of the messages that go out
@@ -178,17 +178,19 @@ def _send_all(descriptor: int, address: int, size: int, work: Any) -> int:
 
 
 @entry
-def send_cycles(cycle: Any, gate: int, wire: Any, door: int, lines: bool, start: int, period: int) -> int:
+def send_cycles(
+    cycle: Any, mutex: int, wire: Any, wire_mutex: int, lines: bool, start: int, period: int
+) -> int:
     """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
 
-    ``gate`` and ``door`` are the addresses of the gates of the cycle and of the ``wire`` (1,), a descriptor.
+    ``mutex`` and ``wire_mutex`` are the addresses of the mutexes of the cycle and of the ``wire`` (1,), a descriptor.
     """
     counts = cycle.counts[0]
     due = start
     while True:
         due += period
         sleep_until(due, cycle.work)
-        lock_mutex(gate)
+        lock_mutex(mutex)
         go = counts.stop == 0 and counts.sent < counts.granted
         size = 0
         if go:
@@ -196,18 +198,18 @@ def send_cycles(cycle: Any, gate: int, wire: Any, door: int, lines: bool, start:
             make_block(cycle, 0)
             size = write_text(cycle.frames, cycle.text, lines)
         stop = counts.stop != 0
-        unlock_mutex(gate)
+        unlock_mutex(mutex)
         if stop:
             return 0
         if not go:
             continue
         piece = size if lines else _CAN_FRAME
-        lock_mutex(door)
+        lock_mutex(wire_mutex)
         error = 0
         for first in range(0, size, piece):
             if error == 0:
                 error = _send_all(wire[0], cycle.text.ctypes.data + first, piece, cycle.work)
-        unlock_mutex(door)
+        unlock_mutex(wire_mutex)
         if error != 0:
             return error
 

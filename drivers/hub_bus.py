@@ -128,7 +128,7 @@ class HubBus(can.BusABC):
         Raises can.CanOperationError if the server is gone or has not taken the frames within the bus's timeout.
         """
         lines = socketcand.send_bytes(block)
-        with self.wire.gate:
+        with self.wire.mutex:
             if self._lost:
                 raise can.CanOperationError(self._lost)
             if not self.wire.usable:

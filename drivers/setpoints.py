@@ -1,6 +1,6 @@
-"""The set-points of a bench, the ramps and the waveform on which they move, changed in compiled code that holds a gate.
+"""The set-points of a bench, the ramps and the waveform on which they move, changed in compiled code under a mutex.
 
-Python, once it has the gate, may have to wait for the interpreter, and whatever keeps the cycle with it.
+Python, once it has the mutex, may have to wait for the interpreter, and whatever keeps the cycle with it.
 """
 
 import math
@@ -38,7 +38,7 @@ WAVEFORM: Final = np.dtype(
 
 
 class Setpoints(NamedTuple):
-    """Set-points by table row. A single number can be read without the gate."""
+    """Set-points by table row. A single number can be read without the mutex."""
 
     values: npt.NDArray[np.float64]  #: SI, NaN where none was given yet
     ramps: npt.NDArray[np.void]  #: `RAMP`
@@ -71,7 +71,7 @@ _DIGEST: Final = _digest()
 
 
 def entry(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` to run without the interpreter: whoever waits at a gate keeps nobody from anything else."""
+    """Compile ``function`` to run without the interpreter: whoever waits for a mutex keeps nobody else waiting."""
     return cached(function, _DIGEST, nogil=True)
 
 
@@ -109,22 +109,22 @@ def _release(setpoints: Any, row: int) -> None:
 
 
 @entry
-def change(setpoints: Any, gate: int, rows: Any, values: Any) -> None:
-    """Let the set-points ``rows`` be ``values`` (SI) from the next cycle on, together; ``gate``: its address."""
-    lock_mutex(gate)
+def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
+    """Let the set-points ``rows`` be ``values`` (SI) from the next cycle on, together; ``mutex``: its address."""
+    lock_mutex(mutex)
     for k in range(rows.size):
         _release(setpoints, rows[k])
         setpoints.values[rows[k]] = values[k]
-    unlock_mutex(gate)
+    unlock_mutex(mutex)
 
 
 @entry
-def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
+def depart(setpoints: Any, mutex: int, rows: Any, ends: Any, pace: float) -> float:
     """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per cycle).
 
     Return how many cycles the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
     """
-    lock_mutex(gate)
+    lock_mutex(mutex)
     longest = 0.0
     for k in range(rows.size):
         longest = max(longest, math.ceil(abs(ends[k] - setpoints.values[rows[k]]) / pace))
@@ -139,17 +139,17 @@ def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> floa
         ramp.step = math.copysign(pace, ramp.end - ramp.start)
         ramp.cycles = 0
         ramp.moving = 1
-    unlock_mutex(gate)
+    unlock_mutex(mutex)
     return longest
 
 
 @entry
-def play(setpoints: Any, gate: int, rows: Any, offsets: Any) -> bool:
+def play(setpoints: Any, mutex: int, rows: Any, offsets: Any) -> bool:
     """Begin to play ``offsets`` (SI, rows × cycles) on where the set-points ``rows`` are now, one column each cycle.
 
     False, and nothing changes, if one of them has no value to begin from.
     """
-    lock_mutex(gate)
+    lock_mutex(mutex)
     given = True
     for k in range(rows.size):
         given = given and not math.isnan(setpoints.values[rows[k]])
@@ -164,23 +164,23 @@ def play(setpoints: Any, gate: int, rows: Any, offsets: Any) -> bool:
             start = setpoints.values[rows[k]]
             for cycle in range(offsets.shape[1]):
                 setpoints.track[k, cycle] = start + offsets[k, cycle]
-    unlock_mutex(gate)
+    unlock_mutex(mutex)
     return given
 
 
 @entry
-def stay(setpoints: Any, gate: int) -> None:
+def stay(setpoints: Any, mutex: int) -> None:
     """End all ramps and the waveform where they are."""
-    lock_mutex(gate)
+    lock_mutex(mutex)
     setpoints.waveform[0].playing = 0
     for row in range(setpoints.ramps.size):
         setpoints.ramps[row].moving = 0
-    unlock_mutex(gate)
+    unlock_mutex(mutex)
 
 
 @entry
 def step(setpoints: Any) -> None:
-    """Move the set-points by one cycle; whoever calls holds the gate."""
+    """Move the set-points by one cycle; whoever calls holds the mutex."""
     advance(setpoints)
 
 

@@ -7,25 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.system.gate import Gate
+from bench_protocol.system.mutex import Mutex
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wire:
-    """A socket to which compiled code may write frames; whoever else writes there enters ``gate`` first.
+    """A socket to which compiled code may write frames; whoever else writes there locks ``mutex`` first.
 
     ``descriptor`` (1,) is -1 once nothing may be written any more; ``lines``: frames travel as lines of the socketcand
     protocol, else as the kernel's struct can_frame, one a message.
     """
 
     descriptor: npt.NDArray[np.int64]
-    gate: Gate
+    mutex: Mutex
     lines: bool
 
     @classmethod
     def on(cls, descriptor: int, *, lines: bool) -> Wire:
         """Return the wire behind a socket's ``descriptor``."""
-        return cls(np.array([descriptor], np.int64), Gate(), lines)
+        return cls(np.array([descriptor], np.int64), Mutex(), lines)
 
     @property
     def usable(self) -> bool:
@@ -34,5 +34,5 @@ class Wire:
 
     def cut(self) -> None:
         """Let nothing be written any more: the socket is about to be closed, or half a line is out."""
-        with self.gate:
+        with self.mutex:
             self.descriptor[0] = -1

@@ -1,4 +1,4 @@
-"""The calls of the operating system and of the interpreter that compiled loops make: sleep, clock, lock, bell.
+"""The calls of the operating system and of the interpreter that compiled loops make: sleep, clock, mutex, eventfd.
 
 Compiled code finds them by a name under which their address is entered here: so what was compiled can be kept, and is
 the same wherever it runs. Addresses are plain integers. With ``NUMBA_DISABLE_JIT=1`` the same functions are called
@@ -69,22 +69,22 @@ else:
 
 
 @inlined
-def enter_gate(gate: int) -> int:
-    """Lock the mutex at address ``gate``, from a thread that has the interpreter; what it returns is for `leave_gate`.
+def lock_yielding(mutex: int) -> int:
+    """Lock the mutex at address ``mutex`` from a thread that has the interpreter; return what `unlock_yielding` needs.
 
-    Whoever is in there may be waiting for the interpreter: so it is not kept by who has to wait.
+    Whoever holds it may be waiting for the interpreter: so it is not kept by who has to wait.
     """
-    if _try_mutex(gate) == 0:
+    if _try_mutex(mutex) == 0:
         return 0
     thread = leave_interpreter()
-    lock_mutex(gate)
+    lock_mutex(mutex)
     return thread
 
 
 @inlined
-def leave_gate(gate: int, thread: int) -> None:
+def unlock_yielding(mutex: int, thread: int) -> None:
     """Unlock the mutex and take the interpreter back, if it was let go."""
-    unlock_mutex(gate)
+    unlock_mutex(mutex)
     if thread != 0:
         enter_interpreter(thread)
 
@@ -105,6 +105,6 @@ def sleep_until(deadline: int, spec: Any) -> None:
 
 
 @inlined
-def ring_bell(descriptor: int, one: Any) -> None:
+def wake(descriptor: int, one: Any) -> None:
     """Wake whoever waits for the eventfd ``descriptor``; ``one``: uint64[1] with a 1 in it."""
     _write(descriptor, one.ctypes.data, 8)

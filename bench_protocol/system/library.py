@@ -1,7 +1,7 @@
 """The C library of this process, and what stands in for its functions where it is not that of Linux.
 
 Compiled code names every function that it calls, and is not loaded where one is missing. In virtual time it calls
-only those of the gate.
+only those of the mutex.
 """
 
 import ctypes

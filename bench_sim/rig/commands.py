@@ -166,7 +166,7 @@ class Incoming(NamedTuple):
 def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
     """Take the frames that have come since the last tick; return whether the supervisor must decide on them.
 
-    What was refused is told in ``published`` (SI by table row); the caller holds the gate.
+    What was refused is told in ``published`` (SI by table row); the caller holds the mutex.
     """
     count = take(incoming.ring, incoming.block, incoming.senders)
     first = 0

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, copied
 from bench_protocol.rates import LATENESS_BINS
-from bench_protocol.system.bell import ring
 from bench_protocol.system.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
+from bench_protocol.system.eventfd import wake
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from bench_sim.rig.compiled import compiled
@@ -46,8 +46,8 @@ PACING: Final = np.dtype(
         ("epoch", "<i8"),  # ns from the rig's time to the time of day
         ("behind", "<i8"),  # 1: the last tick was a stall late
         ("stall", "<i8"),  # ns that the next tick takes longer, as if the machine stood still
-        ("gate", "<i8"),  # address of the gate
-        ("bell", "<i8"),  # eventfd that tells of frames
+        ("mutex", "<i8"),  # address of the mutex
+        ("eventfd", "<i8"),  # eventfd that tells of frames
         ("logged", "<i8"),  # latenesses in the log
     ]
 )
@@ -58,7 +58,7 @@ class Pacing(NamedTuple):
 
     record: npt.NDArray[np.void]  #: one `PACING`
     spec: npt.NDArray[np.int64]  #: work space of the clock
-    one: npt.NDArray[np.uint64]  #: what rings the bell
+    one: npt.NDArray[np.uint64]  #: what is written to the eventfd
     log: npt.NDArray[np.int64]  #: the lateness (ns) of the first ticks, if somebody wants to know them all
 
     @classmethod
@@ -86,15 +86,15 @@ class Pacing(NamedTuple):
         """Whether the tick was told to come back."""
         return bool(self.record[0]["stop"])
 
-    def start(self, rig_time: int, gate: int, bell: int, policy: Late) -> None:
+    def start(self, rig_time: int, mutex: int, eventfd: int, policy: Late) -> None:
         """Begin to keep real time: the next tick is due one period from now.
 
-        ``rig_time``: the rig's in ns; ``gate``: address of the gate; ``bell``: eventfd to be rung for frames.
+        ``rig_time``: the rig's in ns; ``mutex``: address of the mutex; ``eventfd``: written to when frames have left.
         """
         record = self.record[0]
         record["start"], record["ticks"] = now(self.spec), 0
         record["epoch"] = wall_time_ns() - rig_time
-        record["policy"], record["gate"], record["bell"] = policy, gate, bell
+        record["policy"], record["mutex"], record["eventfd"] = policy, mutex, eventfd
         record["paced"] = 1
 
     def stop(self) -> None:
@@ -105,9 +105,9 @@ class Pacing(NamedTuple):
         """Go back to time without waiting; the tick must have come back before."""
         self.record[0]["paced"] = self.record[0]["stop"] = 0
 
-    def ring(self) -> None:
-        """Ring the bell from Python."""
-        ring(int(self.record[0]["bell"]))
+    def wake(self) -> None:
+        """Wake who waits for the eventfd, from Python."""
+        wake(int(self.record[0]["eventfd"]))
 
     def dated(self, block: Block) -> Block:
         """Return ``block``, stamped with the rig's time, with the time of day instead."""
@@ -122,7 +122,7 @@ class Pacing(NamedTuple):
 
 @compiled
 def await_tick(pacing: Any) -> int:
-    """Sleep until the next tick is due and shut the gate; return how late that is (ns)."""
+    """Sleep until the next tick is due and lock the mutex; return how late that is (ns)."""
     p = pacing.record[0]
     p.ticks += 1
     deadline = p.start + p.ticks * TICK_NS
@@ -136,16 +136,16 @@ def await_tick(pacing: Any) -> int:
         # Without this pause the catching up would count them as missing and trip the watchdog.
         sleep_until(instant + _PAUSE, pacing.spec)
     p.behind = late > _STALL
-    lock_mutex(p.gate)
+    lock_mutex(p.mutex)
     return late
 
 
 @compiled
 def put_off(pacing: Any) -> None:
-    """Open the gate before the tick has run: the next one that is awaited is this one."""
+    """Unlock the mutex before the tick has run: the next one that is awaited is this one."""
     p = pacing.record[0]
     p.ticks -= 1
-    unlock_mutex(p.gate)
+    unlock_mutex(p.mutex)
 
 
 @compiled

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from bench_protocol.clock import RealClock, hurry, hurry_process, wall_time_ns
-from bench_protocol.system.bell import open_bell
+from bench_protocol.system.eventfd import open_eventfd
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture
@@ -55,7 +55,7 @@ def run_rig(
         stack.callback(bus.close)
         if wire:
             stack.callback(wire.close)
-        bell = stack.enter_context(open_bell())
+        eventfd = stack.enter_context(open_eventfd())
         servers = stack.enter_context(
             serve_in_thread(
                 hub,
@@ -68,8 +68,8 @@ def run_rig(
                 capture_port=capture_port or 0,
                 allow_remote=allow_remote,
                 beacon=beacon,
-                bell=bell,
-                on_bell=lambda: bus.publish(rig.collect()),
+                eventfd=eventfd,
+                on_wake=lambda: bus.publish(rig.collect()),
             )
         )
         for stage in (*stages, capture) if capture else stages:
@@ -77,7 +77,7 @@ def run_rig(
         rig.faults.points.connect(Wires(bus, hub, modbus_server))
         bus.publish(rig.run(1))  # loads the compiled tick before the first deadline
         stack.enter_context(_undisturbed())
-        with _ticking(rig, bell, policy, stop):
+        with _ticking(rig, eventfd, policy, stop):
             can_address = interface or f"socketcand://{host}:{servers.can_port}"
             ready(can_address, f"{host}:{servers.modbus_port}", str(servers.control))
             stop.wait()
@@ -108,14 +108,14 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
 
 
 @contextlib.contextmanager
-def _ticking(rig: Rig, bell: int, policy: Late, stop: threading.Event) -> Iterator[None]:
+def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Iterator[None]:
     """Let ``rig`` tick in a thread of its own while the block lasts; a failure sets ``stop`` and is raised."""
     failed: list[BaseException] = []
 
     def tick() -> None:
         hurry(_TICK_PRIORITY)
         try:
-            rig.keep_time(bell, policy)
+            rig.keep_time(eventfd, policy)
         except BaseException as error:
             failed.append(error)
         finally:

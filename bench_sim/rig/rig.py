@@ -12,7 +12,7 @@ from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
 from bench_protocol.system.binding import bind
-from bench_protocol.system.gate import Gate
+from bench_protocol.system.mutex import Mutex
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.layout import SENSORS
@@ -76,7 +76,7 @@ class Rig:
         self.parameters = parameters.as_built(seed)
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
-        self.lock = Gate()
+        self.lock = Mutex()
         self.pacing = Pacing.virtual(log)
         self._outgoing = Ring.of(_RING_FRAMES)
         self._basket = np.empty(_RING_FRAMES, FRAME), np.empty(_RING_FRAMES, np.int64)
@@ -195,7 +195,7 @@ class Rig:
         """Let frames leave that no tick sends, stamped with the rig's time (ns)."""
         if self.pacing.real:
             self._fill(self._outgoing, self.lock.address, self.pacing.dated(block), 0)
-            self.pacing.ring()
+            self.pacing.wake()
         else:
             self._pending.append(block)
 
@@ -223,13 +223,13 @@ class Rig:
 
     # -- real time -----------------------------------------------------------------------------------------------
 
-    def keep_time(self, bell: int, policy: Late = Late.CATCH_UP) -> None:
-        """Tick in real time until ``pacing.stop()``; every frame that leaves rings ``bell``, an eventfd.
+    def keep_time(self, eventfd: int, policy: Late = Late.CATCH_UP) -> None:
+        """Tick in real time until ``pacing.stop()``; every frame that leaves wakes who waits for ``eventfd``.
 
         Frames are stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
         a tick is late.
         """
-        self.pacing.start(int(self._controls["tick"]) * TICK_NS, self.lock.address, bell, policy)
+        self.pacing.start(int(self._controls["tick"]) * TICK_NS, self.lock.address, eventfd, policy)
         try:
             while not self.pacing.stopped:
                 _, _, happened = self._run_ticks(_FOREVER, *self._tick_state, self._scratch)

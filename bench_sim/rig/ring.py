@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.system.calls import enter_gate, leave_gate
+from bench_protocol.system.calls import lock_yielding, unlock_yielding
 from bench_sim.rig.compiled import compiled, compiled_entry
 
 _WRITTEN: Final = 0
@@ -15,7 +15,7 @@ _LOST: Final = 2
 
 
 class Ring(NamedTuple):
-    """Frames with their senders. Both sides hold the gate: it is open almost always, and orders memory as well."""
+    """Frames with their senders. Both sides hold the mutex: it is free almost always, and orders memory as well."""
 
     frames: Block
     senders: npt.NDArray[np.int64]
@@ -34,7 +34,7 @@ class Ring(NamedTuple):
 
 @compiled
 def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
-    """Write ``source[first:last]`` to the ring; the caller holds the gate."""
+    """Write ``source[first:last]`` to the ring; the caller holds the mutex."""
     size = ring.frames.size
     for k in range(first, last):
         if ring.counts[_WRITTEN] - ring.counts[_READ] == size:
@@ -47,16 +47,16 @@ def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
 
 
 @compiled_entry
-def fill(ring: Any, gate: int, block: Any, sender: int) -> None:
-    """Write all of ``block``; ``gate``: address of the gate."""
-    thread = enter_gate(gate)
+def fill(ring: Any, mutex: int, block: Any, sender: int) -> None:
+    """Write all of ``block``; ``mutex``: address of the mutex."""
+    thread = lock_yielding(mutex)
     push(ring, block, 0, block.size, sender)
-    leave_gate(gate, thread)
+    unlock_yielding(mutex, thread)
 
 
 @compiled
 def take(ring: Any, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``, their senders to ``senders``; return how many. The caller holds the gate."""
+    """Move the oldest frames to ``out``, their senders to ``senders``; return how many. The caller holds the mutex."""
     size = ring.frames.size
     count = min(ring.counts[_WRITTEN] - ring.counts[_READ], out.size)
     for k in range(count):
@@ -68,9 +68,9 @@ def take(ring: Any, out: Any, senders: Any) -> int:
 
 
 @compiled_entry
-def drain(ring: Any, gate: int, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``; return how many. ``gate``: address of the gate."""
-    thread = enter_gate(gate)
+def drain(ring: Any, mutex: int, out: Any, senders: Any) -> int:
+    """Move the oldest frames to ``out``; return how many. ``mutex``: address of the mutex."""
+    thread = lock_yielding(mutex)
     count = take(ring, out, senders)
-    leave_gate(gate, thread)
+    unlock_yielding(mutex, thread)
     return count

@@ -16,7 +16,7 @@ from typing import Any, Final, Self
 
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
-from bench_protocol.system.bell import answer
+from bench_protocol.system.eventfd import clear
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.control_socket import ControlSocket
@@ -72,14 +72,14 @@ def serve_in_thread(
     capture_port: int = 0,
     allow_remote: bool = False,
     beacon: bool = False,
-    bell: int | None = None,
-    on_bell: Callable[[], None] = _nothing,
+    eventfd: int | None = None,
+    on_wake: Callable[[], None] = _nothing,
 ) -> Servers:
     """Open the given servers and return when their ports accept connections; port 0 takes a free one.
 
     Neither protocol knows who is allowed to do what, so that any ``host`` but the loopback needs ``allow_remote``.
-    ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so). ``on_bell`` is called in the
-    servers' thread whenever somebody has rung ``bell``, an eventfd.
+    ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so). ``on_wake`` is called in the
+    servers' thread whenever somebody has written to ``eventfd``.
 
     Raises ValueError for a ``host`` that is not allowed and OSError, in words, for a port that cannot be had.
     """
@@ -107,9 +107,9 @@ def serve_in_thread(
                 servers.capture_port = await _listen(
                     stack, capture_server.client, host, capture_port, "Capture"
                 )
-            if bell is not None:
-                loop.add_reader(bell, _answer_bell, bell, on_bell)
-                stack.callback(loop.remove_reader, bell)
+            if eventfd is not None:
+                loop.add_reader(eventfd, _wake, eventfd, on_wake)
+                stack.callback(loop.remove_reader, eventfd)
             if control is not None and servers.modbus_port is not None:
                 stack.callback(control.close)
                 servers.control = await control.open(host, servers.modbus_port)
@@ -145,9 +145,9 @@ def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Even
         raise failed[0]
 
 
-def _answer_bell(bell: int, on_bell: Callable[[], None]) -> None:
-    answer(bell)
-    on_bell()
+def _wake(eventfd: int, on_wake: Callable[[], None]) -> None:
+    clear(eventfd)
+    on_wake()
 
 
 def _require_loopback(host: str) -> None:

@@ -13,12 +13,12 @@ import numpy.typing as npt
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import TICK
 from bench_protocol.system.calls import (
-    enter_gate,
     enter_interpreter,
-    leave_gate,
     leave_interpreter,
-    ring_bell,
+    lock_yielding,
     unlock_mutex,
+    unlock_yielding,
+    wake,
 )
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar
@@ -305,24 +305,24 @@ def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int
 
 @compiled
 def _end(pacing: Pacing, outgoing: Ring, out: Any, frames: int) -> None:
-    """Let the frames of a tick leave with the time of day, and open the gate."""
+    """Let the frames of a tick leave with the time of day, and unlock the mutex."""
     pace = pacing.record[0]
     for k in range(frames):
         out[k].time += pace.epoch
     push(outgoing, out, 0, frames, 0)
-    unlock_mutex(pace.gate)
+    unlock_mutex(pace.mutex)
     if frames > 0:
-        ring_bell(pace.bell, pacing.one)
+        wake(pace.eventfd, pacing.one)
 
 
 @compiled_entry
-def copy_values(values: Any, seen: Any, controls: Any, gate: int) -> int:
-    """Copy all signals between two ticks; return the tick; ``gate``: address of the gate."""
-    thread = enter_gate(gate)
+def copy_values(values: Any, seen: Any, controls: Any, mutex: int) -> int:
+    """Copy all signals between two ticks; return the tick; ``mutex``: address of the mutex."""
+    thread = lock_yielding(mutex)
     for row in range(values.size):
         seen[row] = values[row]
     tick = controls[0].tick
-    leave_gate(gate, thread)
+    unlock_yielding(mutex, thread)
     return int(tick)
 
 
@@ -342,7 +342,7 @@ def run_ticks(
 
     Records come in arrays of one: numba looks at an array in 0.2 µs and at a record in 13. ``out`` must have room for
     `FRAMES_PER_TICK_MAX` frames a tick. In real time the interpreter is left meanwhile, each tick waits for its time
-    and shuts the gate while it runs, and its frames leave through the ring ``outgoing``.
+    and locks the mutex while it runs, and its frames leave through the ring ``outgoing``.
     """
     pace = pacing.record[0]
     real = pace.paced != 0

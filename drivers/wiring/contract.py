@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import Clock, Task
-from bench_protocol.system.gate import Gate
+from bench_protocol.system.mutex import Mutex
 from bench_protocol.wires import Table
 from bench_protocol.words import AirFate
 from drivers.errors import BenchError, LinkLost, NotAvailable
@@ -97,9 +97,9 @@ class CyclicStream:
     """What an outlet needs to keep the cycle itself."""
 
     setpoints: (
-        Setpoints  #: to be advanced by one cycle, in compiled code that holds the gate, before it is sent
+        Setpoints  #: to be advanced by one cycle, in compiled code that holds the mutex, before it is sent
     )
-    gate: Gate
+    mutex: Mutex
     clock: Clock
     start: int  #: ns; cycles are at ``start + k * period``, k = 1, 2, …
     period: int  #: ns

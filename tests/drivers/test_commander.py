@@ -231,7 +231,7 @@ def test_in_real_time_many_threads_may_command_while_the_cycles_keep_time():
     assert commander.value("lateral.force_setpoint") == 2990
 
 
-def test_set_points_wait_for_a_cycle_that_holds_the_gate():
+def test_set_points_wait_for_a_cycle_that_holds_the_mutex():
     """Whoever waits there has let go of the interpreter already, and must not do so twice."""
     line, given = Line(), threading.Event()
     line.commander.set("lateral.force_setpoint", 0.0)
@@ -243,7 +243,7 @@ def test_set_points_wait_for_a_cycle_that_holds_the_gate():
         given.set()
 
     thread = threading.Thread(target=give)
-    with line.commander._gate:
+    with line.commander._mutex:
         thread.start()
         assert not given.wait(0.05)
     thread.join(5)

@@ -16,7 +16,7 @@ from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.clock import RealClock
 from bench_protocol.frames import frame, join
 from bench_protocol.socketcand import Parser, Sent, send_bytes
-from bench_protocol.system.gate import Gate
+from bench_protocol.system.mutex import Mutex
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from drivers.commander import CYCLE, Commander
@@ -189,11 +189,11 @@ def _sending(wire, blocks):
     encoder = Encoder(TABLE)
     cycle = Cycle.of(encoder, encoder.rows(["Control", "ForceSetpoints"]), Setpoints.of(len(TABLE.signals)))
     cycle.counts["granted"] = blocks
-    gate, clock, end = Gate(), RealClock(), []
+    mutex, clock, end = Mutex(), RealClock(), []
 
     def run():
         start, period = clock.monotonic(clock.now()), round(1 * ms * NS)
-        end.append(run_cycles(cycle, gate.address, wire.descriptor, wire.gate.address, True, start, period))
+        end.append(run_cycles(cycle, mutex.address, wire.descriptor, wire.mutex.address, True, start, period))
 
     return threading.Thread(target=run), cycle, end
 

@@ -28,37 +28,37 @@ FAST_ID = TABLE.messages[TABLE.message_index["SpringLeft"]].identifier
 class Ticking:
     """A rig that ticks in real time, and what has left it."""
 
-    def __init__(self, rig: Rig, bell: int) -> None:
-        self.rig, self._bell = rig, bell
+    def __init__(self, rig: Rig, eventfd: int) -> None:
+        self.rig, self._eventfd = rig, eventfd
         self._blocks: list[Block] = []
 
     def wait(self, seconds: float) -> Block:
-        """Collect for so long, by the bell; return all frames since the start."""
+        """Collect for so long, as the eventfd says; return all frames since the start."""
         clock = RealClock()
         while (left := seconds - clock.now() / NS) > 0:
-            if select.select([self._bell], [], [], left)[0]:
-                os.eventfd_read(self._bell)
+            if select.select([self._eventfd], [], [], left)[0]:
+                os.eventfd_read(self._eventfd)
                 self._blocks.append(self.rig.collect())
         return join(self._blocks)
 
 
 @contextlib.contextmanager
 def ticking(rig: Rig, policy: Late = Late.CATCH_UP) -> Iterator[Ticking]:
-    bell = os.eventfd(0, os.EFD_NONBLOCK)
+    eventfd = os.eventfd(0, os.EFD_NONBLOCK)
 
     def tick() -> None:
         hurry(10)  # as the process does
-        rig.keep_time(bell, policy)
+        rig.keep_time(eventfd, policy)
 
     thread = threading.Thread(target=tick)
     thread.start()
     try:
-        yield Ticking(rig, bell)
+        yield Ticking(rig, eventfd)
     finally:
         rig.pacing.stop()
         thread.join(2 * s)
         assert not thread.is_alive()
-        os.close(bell)
+        os.close(eventfd)
 
 
 def sampling_times(block: Block) -> np.ndarray:

@@ -145,8 +145,8 @@ class _PunctualTask:
             from drivers.cycle import run_cycles
 
             hurry(_PRIORITY)
-            gate, door = stream.gate.address, wire.gate.address
-            error = run_cycles(state, gate, wire.descriptor, door, wire.lines, begin, period)
+            mutex, wire_mutex = stream.mutex.address, wire.mutex.address
+            error = run_cycles(state, mutex, wire.descriptor, wire_mutex, wire.lines, begin, period)
             if error:
                 wire.cut()  # half a line may be out
                 stream.failed(LinkLost(f"frames could not be sent: {os.strerror(error)}"))

@@ -1,4 +1,4 @@
-"""The gate: the lock that Python takes to act between two ticks, and the tick to run without the interpreter."""
+"""The mutex that Python locks to act between two ticks, and the tick to run without the interpreter."""
 
 import ctypes
 from typing import Final
@@ -21,7 +21,7 @@ _set_type: Final = c_function("pthread_mutexattr_settype", ctypes.c_int, _PLACE,
 _set_protocol: Final = c_function("pthread_mutexattr_setprotocol", ctypes.c_int, _PLACE, ctypes.c_int)
 
 
-class Gate:
+class Mutex:
     """A recursive mutex at ``address``, to be entered by ``with`` or by compiled code.
 
     Who holds it inherits the priority of the tick that waits for it: a thread that nobody hurries must not keep the
