@@ -149,7 +149,7 @@ def _packages() -> Iterator[MachineCheck]:
 
 def _compiled_code() -> MachineCheck:
     """Tell whether machine code can be kept: without it every start compiles the model anew."""
-    from bench_protocol.system.binding import NOT_KEPT, folder_of
+    from bench_protocol.realtime.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
     plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}

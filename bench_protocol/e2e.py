@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.system.binding import bind, kept
+from bench_protocol.realtime.binding import bind, kept
 
 COUNTER_PERIOD: Final = 15
 POLYNOMIAL: Final = 0x1D

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench_protocol.system.binding import bind
+from bench_protocol.realtime.binding import bind
 from bench_protocol.units import Hz, mm, ms
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.gas import density_factor, energy_of, mass_of, temperature, transfer, wall_heat

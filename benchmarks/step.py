@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from bench_protocol.system.binding import bind
+from bench_protocol.realtime.binding import bind
 from bench_protocol.units import Hz, mm, ms, s
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled_entry

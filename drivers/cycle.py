@@ -16,19 +16,10 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import Encoder, encode_into
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
-from bench_protocol.system.binding import bind, inlined
-from bench_protocol.system.calls import (
-    ADDRESS,
-    INT,
-    SPEC_WORDS,
-    external,
-    lock_mutex,
-    now,
-    sleep_until,
-    unlock_mutex,
-)
+from bench_protocol.realtime.binding import bind, inlined
+from bench_protocol.realtime.calls import SPEC_WORDS, lock_mutex, sleep_until, unlock_mutex
+from bench_protocol.realtime.sending import send_all
 from bench_protocol.table import TABLE
-from bench_protocol.units import NS, ms
 from drivers.setpoints import Setpoints, advance, entry
 
 COUNTS: Final = np.dtype(
@@ -39,23 +30,10 @@ COUNTS: Final = np.dtype(
     ]
 )
 
-#: How long the cycle waits for room in a socket, ns.
-_PATIENCE: Final = round(200 * ms * NS)
-_NAP: Final = round(1 * ms * NS)
-
-# sys/socket.h, poll.h, errno.h of Linux.
-_QUIETLY: Final = 0x4000 | 0x40  # MSG_NOSIGNAL | MSG_DONTWAIT
-_POLLOUT: Final = 4
-_EBADF, _EAGAIN, _EINTR, _ENOBUFS, _ETIMEDOUT = 9, 11, 4, 105, 110
 #: A struct can_frame, and the longest line of socketcand: ``< send 12345678 8 00 11 22 33 44 55 66 77 >``.
 _CAN_FRAME: Final = 16
 _LINE: Final = 44
 _EXTENDED_FLAG: Final = 0x8000_0000
-
-_send: Final = external("send", ADDRESS, INT, ADDRESS, ADDRESS, INT)
-_poll: Final = external("poll", INT, ADDRESS, ADDRESS, INT)
-_errno_location: Final = external("__errno_location", ADDRESS)
-_copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 
 class Cycle(NamedTuple):
@@ -149,34 +127,6 @@ def write_text(frames: Any, text: Any, lines: bool) -> int:
     return place
 
 
-@inlined
-def _send_all(descriptor: int, address: int, size: int, work: Any) -> int:
-    """Send ``size`` bytes, waiting for room if need be; return 0 or the number of the error."""
-    if descriptor < 0:
-        return _EBADF
-    deadline = now(work) + _PATIENCE
-    while size > 0:
-        sent = _send(descriptor, address, size, _QUIETLY)
-        if sent >= 0:
-            address += sent
-            size -= sent
-            continue
-        work[0] = 0
-        _copy(work.ctypes.data, _errno_location(), 4)
-        error = work[0]
-        if error not in (_EAGAIN, _EINTR, _ENOBUFS):
-            return error
-        instant = now(work)
-        if instant > deadline:
-            return _ETIMEDOUT
-        if error == _ENOBUFS:  # the queue of an interface: poll() knows nothing of it
-            sleep_until(instant + _NAP, work)
-        elif error == _EAGAIN:
-            work[0] = descriptor | _POLLOUT << 32
-            _poll(work.ctypes.data, 1, 10)
-    return 0
-
-
 @entry
 def send_cycles(
     cycle: Any, mutex: int, wire: Any, wire_mutex: int, lines: bool, start: int, period: int
@@ -208,7 +158,7 @@ def send_cycles(
         error = 0
         for first in range(0, size, piece):
             if error == 0:
-                error = _send_all(wire[0], cycle.text.ctypes.data + first, piece, cycle.work)
+                error = send_all(wire[0], cycle.text.ctypes.data + first, piece, cycle.work)
         unlock_mutex(wire_mutex)
         if error != 0:
             return error

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.system.binding import bind, cached, inlined, protocol_sources
-from bench_protocol.system.calls import lock_mutex, unlock_mutex
+from bench_protocol.realtime.binding import bind, cached, inlined, protocol_digest
+from bench_protocol.realtime.calls import lock_mutex, unlock_mutex
 
 RAMP: Final = np.dtype(
     [
@@ -61,10 +61,8 @@ class Setpoints(NamedTuple):
 
 
 def _digest() -> str:
-    digest = sha256(files("drivers").joinpath("setpoints.py").read_bytes())
-    for source in protocol_sources():
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
+    own = files("drivers").joinpath("setpoints.py").read_bytes()
+    return sha256(own + protocol_digest().encode()).hexdigest()
 
 
 _DIGEST: Final = _digest()

@@ -78,7 +78,7 @@ def rig_command(
     require_linux("a rig in real time")
     _at_tick_rate(tick_rate)
     from astb.session import build_rig, bus_stages
-    from bench_sim.rig.pacing import Late
+    from bench_protocol.realtime.pacing import Late
     from bench_sim.rig.process import run_rig
 
     rig, path = read_rig(rig_named)

@@ -7,7 +7,7 @@ from importlib.resources.abc import Traversable
 from typing import Any, Final
 
 from bench_protocol.rates import TICK_RATE
-from bench_protocol.system.binding import cached, protocol_sources
+from bench_protocol.realtime.binding import cached, protocol_sources
 
 
 def digest_of(sources: Iterable[Traversable]) -> str:

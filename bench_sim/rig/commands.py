@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import NOBODY, Decoder, Tally, decode_into
 from bench_protocol.frames import FRAME, Block
+from bench_protocol.realtime.ring import Ring, take
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
 from bench_sim.model.layout import Mode
 from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import LOST_TICKS, SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
-from bench_sim.rig.ring import Ring, take
 from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 
 #: Frames that are taken in one tick, and that wait at most: a flood beyond loses the oldest.

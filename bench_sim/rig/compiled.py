@@ -12,9 +12,8 @@ OF_THE_TICK: Final = (
     "controls",
     "faults/in_tick",
     "heartbeat",
+    "lateness",
     "limits",
-    "pacing",
-    "ring",
     "safe_position",
     "setpoints",
 )

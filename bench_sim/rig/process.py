@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from bench_protocol.clock import RealClock, hurry, hurry_process, wall_time_ns
-from bench_protocol.system.eventfd import open_eventfd
+from bench_protocol.realtime.eventfd import open_eventfd
+from bench_protocol.realtime.pacing import Late
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture
@@ -16,7 +17,6 @@ from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.control_socket import ControlSocket
 from bench_sim.rig.faults.insertion import Wires
 from bench_sim.rig.modbus_server import ModbusTcpServer
-from bench_sim.rig.pacing import Late
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.servers import CAN_PORT, serve_in_thread
 from bench_sim.rig.socketcan import SocketCan

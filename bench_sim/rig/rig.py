@@ -9,10 +9,13 @@ import numpy.typing as npt
 
 from bench_protocol import modbus
 from bench_protocol.can_codec import Decoder, Encoder
+from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
-from bench_protocol.system.binding import bind
-from bench_protocol.system.mutex import Mutex
+from bench_protocol.realtime.binding import bind
+from bench_protocol.realtime.mutex import Mutex
+from bench_protocol.realtime.pacing import Late, Pacing
+from bench_protocol.realtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.layout import SENSORS
@@ -31,10 +34,8 @@ from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.in_force import InForce
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
-from bench_sim.rig.pacing import Late, Pacing
 from bench_sim.rig.peers import port_of
 from bench_sim.rig.registers import BUS_NOTE, RegisterBank
-from bench_sim.rig.ring import Ring, drain, fill
 from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
@@ -229,7 +230,8 @@ class Rig:
         Frames are stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
         a tick is late.
         """
-        self.pacing.start(int(self._controls["tick"]) * TICK_NS, self.lock.address, eventfd, policy)
+        epoch = wall_time_ns() - int(self._controls["tick"]) * TICK_NS
+        self.pacing.start(epoch, self.lock.address, eventfd, policy)
         try:
             while not self.pacing.stopped:
                 _, _, happened = self._run_ticks(_FOREVER, *self._tick_state, self._scratch)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import TICK
-from bench_protocol.system.calls import (
+from bench_protocol.realtime.calls import (
     enter_interpreter,
     leave_interpreter,
     lock_yielding,
@@ -20,6 +20,8 @@ from bench_protocol.system.calls import (
     unlock_yielding,
     wake,
 )
+from bench_protocol.realtime.pacing import Pacing, await_tick, put_off
+from bench_protocol.realtime.ring import Ring, push
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar
 from bench_protocol.words import (
@@ -56,9 +58,8 @@ from bench_sim.rig.controls import (
 )
 from bench_sim.rig.faults.in_tick import FaultArrays, disturb, hold_inputs
 from bench_sim.rig.heartbeat import node_due, send_heartbeat
+from bench_sim.rig.lateness import count_lateness
 from bench_sim.rig.limits import detect
-from bench_sim.rig.pacing import Pacing, await_tick, count_lateness, put_off
-from bench_sim.rig.ring import Ring, push
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
 from bench_sim.rig.setpoints import travel
 

@@ -15,7 +15,7 @@ PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
 
 #: By file. A new release of numba may change any of them: it is allowed in pyproject.toml when the tests have passed.
 PRIVATE = {
-    "bench_protocol/system/binding.py": {
+    "bench_protocol/realtime/binding.py": {
         "_nrt",  # an option: a function without numba's runtime, which counts references
         "_cache",  # of a compiled function
         "_cache_file",  # of its cache: reads and writes the files
@@ -79,7 +79,7 @@ def private(tree: ast.Module) -> set[str]:
 
 def knows_numba(tree: ast.Module) -> bool:
     """Whether a file imports numba, or something from where its functions are compiled."""
-    homes = ("numba", "bench_protocol.system.binding", "bench_sim.model.compiled", "bench_sim.rig.compiled")
+    homes = ("numba", "bench_protocol.realtime.binding", "bench_sim.model.compiled", "bench_sim.rig.compiled")
     return any(
         (isinstance(node, ast.Import) and any(one.name.split(".")[0] == "numba" for one in node.names))
         or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith(homes))

@@ -11,7 +11,7 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.system.binding import LOCK, cached, folder_of, kept, take_turns
+from bench_protocol.realtime.binding import LOCK, cached, folder_of, kept, take_turns
 
 WORKERS, FUNCTIONS = 4, 40
 

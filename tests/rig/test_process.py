@@ -11,6 +11,8 @@ import pytest
 
 from bench_protocol.clock import RealClock, hurry
 from bench_protocol.frames import Block, join
+from bench_protocol.realtime.pacing import Late, Pacing
+from bench_protocol.realtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import BenchState
@@ -18,9 +20,8 @@ from bench_sim.model.layout import State
 from bench_sim.rig import tick
 from bench_sim.rig.compiled import OF_THE_TICK
 from bench_sim.rig.controls import FAST, TICK_NS
-from bench_sim.rig.pacing import Late, Pacing, count_lateness
+from bench_sim.rig.lateness import count_lateness
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.ring import Ring, drain, fill
 
 FAST_ID = TABLE.messages[TABLE.message_index["SpringLeft"]].identifier
 

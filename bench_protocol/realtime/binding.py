@@ -1,11 +1,13 @@
 """How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
 
+import hashlib
 import os
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any, Final
@@ -13,6 +15,7 @@ from typing import Any, Final
 import numba
 import numpy as np
 
+from bench_protocol.rates import TICK_RATE
 from bench_protocol.system.file_locks import hold
 
 #: Said once where an installation is not ours to write to, and the user has no folder for caches either.
@@ -49,8 +52,11 @@ def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
-    return kept(function, forceinline=True, _nrt=False)
+    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays.
+
+    It is compiled anew when any source of the protocol changes.
+    """
+    return cached(function, protocol_digest(), forceinline=True, _nrt=False)
 
 
 def folder_of(function: Any) -> str:
@@ -59,10 +65,19 @@ def folder_of(function: Any) -> str:
 
 
 def protocol_sources() -> list[Traversable]:
-    """Return all sources of this package, which compiled functions of others contain, in a fixed order."""
+    """Return all sources of the protocol that compiled functions of others contain, in a fixed order."""
     package = files("bench_protocol")
-    found = [*package.iterdir(), *package.joinpath("system").iterdir()]
+    found = [*package.iterdir(), *package.joinpath("realtime").iterdir()]
     return sorted((one for one in found if one.name.endswith(".py")), key=lambda one: one.name)
+
+
+@cache
+def protocol_digest() -> str:
+    """Return what changes when one of these sources does, or the tick, which is compiled in."""
+    digest = hashlib.sha256(str(TICK_RATE).encode())
+    for source in protocol_sources():
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 def _cache_file(dispatcher: Any) -> Any:

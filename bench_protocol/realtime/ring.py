@@ -1,13 +1,14 @@
 """A ring of CAN frames between the compiled tick and the servers: written by one side, drained by the other."""
 
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.system.calls import lock_yielding, unlock_yielding
-from bench_sim.rig.compiled import compiled, compiled_entry
+from bench_protocol.realtime.binding import cached, inlined, protocol_digest
+from bench_protocol.realtime.calls import lock_yielding, unlock_yielding
 
 _WRITTEN: Final = 0
 _READ: Final = 1
@@ -32,7 +33,12 @@ class Ring(NamedTuple):
         return int(self.counts[_LOST])
 
 
-@compiled
+def _entry(function: Callable[..., Any]) -> Any:
+    """Compile ``function`` to be called from Python, which keeps the interpreter as long as it need not wait."""
+    return cached(function, protocol_digest())
+
+
+@inlined
 def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
     """Write ``source[first:last]`` to the ring; the caller holds the mutex."""
     size = ring.frames.size
@@ -46,7 +52,7 @@ def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
         ring.counts[_WRITTEN] += 1
 
 
-@compiled_entry
+@_entry
 def fill(ring: Any, mutex: int, block: Any, sender: int) -> None:
     """Write all of ``block``; ``mutex``: address of the mutex."""
     thread = lock_yielding(mutex)
@@ -54,7 +60,7 @@ def fill(ring: Any, mutex: int, block: Any, sender: int) -> None:
     unlock_yielding(mutex, thread)
 
 
-@compiled
+@inlined
 def take(ring: Any, out: Any, senders: Any) -> int:
     """Move the oldest frames to ``out``, their senders to ``senders``; return how many. The caller holds the mutex."""
     size = ring.frames.size
@@ -67,7 +73,7 @@ def take(ring: Any, out: Any, senders: Any) -> int:
     return count
 
 
-@compiled_entry
+@_entry
 def drain(ring: Any, mutex: int, out: Any, senders: Any) -> int:
     """Move the oldest frames to ``out``; return how many. ``mutex``: address of the mutex."""
     thread = lock_yielding(mutex)

@@ -6,26 +6,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, copied
-from bench_protocol.rates import LATENESS_BINS
-from bench_protocol.system.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
-from bench_protocol.system.eventfd import wake
-from bench_protocol.table import TABLE
+from bench_protocol.rates import TICK
+from bench_protocol.realtime.binding import inlined
+from bench_protocol.realtime.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
+from bench_protocol.realtime.eventfd import wake
 from bench_protocol.units import NS, ms
-from bench_sim.rig.compiled import compiled
-from bench_sim.rig.controls import TICK_NS, Happened
 
+_PERIOD: Final = round(TICK * NS)
 #: After a stall this long the readers get this much time first.
 _STALL: Final = round(20 * ms * NS)
 _PAUSE: Final = round(3 * ms * NS)
-#: Under the policy ``fault``, the lateness that counts as a lost tick.
-_LOST: Final = round(0.1 * NS)
-
-_BIN_ROWS: Final = tuple(TABLE.index[one.signal] for one in LATENESS_BINS)
-_BIN_EDGES: Final = tuple(one.edge * NS for one in LATENESS_BINS)
-_WORST_ROW: Final = TABLE.index["rig.lateness_max"]
-_LATE_ROW: Final = TABLE.index["rig.late_ticks"]
 
 
 class Late(IntEnum):
@@ -86,14 +77,15 @@ class Pacing(NamedTuple):
         """Whether the tick was told to come back."""
         return bool(self.record[0]["stop"])
 
-    def start(self, rig_time: int, mutex: int, eventfd: int, policy: Late) -> None:
+    def start(self, epoch: int, mutex: int, eventfd: int, policy: Late) -> None:
         """Begin to keep real time: the next tick is due one period from now.
 
-        ``rig_time``: the rig's in ns; ``mutex``: address of the mutex; ``eventfd``: written to when frames have left.
+        ``epoch``: ns from the rig's time to the time of day; ``mutex``: its address; ``eventfd``: written to when
+        frames have left.
         """
         record = self.record[0]
         record["start"], record["ticks"] = now(self.spec), 0
-        record["epoch"] = wall_time_ns() - rig_time
+        record["epoch"] = epoch
         record["policy"], record["mutex"], record["eventfd"] = policy, mutex, eventfd
         record["paced"] = 1
 
@@ -120,12 +112,12 @@ class Pacing(NamedTuple):
         self.record[0]["stall"] = duration
 
 
-@compiled
+@inlined
 def await_tick(pacing: Any) -> int:
     """Sleep until the next tick is due and lock the mutex; return how late that is (ns)."""
     p = pacing.record[0]
     p.ticks += 1
-    deadline = p.start + p.ticks * TICK_NS
+    deadline = p.start + p.ticks * _PERIOD
     stall = p.stall
     p.stall = 0
     sleep_until(deadline + stall, pacing.spec)
@@ -140,33 +132,9 @@ def await_tick(pacing: Any) -> int:
     return late
 
 
-@compiled
+@inlined
 def put_off(pacing: Any) -> None:
     """Unlock the mutex before the tick has run: the next one that is awaited is this one."""
     p = pacing.record[0]
     p.ticks -= 1
     unlock_mutex(p.mutex)
-
-
-@compiled
-def count_lateness(values: Any, late: int, pacing: Any) -> int:
-    """Count a tick that begins ``late`` (ns) after its deadline; return what the supervisor must decide on.
-
-    The counts are signals in ``values`` (by table row).
-    """
-    for k in range(len(_BIN_ROWS)):
-        if late < _BIN_EDGES[k]:
-            values[_BIN_ROWS[k]] += 1
-            break
-    values[_WORST_ROW] = max(values[_WORST_ROW], late / NS)
-    if late >= TICK_NS:
-        values[_LATE_ROW] += 1
-    p = pacing.record[0]
-    if p.logged < pacing.log.size:
-        pacing.log[p.logged] = late
-        p.logged += 1
-    if p.policy == Late.SKIP and late >= TICK_NS:
-        missed = late // TICK_NS * TICK_NS
-        p.start += missed
-        p.epoch += missed
-    return Happened.TICK_LOST.value if p.policy == Late.FAULT and late > _LOST else Happened.NOTHING.value
