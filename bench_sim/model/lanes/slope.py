@@ -33,8 +33,8 @@ from bench_sim.model.surface import surface_flow, surface_heat
 from bench_sim.model.valves import leak_flow
 
 
-class Having(NamedTuple):
-    """What any of the lanes has; what none of them has is left out."""
+class ActiveTerms(NamedTuple):
+    """The terms that are active in any of the lanes; what none of them has is left out."""
 
     extra: int  #: branches of rubber, as many as the lane with most of them has
     frictions: int  #: elements of friction, likewise
@@ -257,24 +257,24 @@ def work(w: Any) -> None:
 
 
 @compiled_once
-def lane_slope(w: Any, ahead: float, having: Any, sides: Any, memory: Any, parameters: Any) -> None:
+def lane_slope(w: Any, ahead: float, active: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
 
     What is rare, and has no rows in ``w``, is in ``memory`` and ``parameters`` (LANES), at the ``sides`` (LANES).
     """
-    lane_algebra(w, ahead, having.extra, having.frictions)
+    lane_algebra(w, ahead, active.extra, active.frictions)
     orifice(w)
-    if having.inert:
+    if active.inert:
         hold_back(w, ahead, parameters)
     carry(w)
-    if having.fed:
+    if active.fed:
         feed(w, sides, memory, parameters)
-    if having.joined:
+    if active.joined:
         join(w, memory, parameters)
-    if having.leaking:
+    if active.leaking:
         leak(w)
     heat(w)
-    if having.surfaces:
+    if active.surfaces:
         gas_surfaces(w, parameters)
-    relax(w, having.extra)
+    relax(w, active.extra)
     work(w)

@@ -43,7 +43,7 @@ from bench_sim.model.lanes.layout import (
     Lane,
     LaneState,
 )
-from bench_sim.model.lanes.slope import Having, lane_slope
+from bench_sim.model.lanes.slope import ActiveTerms, lane_slope
 from bench_sim.model.lanes.valves import (
     gather_valves,
     settle_levers,
@@ -244,24 +244,24 @@ def most(w: Any, row: int, count: int) -> int:
 
 
 @compiled
-def taking_part(w: Any, surfaces: bool, fed: bool, joined: bool) -> Having:
-    """Return what any of the lanes has."""
+def active_terms(w: Any, surfaces: bool, fed: bool, joined: bool) -> ActiveTerms:
+    """Return which terms are active in any of the lanes."""
     extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
     frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
     inert = most(w, Lane.INERTANCE, 1) > 0
     leaking = most(w, Lane.LEAK, 1) > 0 or most(w, Lane.LEAK_LAMINAR, 1) > 0
-    return Having(extra, frictions, inert, leaking, surfaces, fed, joined)
+    return ActiveTerms(extra, frictions, inert, leaking, surfaces, fed, joined)
 
 
 @compiled
 def move_valves(
-    w: Any, n: int, having: Having, valves: Any, rows: Any, sides: Any, memory: Any, parameters: Any
+    w: Any, n: int, active: ActiveTerms, valves: Any, rows: Any, sides: Any, memory: Any, parameters: Any
 ) -> None:
     """Do with all valves what they do at the start of step ``n``."""
-    gather_valves(w, n, valves, rows, having.fed or having.joined)
-    if having.fed:
+    gather_valves(w, n, valves, rows, active.fed or active.joined)
+    if active.fed:
         switch_leveling_valves(w, sides, memory, parameters)
-    if having.joined:
+    if active.joined:
         switch_between(w, memory, parameters)
 
 
@@ -321,8 +321,8 @@ def integrate_lanes(
     """
     saved = np.empty(LENGTH)
     turned = np.zeros(LANES, np.bool_)
-    having = taking_part(w, surfaces, fed, joined)
-    size = LaneState.EXTRA + 2 * LANES * having.extra
+    active = active_terms(w, surfaces, fed, joined)
+    size = LaneState.EXTRA + 2 * LANES * active.extra
     recall(w, sides, memory, np.zeros(STATES))
     for k in range(size):
         w[START + k] = w[STAGE + k]
@@ -331,14 +331,14 @@ def integrate_lanes(
     if fed:
         settle_levers(w, sides, parameters)
     for n in range(last + 1):
-        move_valves(w, n, having, valves, rows, sides, memory, parameters)
+        move_valves(w, n, active, valves, rows, sides, memory, parameters)
         since = dt if n > 0 else 0.0
-        lane_slope(w, since, having, sides, memory, parameters)
-        if having.inert:
+        lane_slope(w, since, active, sides, memory, parameters)
+        if active.inert:
             note_flow(w)
         if note_motion(w, sides, memory, parameters, since, turned):
             saved[:] = w
-            lane_slope(w, 0.0, having, sides, memory, parameters)
+            lane_slope(w, 0.0, active, sides, memory, parameters)
             restore(w, saved, turned)
         note_gas(w, sides, memory, parameters)
         note_trace(w, n, traces)
@@ -347,14 +347,14 @@ def integrate_lanes(
         note_change(w, 0)
         stage(w, size, 1.0, 0.5 * dt)
         gather(w, 2 * n + 1, courses, rows)
-        lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
+        lane_slope(w, 0.5 * dt, active, sides, memory, parameters)
         note_change(w, 1)
         stage(w, size, 2.0, 0.5 * dt)
-        lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
+        lane_slope(w, 0.5 * dt, active, sides, memory, parameters)
         note_change(w, 2)
         stage(w, size, 2.0, dt)
         gather(w, 2 * n + 2, courses, rows)
-        lane_slope(w, dt, having, sides, memory, parameters)
+        lane_slope(w, dt, active, sides, memory, parameters)
         finish(w, size, dt)
 
 
