@@ -86,7 +86,7 @@ class _Listener:
         self.lost: list[str] = []
         self.overlaps = 0
 
-    def hear(self, time: int, points: Mapping[str, float]) -> None:
+    def receive(self, time: int, points: Mapping[str, float]) -> None:
         if not self._inside.acquire(blocking=False):
             self.overlaps += 1
             return
@@ -108,7 +108,7 @@ class _Bench:
         self.listener = _Listener(subject.clock, busy)
 
     def __enter__(self) -> _Bench:
-        self.transport.subscribe(self.listener.hear)
+        self.transport.subscribe(self.listener.receive)
         self.transport.connect(self.clock, self.listener.on_lost, within=self.subject.within)
         return self
 

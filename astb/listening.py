@@ -30,7 +30,7 @@ class Listening:
     def open(self) -> Self:
         """Begin to hear. LinkLost if nothing comes in time, MapMismatch if it is another rig."""
         try:
-            self.wiring.open(self.clock, self.receiver.hear, self._on_lost, within=self._within)
+            self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=self._within)
             self.readings.renew()
         except BaseException:
             self.close()

@@ -99,7 +99,7 @@ class Bus:
                 port.close()
         self._clear()
 
-    def hear(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Count the frames of ``block``, and keep the longest gap between two of one identifier."""
         for identifier in np.unique(block["id"]).tolist():
             times = block["time"][block["id"] == identifier]
@@ -135,7 +135,7 @@ class Bus:
             except (BenchError, OSError) as error:
                 return str(error)
             self._port.on_lost(self._on_lost)
-            self._port.subscribe(self.hear)
+            self._port.subscribe(self.receive)
         return ""
 
 

@@ -70,7 +70,7 @@ class Witness:
         """Wait for what follows a cut at ``now`` (ns, of the frames' stamps)."""
         self.since, self.held, self.safe = now, np.nan, np.nan
 
-    def hear(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Take frames of the rig, of any number of instants."""
         for part in np.split(block, np.flatnonzero(np.diff(block["time"])) + 1):
             if part.size:

@@ -76,7 +76,7 @@ class Bystander:
     tick: float = np.nan
     _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))
 
-    def hear(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Take what came over the bus."""
         self._decoder.decode(block)
         self.tick = float(self._decoder.latest[_TICK])
@@ -203,7 +203,7 @@ def killer() -> Iterator[Killer]:
     """Let a rig run, with a bystander on its bus, while the block lasts."""
     with running_rig() as (_, can, modbus), tempfile.TemporaryDirectory() as directory:
         bystander, listener = Bystander(), open_can("tcp", port=can)
-        listener.subscribe(bystander.hear)
+        listener.subscribe(bystander.receive)
         try:
             yield Killer(can, modbus, Path(directory), bystander)
         finally:

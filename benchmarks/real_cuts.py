@@ -135,7 +135,7 @@ class RealCuts:
             self._rig = rig
             self._can, self._modbus = (int(parts[door].rpartition(":")[2]) for door in ("can", "modbus"))
             listener = open_can("tcp", port=self._can)
-            listener.subscribe(self._witness.hear)
+            listener.subscribe(self._witness.receive)
             stack.callback(listener.close)
             self._stack = stack.pop_all()
         return self

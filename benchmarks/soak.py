@@ -57,7 +57,7 @@ class Witness:
         self.broken = -np.inf
         self.late_ticks = 0.0
 
-    def hear(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Take frames."""
         before = int(self._decoder.tally[Tally.LOST])
         samples = self._decoder.decode(block)
@@ -164,7 +164,7 @@ def soak(minutes: float) -> tuple[Soak, list[float]]:
         pid, can, modbus = stack.enter_context(running_rig())
         listener: Any = open_can("tcp", port=can)
         stack.callback(listener.close)
-        listener.subscribe(seen.witness.hear)
+        listener.subscribe(seen.witness.receive)
         port = open_modbus("127.0.0.1", modbus, timeout=2.0)
         bench = Bench(own_wiring(open_can("tcp", port=can), port), clock)
         bench.connect(within=10 * s)

@@ -42,7 +42,7 @@ class VirtualCuts:
         self._chance = random.Random(seed)
         self._witness = Witness()
         listener = self._memory.can()
-        listener.subscribe(self._witness.hear)
+        listener.subscribe(self._witness.receive)
 
     def cut(self, kind: Cut) -> tuple[float, float]:
         """Return how long the bench took to hold, and to be safe (s)."""

@@ -116,7 +116,7 @@ class Bench(Link):
             raise Misuse("this bench is connected already")
         self._connected = True
         try:
-            self.wiring.open(self.clock, self.receiver.hear, self._on_lost, within=within)
+            self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=within)
             self.readings.renew()
             self.commander.start()
             self._until(self._introduced, within, "first news of the rig's state", LinkLost)

@@ -24,8 +24,9 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 class CanLog:
     """Writes every frame that ``port`` hears into ``path`` until it is closed, in a thread of its own.
 
-    The port should do nothing else: a port does not hear what it sends itself. ``tell`` hears at once, in that thread,
-    if the disk fails. CanLogError for a name with an ending that nobody writes, or a file that cannot be made.
+    The port should do nothing else: a port does not receive what it sends itself. ``tell`` is called at once, in
+    that thread, if the disk fails. CanLogError for a name with an ending that nobody writes, or a file that cannot
+    be made.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class CanLog:
                 for message in _messages(block):
                     self._writer.on_message_received(message)
             self._writer.stop()
-        except Exception as error:  # writers have exceptions of their own; whoever closes must hear of each
+        except Exception as error:  # writers have exceptions of their own; whoever closes must know of each
             self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
             self._tell(self._error())
             while self._waiting.get() is not None:

@@ -1,4 +1,4 @@
-"""A CAN port: where the drivers put frame blocks on a bus and from where they hear every frame on it.
+"""A CAN port: where the drivers put frame blocks on a bus and from where they receive every frame on it.
 
 ``PythonCanPort`` makes one of any python-can bus, with a thread that does nothing but fetch frames, because a
 kernel's CAN socket holds only some 280 of them while the program computes. ``open_can`` chooses the bus.
@@ -252,7 +252,7 @@ _LITTLE: Final = struct.pack("=H", 1) == b"\1\0"
 class PythonCanPort:
     """A ``CanPort`` on any python-can bus, which it owns and shuts down when it is closed.
 
-    A subscriber that raises is a fault nobody would hear of in a background thread: the port counts as lost, with
+    A subscriber that raises is a fault nobody would notice in a background thread: the port counts as lost, with
     the exception as the reason.
     """
 

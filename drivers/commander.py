@@ -190,7 +190,7 @@ class Commander:
             self._wiring.outlet.send(values, self._clock.now())
         except LinkLost as failure:
             self._fail(failure)
-        except Exception as error:  # it would end the thread of the cycle, and nobody would hear of it
+        except Exception as error:  # it would end the thread of the cycle, and nobody would know
             self._fail(LinkLost(f"{type(error).__name__}: {error}"))
 
     def _fail(self, failure: LinkLost) -> None:

@@ -1,6 +1,6 @@
-"""The receiver: every sample that a wiring hears, in order, whatever the plan is doing meanwhile.
+"""The receiver: every sample that comes over a wiring, in order, whatever the plan is doing meanwhile.
 
-``hear`` runs in the threads of the wiring (or, in virtual time, while the clock passes), so a plan that computes for
+``receive`` runs in the threads of the wiring (or, in virtual time, while the clock passes), so a plan that computes for
 seconds loses nothing.
 """
 
@@ -36,11 +36,11 @@ class Receiver:
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: what the sink raised, if it did; it is not called again
-        self.needed = True  #: whether a plan has to hear of that
+        self.needed = True  #: whether a plan has to know of that
         #: Hz, by signal: how often it came in the last capture that was aligned or averaged.
         self.rates: dict[str, float] = {}
 
-    def hear(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
+    def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
         """Take samples in order of arrival, ``fresh`` from the time (ns) that it tells of each or of all."""
         with self._lock:
             self._latest[rows] = values

@@ -47,16 +47,16 @@ class Watcher(Protocol):
     """Who follows a run while it lasts: a progress bar, a log, nobody."""
 
     def say(self, text: str) -> None:
-        """Hear what the plan is doing now."""
+        """Note what the plan is doing now."""
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Hear that a phase begins or has ended; ``path`` are those that are open now, outermost first."""
+        """Note that a phase begins or has ended; ``path`` are those that are open now, outermost first."""
 
     def progress(self, fraction: float) -> None:
-        """Hear how much of the plan is done (0 to 1)."""
+        """Note how much of the plan is done (0 to 1)."""
 
     def checked(self, check: Check) -> None:
-        """Hear of a check and its verdict."""
+        """Note a check and its verdict."""
 
 
 class EventLog(Protocol):

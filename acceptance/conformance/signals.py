@@ -33,7 +33,7 @@ _RATE: Final = 20 * mm / s
 _ARM_WITHIN: Final = 1 * minutes
 
 
-def hear(bench: "Bench") -> list[Notebook]:
+def listen(bench: "Bench") -> list[Notebook]:
     """Return what comes by itself: how often, how long not, and whether it can be."""
     rates, contents = Notebook("signals"), Notebook("what signals carry")
     coming = [
@@ -237,7 +237,7 @@ def _comes(bench: "Bench", signal: Signal) -> bool:
 
 #: What moves nothing, and what does.
 AT_REST: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (
-    ("listening", hear),
+    ("listening", listen),
     ("asking", ask),
 )
 MOVING: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (("moving", lead),)

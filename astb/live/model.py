@@ -70,11 +70,11 @@ class Live:
     # -- what the run tells, in its thread -------------------------------------------------------------------------
 
     def say(self, text: str) -> None:
-        """Hear what the plan is doing now."""
+        """Note what the plan is doing now."""
         self._said = text
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Hear that the last of the open phases begins or has ended; ``path`` has those that are open now."""
+        """Note that the last of the open phases begins or has ended; ``path`` has those that are open now."""
         if begins:
             self._follower.begin(path[-1], len(path) - 1)
             self._step_start = self.bench.clock.now()
@@ -82,18 +82,18 @@ class Live:
         self._step = path
 
     def progress(self, fraction: float) -> None:
-        """Hear how much of the plan is done (0 to 1)."""
+        """Note how much of the plan is done (0 to 1)."""
         self._fraction = fraction
 
     def checked(self, check: "Check") -> None:
-        """Hear of a check and its verdict."""
+        """Note a check and its verdict."""
         self._counts = dict(Counter(self._counts) + Counter([check.verdict.value]))
         self._last_check = str(check)
         if check.verdict.value in _FAILED:
             self._failed = (*self._failed, self._last_check)
 
     def conclude(self, result: "Result") -> None:
-        """Hear of the end."""
+        """Note the end."""
         self._ended = result.verdict.value
 
     @property

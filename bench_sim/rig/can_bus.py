@@ -40,7 +40,7 @@ class Stage:
         del now
         return ()
 
-    def hears(self, peer: str) -> bool:
+    def receives(self, peer: str) -> bool:
         """Return whether what is kept reaches ``peer`` at all."""
         del peer
         return True
@@ -137,7 +137,7 @@ class CanBus:
                     if block.size:
                         self._send(block, peer)
                         heard.append((block, peer))
-            hearing = all(stage.hears(RIG) for stage in stages)
+            hearing = all(stage.receives(RIG) for stage in stages)
         for block, peer in heard:
             if peer != RIG and hearing:
                 self._receive(block, peer)

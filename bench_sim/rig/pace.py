@@ -183,8 +183,8 @@ class Pace(Stage):
     def forget(self, peer: str) -> None:
         self.nodes.pop(peer, None)
 
-    def hears(self, peer: str) -> bool:
-        """Return whether ``peer`` hears anything: not while it is off the bus."""
+    def receives(self, peer: str) -> bool:
+        """Return whether ``peer`` receives anything: not while it is off the bus."""
         return self._node(peer).off_since < 0
 
     def _node(self, peer: str) -> Node:

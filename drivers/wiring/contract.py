@@ -34,7 +34,7 @@ Ints = npt.NDArray[np.int64]
 
 #: Called with times (ns), table rows and SI values, three arrays of one length in order of arrival, and with the time
 #: from which their age counts (ns, of each sample or of all).
-Hear = Callable[[Ints, Ints, Floats, "Ints | int"], None]
+OnSamples = Callable[[Ints, Ints, Floats, "Ints | int"], None]
 #: Called once, with the reason in words, when a connection is lost.
 OnLost = Callable[[str], None]
 #: Called with a time (ns) and the points that came at that time.
@@ -148,7 +148,7 @@ class LifeSigns(Protocol):
     """A transport that gives signs of life by itself, once somebody commands."""
 
     def begin(self) -> float:
-        """Give signs of life from now on; return after how long (s) a rig has heard some, 0 if there are none."""
+        """Give signs of life from now on; return after how long (s) a rig has received some, 0 if there are none."""
 
 
 @runtime_checkable
@@ -222,7 +222,7 @@ class Wiring(Protocol):
     def failure(self) -> BenchError | None:
         """What went wrong in the background since `open`: the reason why commands no longer count."""
 
-    def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
+    def open(self, clock: Clock, receive: OnSamples, lost: OnLost, *, within: float) -> None:
         """Connect, become the commander where there is one, and let samples come from now on.
 
         LinkLost if the rig is silent for ``within`` s, MapMismatch if it speaks otherwise than is written here,
@@ -255,7 +255,7 @@ class Wiring(Protocol):
         """Whether somebody has commanded since it was opened."""
 
     def begin(self) -> None:
-        """Note that somebody commands from now on, and let the rig hear signs of life before the first command."""
+        """Note that somebody commands from now on, and let the rig receive signs of life before the first command."""
 
     def is_own(self, port: int, token: float) -> bool:
         """Return whether this commander sent what came from a TCP ``port``, 0 for a bus that knows none.
@@ -320,8 +320,8 @@ class Transport(Protocol):
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Connect. LinkLost, in words, if nobody answers ``within`` s."""
 
-    def subscribe(self, hear: OnPoints) -> None:
-        """Call ``hear(time, points)`` with what comes from now on, in order; only one thread calls at a time."""
+    def subscribe(self, receive: OnPoints) -> None:
+        """Call ``receive(time, points)`` with what comes from now on, in order; only one thread calls at a time."""
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Ask for points now, if possible as one snapshot."""
@@ -337,7 +337,7 @@ class Transport(Protocol):
         """
 
     def alive(self) -> float:
-        """Return how long ago anything was heard (s); infinite before the first."""
+        """Return how long ago anything came (s); infinite before the first."""
 
     def close(self) -> None:
         """Disconnect; no callback comes after this has returned. Harmless when repeated."""

@@ -23,9 +23,9 @@ from drivers.wiring.contract import (
     Capabilities,
     Conduct,
     Floats,
-    Hear,
     Ints,
     OnLost,
+    OnSamples,
     Order,
     Outlet,
     Remark,
@@ -124,7 +124,7 @@ class DescribedWiring:
         self._check_state()
         self.freshness: Ints = self._freshness()
         self._lock = threading.Lock()
-        self._hear: Hear | None = None
+        self._receive: OnSamples | None = None
         self._clock: Clock | None = None
         self._streaming = Streaming(rig, description, self._transports)
         self._active = self._greeted = False
@@ -143,8 +143,8 @@ class DescribedWiring:
 
     # -- coming and going ----------------------------------------------------------------------------------------
 
-    def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
-        self._clock, self._hear, self._failure = clock, hear, None
+    def open(self, clock: Clock, receive: OnSamples, lost: OnLost, *, within: float) -> None:
+        self._clock, self._receive, self._failure = clock, receive, None
         self._streaming.open()
         deadline = clock.now() + round(within * NS)
         told = threading.Lock()  # held for good by the first connection that is lost
@@ -165,7 +165,7 @@ class DescribedWiring:
                 self.begin()
             self._say(self._description.greetings.open)
             self.given = {**self.given, **self._read_given(clock, deadline)}
-            self.direct.hear(self._ear(hear), self.table.index.keys() - self._carried)
+            self.direct.subscribe(self._watching(receive), self.table.index.keys() - self._carried)
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._accept, f"{name}."))
             self._points.await_news(self.rig, clock, deadline, within)
@@ -187,26 +187,26 @@ class DescribedWiring:
             notes = {**self.capabilities.notes, "identity": self.direct.differs}
             self.capabilities = replace(self.capabilities, notes=notes)
 
-    def _ear(self, hear: Hear) -> Hear:
-        """Return who hears what is carried: ``hear`` alone, unless the state has to be known here as well."""
+    def _watching(self, receive: OnSamples) -> OnSamples:
+        """Return what receives the samples: ``receive`` itself, unless the state has to be known here as well."""
         if self._player is None and not self._description.setpoints:
-            return hear
+            return receive
         state = self.table.index["rig.state"]
 
-        def heard(times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
+        def received(times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
             told = values[rows == state]
             if told.size:
                 self._active = bool(told[-1] == _ACTIVE)
-            hear(times, rows, values, fresh)
+            receive(times, rows, values, fresh)
 
-        return heard
+        return received
 
     def listening(self) -> DescribedWiring:
         """Return a wiring that only listens, over transports of its own."""
         return open_described(self.rig, listening(self._description), self._ports)
 
     def close(self) -> None:
-        self._hear = None
+        self._receive = None
         if self._greeted:
             self._greeted = False
             with contextlib.suppress(BenchError, ValueError):
@@ -252,11 +252,11 @@ class DescribedWiring:
             self._tell(time, samples)
 
     def _tell(self, time: int, samples: Mapping[int, float]) -> None:
-        hear = self._hear
-        if hear is not None and samples:
+        receive = self._receive
+        if receive is not None and samples:
             rows = np.fromiter(samples.keys(), np.int64, len(samples))
             values = np.fromiter(samples.values(), np.float64, len(samples))
-            hear(np.full(len(samples), time, np.int64), rows, values, time)
+            receive(np.full(len(samples), time, np.int64), rows, values, time)
 
     def _tell_player(self, time: int) -> None:
         if self._player is not None:

@@ -8,7 +8,7 @@ from typing import NoReturn, Protocol
 
 from bench_protocol.clock import Clock
 from drivers.errors import BenchError, NotAvailable
-from drivers.wiring.contract import Capabilities, Hear, Ints, OnLost, Outlet
+from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples, Outlet
 
 
 class Direct(Protocol):
@@ -49,7 +49,7 @@ class Direct(Protocol):
     def connect(self, clock: Clock, lost: OnLost) -> None:
         """Connect, and become the rig's commander unless it is only to listen. Who calls closes it if this raises."""
 
-    def hear(self, hear: Hear, silent: Collection[str]) -> None:
+    def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
         """Let samples come from now on, but for the signals ``silent``."""
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class Nothing:
     def connect(self, clock: Clock, lost: OnLost) -> None:
         pass
 
-    def hear(self, hear: Hear, silent: Collection[str]) -> None:
+    def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
         pass
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ class Streaming:
         self.commanded, self._active_since = False, _NEVER
 
     def begin(self, clock: Clock) -> None:
-        """Let what goes out by itself go out from now on, and the rig hear it before the first command."""
+        """Let what goes out by itself go out from now on, and the rig receive it before the first command."""
         if not self.commanded and (heard := self._give_life_signs()):
             wait = heard + self._description.capabilities.latency
             clock.sleep_until(clock.now() + round(wait * NS))
@@ -69,7 +69,7 @@ class Streaming:
         for name, points in streams.items():  # all: a sign of life may go another way than set-points
             try:
                 self._transports[name].stream(points, time)
-            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it
+            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to know of it
                 failure = failure or Misuse(f"set-points cannot be sent to {self._rig}: {error}")
         return failure or self._refused(time)
 

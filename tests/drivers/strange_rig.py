@@ -20,7 +20,7 @@ class PointsInMemory:
         self.locked: set[str] = set()  # what cannot be written
         self.silent = self.refusing = False
         self.connections = 0
-        self._hear: Callable[[int, Mapping[str, float]], None] | None = None
+        self._receive: Callable[[int, Mapping[str, float]], None] | None = None
         self._lost: Callable[[str], None] | None = None
         self._clock: Clock | None = None
         self._task: Task | None = None
@@ -42,17 +42,17 @@ class PointsInMemory:
         self.connections += 1
         self._task = clock.every(round(self.period * 1e9), self.tell)
 
-    def subscribe(self, hear: Callable[[int, Mapping[str, float]], None]) -> None:
-        self._hear = hear
+    def subscribe(self, receive: Callable[[int, Mapping[str, float]], None]) -> None:
+        self._receive = receive
 
     def tell(self, *names: str) -> None:
         """Let points come now: the named ones, or all that come by themselves."""
         assert self._clock is not None
-        if self.silent or self._hear is None:
+        if self.silent or self._receive is None:
             return
         self._heard = self._clock.now()
         told = names or [name for name in self.points if name not in self.asked]
-        self._hear(self._heard, {name: self.points[name] for name in told})
+        self._receive(self._heard, {name: self.points[name] for name in told})
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         if self.silent:
@@ -82,4 +82,4 @@ class PointsInMemory:
         if self._task is not None:
             self.connections -= 1
             self._task.cancel()
-            self._task = self._hear = None
+            self._task = self._receive = None

@@ -61,7 +61,7 @@ class Tiny:
     def outlet(self):
         return self
 
-    def open(self, clock, hear, lost, *, within):
+    def open(self, clock, receive, lost, *, within):
         assert clock is self.clock
         self.opened = True
         rows = np.array([TABLE.index[name] for name in self.reports])
@@ -69,7 +69,7 @@ class Tiny:
         def tell():
             now = clock.now()
             self.values["rig.state"] = float(STATES.index(self.state))
-            hear(np.full(rows.size, now), rows, np.array([self.values[n] for n in self.reports]), now)
+            receive(np.full(rows.size, now), rows, np.array([self.values[n] for n in self.reports]), now)
 
         self._telling = clock.every(50_000_000, tell)
 
@@ -260,7 +260,7 @@ def test_a_state_that_nobody_knows_is_not_called_silence(tiny, bench):
     row = np.array([TABLE.index["rig.state"]])
 
     def tell():
-        tiny.receiver.hear(np.array([tiny.clock.now()]), row, np.array([math.nan]), tiny.clock.now())
+        tiny.receiver.receive(np.array([tiny.clock.now()]), row, np.array([math.nan]), tiny.clock.now())
 
     tiny.receiver = bench.receiver
     tiny._telling = tiny.clock.every(50_000_000, tell)

@@ -77,11 +77,11 @@ class Stand:
             self.plc.points[f"{point}_active"] = number
 
     def open(self, within: float = 1 * s) -> "Stand":
-        def hear(times, rows, values, arrived):
+        def receive(times, rows, values, arrived):
             names = [TABLE.signals[row].name for row in rows]
             self.heard += zip(times.tolist(), names, values.tolist(), strict=True)
 
-        self.wiring.open(self.clock, hear, self.lost.append, within=within)
+        self.wiring.open(self.clock, receive, self.lost.append, within=within)
         return self
 
     def wait(self, duration: float) -> None:

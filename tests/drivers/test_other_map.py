@@ -93,12 +93,12 @@ class Stand:
         self.table = known
 
     def open(self) -> None:
-        def hear(times, rows, values, fresh):
+        def receive(times, rows, values, fresh):
             self.heard |= {
                 self.table.signals[row].name: value for row, value in zip(rows, values, strict=True)
             }
 
-        self.wiring.open(self.memory.clock, hear, lambda reason: None, within=1 * s)
+        self.wiring.open(self.memory.clock, receive, lambda reason: None, within=1 * s)
         self.memory.clock.sleep_until(self.memory.clock.now() + 1 * NS)
 
     def check_what_agrees(self) -> set[str]:
@@ -249,7 +249,7 @@ def test_a_bench_on_another_map_arms_moves_and_says_what_it_lacks():
 def test_a_plan_says_with_what_it_goes_on(tmp_path):
     said = []
 
-    class Ear(Nobody):
+    class Watcher(Nobody):
         def say(self, text):
             said.append(text)
 
@@ -260,7 +260,7 @@ def test_a_plan_says_with_what_it_goes_on(tmp_path):
 
     stand = Stand(SWAPPED)
     with Bench(stand.wiring, stand.memory.clock) as bench:
-        assert execute(look, bench, tmp_path, watcher=Ear()).verdict == "pass"
+        assert execute(look, bench, tmp_path, watcher=Watcher()).verdict == "pass"
     assert any("the rig speaks another table of signals" in text and "left.height" in text for text in said)
 
 

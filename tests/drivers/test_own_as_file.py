@@ -15,7 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from drivers.bench import Bench
 from drivers.errors import Refused
-from drivers.wiring.astb.can import AstbEar
+from drivers.wiring.astb.can import AstbListener
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
 from test_plans.execution import execute
@@ -64,12 +64,12 @@ def test_a_description_of_our_own_rig_arms_moves_and_disarms_it(memory, describe
 
 def test_both_wirings_hear_the_same(memory, described):
     heard = {"own": [], "file": []}
-    own = AstbEar(
+    own = AstbListener(
         TABLE, memory.clock, 0, lambda t, rows, v, _: heard["own"].extend(zip(t, rows, v, strict=True))
     )
     with described as bench:
         port = memory.can()
-        port.subscribe(own.accept)
+        port.subscribe(own.receive)
         bench.receiver.sink = lambda t, rows, v: heard["file"].extend(zip(t, rows, v, strict=True))
         bench.wait(2 * s)
         bench.receiver.sink = None

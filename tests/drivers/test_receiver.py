@@ -16,7 +16,7 @@ from drivers.errors import Misuse, Stale
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
-from drivers.wiring.astb.can import AstbEar
+from drivers.wiring.astb.can import AstbListener
 from drivers.wiring.own import own_wiring
 
 HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]
@@ -24,13 +24,13 @@ MS = 1_000_000
 
 
 class Heard(Receiver):
-    """A receiver of our wiring, with the ear that hears frames for it."""
+    """A receiver of our wiring, with the listener that hears frames for it."""
 
     def __init__(self, clock, epoch=0):
         silent = InMemoryModbus(lambda request: b"")
         super().__init__(own_wiring(InMemoryCan(lambda block: None), silent), clock)
-        ear = AstbEar(TABLE, clock, epoch, self.hear)
-        self.accept, self.tally = ear.accept, ear.tally
+        listener = AstbListener(TABLE, clock, epoch, self.receive)
+        self.accept, self.tally = listener.receive, listener.tally
 
 
 def spring(encoder, time, height=0.0, pressure=0.0):

@@ -62,7 +62,7 @@ class Gateway:
             self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._say("< hi >")
         elif self._client in heard:
-            yield from self._hear()
+            yield from self._receive()
 
     def send(self, frames: list[tuple[int, bytes]]) -> None:
         """Send frames to the client."""
@@ -70,7 +70,7 @@ class Gateway:
             now = f"{time.time():.6f}"
             self._say("".join(f"< frame {one:08X} {now} {data.hex().upper()} >" for one, data in frames))
 
-    def _hear(self) -> Iterable[tuple[int, bytes]]:
+    def _receive(self) -> Iterable[tuple[int, bytes]]:
         assert self._client
         try:
             received = self._client.recv(65536)

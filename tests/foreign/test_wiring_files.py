@@ -86,12 +86,12 @@ def test_the_frames_of_rig_b_over_can():
     transport = open_transport("bus", table, HERE, functions=functions, port=virtual.port)
     heard, times = {}, []
 
-    def hear(time, points):
+    def receive(time, points):
         heard.update(points)
         times.append(time)
 
     transport.connect(virtual.clock, lambda reason: None, within=1.0)
-    transport.subscribe(hear)
+    transport.subscribe(receive)
     start = virtual.clock.now()
     virtual.clock.sleep_until(1 * NS)
     # What is sampled at once comes one frame after the other, and has one time all the same.

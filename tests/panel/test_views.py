@@ -163,12 +163,12 @@ def test_frames_are_counted_by_identifier_with_the_longest_gap_between_two(tmp_p
     monkeypatch.setattr("drivers.can_port.open_can", lambda *_, **__: InMemoryCan(lambda block: None))
     bus = Bus(Watch(SIMULATED, tmp_path / "rig.toml"))
     assert bus.look()["counts"] == {}
-    bus.hear(frames((0, 0x181), (5, 0x181), (5, 0x201)))
-    bus.hear(frames((105, 0x181), (108, 0x181)))
+    bus.receive(frames((0, 0x181), (5, 0x181), (5, 0x201)))
+    bus.receive(frames((105, 0x181), (108, 0x181)))
     told = bus.look()
     assert told["counts"] == {0x181: 4, 0x201: 1}
     assert told["gaps"][0x181] * NS == pytest.approx(100)
-    bus.hear(frames(*((0, identifier) for identifier in range(1000, 2000))))
+    bus.receive(frames(*((0, identifier) for identifier in range(1000, 2000))))
     told = bus.look()
     assert (len(told["counts"]), told["others"]) == (256, 746), "what a bus of others may have is bounded"
     bus.close()

@@ -181,8 +181,8 @@ def test_thirty_two_failures_in_a_row_take_a_node_off_the_bus_and_1408_recessive
     assert min(passive) == 128
     assert pace.nodes["a"].transmit_errors == 256
     assert pace.nodes[RIG].receive_errors == 32
-    assert not pace.hears("a")
-    assert pace.hears(RIG)
+    assert not pace.receives("a")
+    assert pace.receives(RIG)
     pace.incoming(frame(5, b"y", time=now), "a", 0)
     assert pace.nodes["a"].lost == 2, "the frame that failed, and the one that came meanwhile"
     off = pace.nodes["a"].off_since
@@ -199,14 +199,14 @@ def test_on_a_busy_bus_each_frame_is_one_run_of_recessive_bits_and_a_restart_can
         pace.spoil("a", 32)
         pace.incoming(frame(5, b"", time=0), "a", 0)
         now = 0
-        while pace.hears("a"):
+        while pace.receives("a"):
             now += 1000
             list(pace.due(now))
         off = pace.nodes["a"].off_since
         block = join([frame(1, bytes(8), time=off)] * 300)
         pace.outgoing(block, 0)
         count = 0
-        while not pace.hears("a"):
+        while not pace.receives("a"):
             now += 10_000
             count += sum(part.size for part, _ in pace.due(now))
         assert abs(count - first) <= 13, "the wait, and 128 frames of about 270 µs"

@@ -34,11 +34,11 @@ VCAN = [
 @pytest.fixture(scope="module")
 def silent_vcan0() -> None:
     """Fail, with who it is, if somebody talks on vcan0: these tests count what they hear."""
-    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as ear:
-        ear.bind(("vcan0",))
-        ear.settimeout(0.1)  # a rig says something every 5 ms
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as listener:
+        listener.bind(("vcan0",))
+        listener.settimeout(0.1)  # a rig says something every 5 ms
         with contextlib.suppress(TimeoutError):
-            word = int.from_bytes(ear.recv(16)[:4], sys.byteorder)
+            word = int.from_bytes(listener.recv(16)[:4], sys.byteorder)
             pytest.fail(
                 f"somebody sends {word:#x} on vcan0 (a rig?), and these tests need the bus for themselves"
             )
@@ -67,7 +67,7 @@ def open_port(request: pytest.FixtureRequest) -> Iterator[OpenPort]:
         yield make
 
 
-class Ear:
+class Listener:
     """A subscriber that keeps everything."""
 
     def __init__(self, port: PythonCanPort) -> None:
@@ -84,7 +84,7 @@ class Ear:
 
 def test_frames_arrive_as_they_were_sent(open_port: OpenPort, eventually) -> None:
     a, b = open_port(), open_port()
-    ear = Ear(b)
+    listener = Listener(b)
     frames = [
         frame(0x000, b""),
         frame(0x7FF, bytes(range(8))),
@@ -94,8 +94,8 @@ def test_frames_arrive_as_they_were_sent(open_port: OpenPort, eventually) -> Non
     ]
     before = time.time_ns()
     a.send(join(frames))
-    eventually(lambda: len(ear) == len(frames))
-    got = ear.block
+    eventually(lambda: len(listener) == len(frames))
+    got = listener.block
     # Some clocks of the kernel are coarser than the one this test reads.
     assert all(before - 20_000_000 <= stamp <= time.time_ns() for stamp in got["time"])
     got["time"] = 0
@@ -106,7 +106,7 @@ def test_a_burst_of_20_000_frames_while_the_program_computes(
     open_port: OpenPort, numbered, numbers, eventually
 ) -> None:
     a, b = open_port(), open_port()
-    ear = Ear(b)
+    listener = Listener(b)
     count = 20_000
     sender = threading.Thread(target=lambda: [a.send(numbered(500, start)) for start in range(0, count, 500)])
     sender.start()
@@ -114,47 +114,47 @@ def test_a_burst_of_20_000_frames_while_the_program_computes(
     while sender.is_alive():  # a plan that computes, in the same process
         total += sum(range(10_000))
     sender.join()
-    eventually(lambda: len(ear) >= count, within=20, what=f"{count} frames ({len(ear)} so far)")
-    assert numbers(ear.block) == list(range(count))
+    eventually(lambda: len(listener) >= count, within=20, what=f"{count} frames ({len(listener)} so far)")
+    assert numbers(listener.block) == list(range(count))
     assert b.overflows == 0
 
 
 def test_nobody_hears_himself_and_everybody_hears_all_others(open_port: OpenPort, eventually) -> None:
     ports = [open_port() for _ in range(3)]
-    ears = [Ear(port) for port in ports]
+    listeners = [Listener(port) for port in ports]
     for number, port in enumerate(ports):
         port.send(frame(number, b"me"))
-        eventually(lambda number=number: sum(map(len, ears)) == 2 * (number + 1))
-    assert [sorted(ear.block["id"].tolist()) for ear in ears] == [[1, 2], [0, 2], [0, 1]]
+        eventually(lambda number=number: sum(map(len, listeners)) == 2 * (number + 1))
+    assert [sorted(listener.block["id"].tolist()) for listener in listeners] == [[1, 2], [0, 2], [0, 1]]
 
 
 def test_an_empty_block_is_nothing(open_port: OpenPort, eventually) -> None:
     a, b = open_port(), open_port()
-    ear = Ear(b)
+    listener = Listener(b)
     a.send(empty_block())
     a.send(frame(1, b""))
-    eventually(lambda: len(ear))
-    assert len(ear) == 1
+    eventually(lambda: len(listener))
+    assert len(listener) == 1
 
 
 def test_all_subscribers_hear_everything(open_port: OpenPort, numbered, numbers, eventually) -> None:
     a, b = open_port(), open_port()
-    ears = [Ear(b), Ear(b)]
+    listeners = [Listener(b), Listener(b)]
     a.send(numbered(100))
-    eventually(lambda: all(len(ear) == 100 for ear in ears))
-    assert all(numbers(ear.block) == list(range(100)) for ear in ears)
+    eventually(lambda: all(len(listener) == 100 for listener in listeners))
+    assert all(numbers(listener.block) == list(range(100)) for listener in listeners)
 
 
 def test_no_callback_after_close(open_port: OpenPort, numbered) -> None:
     a, b = open_port(), open_port()
-    ear = Ear(b)
+    listener = Listener(b)
     reasons: list[str] = []
     b.on_lost(reasons.append)
     b.close()
-    heard = len(ear)
+    heard = len(listener)
     a.send(numbered(10))
     time.sleep(0.05)
-    assert len(ear) == heard
+    assert len(listener) == heard
     assert reasons == [], "who closes has not lost"
     with pytest.raises(LinkLost, match="was closed"):
         b.send(numbered(1))
@@ -197,11 +197,11 @@ def test_remote_frames_do_not_come_through(
     if "tcp" in request.node.name:
         pytest.skip("the socketcand protocol has no remote frames")
     a, b = open_port(), open_port()
-    ear = Ear(b)
+    listener = Listener(b)
     a._bus.send(can.Message(arbitration_id=0x5, is_remote_frame=True, dlc=8, is_extended_id=False))
     a.send(frame(0x6, b"data"))
-    eventually(lambda: len(ear))
-    assert ear.block["id"].tolist() == [6]
+    eventually(lambda: len(listener))
+    assert listener.block["id"].tolist() == [6]
 
 
 # --- one kind only -------------------------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ def test_the_kernels_losses_are_counted(numbered, eventually) -> None:
     """A receiver that is held up with a small buffer loses frames, and says how many."""
     receiver, sender = open_can("vcan0"), open_can("vcan0")
     receiver._receiver._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-    ear = Ear(receiver)
+    listener = Listener(receiver)
     hold = threading.Event()
     receiver.subscribe(lambda block: hold.wait(5))
     count = 2000
@@ -251,7 +251,7 @@ def test_the_kernels_losses_are_counted(numbered, eventually) -> None:
     eventually(lambda: not sender.send(frame(0x7FF, b"")) and receiver.overflows, within=5)
     receiver.close()
     sender.close()
-    full = int((ear.block["length"] == 8).sum())
+    full = int((listener.block["length"] == 8).sum())
     assert full < count
     assert receiver.overflows >= count - full
 
@@ -263,15 +263,15 @@ def test_flags_in_the_identifier_are_masked_and_echoes_dropped(eventually) -> No
     """A socket that is told to hear itself stands for a bus that echoes."""
     bus = can.Bus("vcan0", interface="socketcan", receive_own_messages=True, ignore_config=True)
     port = PythonCanPort(bus)
-    ear = Ear(port)
+    listener = Listener(port)
     port.send(frame(0x1, b"mine"))
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as other:
         other.bind(("vcan0",))
         for word in (0x4000_0001, 0x8000_0123, 0x0000_0124):  # remote, extended, standard
             other.send(struct.pack("=IB3x8s", word, 2, b"\x01\x02\xee\xee"))
-        eventually(lambda: len(ear) >= 2)
+        eventually(lambda: len(listener) >= 2)
     port.close()
-    assert ear.block["id"].tolist() == [0x123, 0x124]
-    assert ear.block["extended"].tolist() == [1, 0]
-    assert ear.block["data"].tolist() == [[1, 2, *[0] * 6]] * 2
-    assert np.all(ear.block["time"] > 0)
+    assert listener.block["id"].tolist() == [0x123, 0x124]
+    assert listener.block["extended"].tolist() == [1, 0]
+    assert listener.block["data"].tolist() == [[1, 2, *[0] * 6]] * 2
+    assert np.all(listener.block["time"] > 0)

@@ -132,24 +132,24 @@ class WrongError(Good):
 
 
 class Silent(Good):
-    def subscribe(self, hear):
+    def subscribe(self, receive):
         pass
 
 
 class TimesOfTheDay(Good):
-    def subscribe(self, hear):
-        super().subscribe(lambda time, points: hear(time + 10**18, points))
+    def subscribe(self, receive):
+        super().subscribe(lambda time, points: receive(time + 10**18, points))
 
 
 class TimesGoBack(Good):
-    def subscribe(self, hear):
-        super().subscribe(lambda time, points: (hear(time, points), hear(time - 1000, points)))
+    def subscribe(self, receive):
+        super().subscribe(lambda time, points: (receive(time, points), receive(time - 1000, points)))
 
 
 class Words(Good):
-    def subscribe(self, hear):
+    def subscribe(self, receive):
         super().subscribe(
-            lambda time, points: hear(time, {name: str(value) for name, value in points.items()})
+            lambda time, points: receive(time, {name: str(value) for name, value in points.items()})
         )
 
 
@@ -172,7 +172,7 @@ class Deaf(Good):
 class LostByNothing(Good):
     def stream(self, points, time):
         if not points:
-            self._ear.lose("there is nothing to stream")
+            self._listener.lose("there is nothing to stream")
         super().stream(points, time)
 
 
@@ -203,7 +203,7 @@ class LostByANo(Good):
         try:
             super().write(points)
         except Refused as no:
-            self._ear.lose(str(no))
+            self._listener.lose(str(no))
             raise
 
 
@@ -224,9 +224,9 @@ class Impatient(Good):
 
 
 class TwoAtOnce(Good):
-    def subscribe(self, hear):
+    def subscribe(self, receive):
         def both(time, points):
-            threads = [threading.Thread(target=hear, args=(time, points)) for _ in range(2)]
+            threads = [threading.Thread(target=receive, args=(time, points)) for _ in range(2)]
             for thread in threads:
                 thread.start()
             for thread in threads:
@@ -237,14 +237,14 @@ class TwoAtOnce(Good):
 
 class NeverQuiet(Good):
     def close(self):
-        for listener in self._ear._listeners:
+        for listener in self._listener._subscribers:
             threading.Timer(0.05, listener, args=(self._clock.now(), {"height": 1.0})).start()
         super().close()
 
 
 class ClosesOnce(Good):
     def close(self):
-        if not self._ear._open and self._socket is not None:
+        if not self._listener._open and self._socket is not None:
             raise RuntimeError("closed already")
         super().close()
 
@@ -255,7 +255,7 @@ class TellsItsOwnEnd(Good):
         super().connect(clock, lost, within=within)
 
     def close(self):
-        if self._ear._open:
+        if self._listener._open:
             self._told("the connection was closed by ourselves")
         super().close()
 

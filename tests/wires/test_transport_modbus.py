@@ -328,7 +328,7 @@ def test_a_listener_that_fails_is_told(bank) -> None:
     transport.connect(clock, lost.append, within=1.0)
     transport.subscribe(lambda time, points: 1 / 0)
     clock.sleep_until(clock.now() + 100_000_000)
-    assert lost == ["a listener of plc at 127.0.0.1:502 failed: ZeroDivisionError: division by zero"]
+    assert lost == ["a subscriber of plc at 127.0.0.1:502 failed: ZeroDivisionError: division by zero"]
     transport.close()
 
 

@@ -18,7 +18,7 @@ from bench_protocol.frames import Block, copied
 from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
-from drivers.wiring.contract import CyclicStream, Floats, Hear, Ints
+from drivers.wiring.contract import CyclicStream, Floats, Ints, OnSamples
 
 if TYPE_CHECKING:
     from bench_protocol.clock import Clock
@@ -48,8 +48,8 @@ def stale_limits(table: Table) -> Ints:
     return limits
 
 
-class AstbEar:
-    """Decodes what our rig sends, and tells it to whoever hears.
+class AstbListener:
+    """Decodes what our rig sends, and calls ``receive`` with the samples.
 
     ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
     stamps come from somebody else's clock, so the age of a reading counts from its arrival instead. ``absent`` are
@@ -57,34 +57,34 @@ class AstbEar:
     """
 
     def __init__(
-        self, table: Table, clock: Clock, epoch: int, hear: Hear, absent: Collection[str] = ()
+        self, table: Table, clock: Clock, epoch: int, receive: OnSamples, absent: Collection[str] = ()
     ) -> None:
         from bench_protocol.can_codec import Decoder, Samples
 
         self._samples = Samples
-        self._clock, self._epoch, self._hear = clock, epoch, hear
+        self._clock, self._epoch, self._receive = clock, epoch, receive
         self._decoder = Decoder(table, from_rig=True)
         self._map_hash_row = table.index["rig.map_hash"]
         self._lock = threading.Lock()
-        #: Where the rig's map has something else than our table: which rows are heard; None for all.
-        self._heard: npt.NDArray[np.bool_] | None = None
+        #: Where the rig's map has something else than our table: which rows count; None for all.
+        self._rows_here: npt.NDArray[np.bool_] | None = None
         if absent:
-            self._heard = np.ones(len(table.signals), np.bool_)
-            self._heard[[table.index[name] for name in absent]] = False
+            self._rows_here = np.ones(len(table.signals), np.bool_)
+            self._rows_here[[table.index[name] for name in absent]] = False
 
-    def accept(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Take a block of frames in order of arrival."""
         if self._epoch:
             block = copied(block)
             block["time"] -= self._epoch
         with self._lock:
             samples = self._decoder.decode(block)
-        if self._heard is not None:
-            chosen = self._heard[samples.signals]
+        if self._rows_here is not None:
+            chosen = self._rows_here[samples.signals]
             samples = self._samples(samples.times[chosen], samples.signals[chosen], samples.values[chosen])
         if samples.times.size:
             fresh = self._clock.now() if self._epoch else samples.times
-            self._hear(samples.times, samples.signals, samples.values, fresh)
+            self._receive(samples.times, samples.signals, samples.values, fresh)
 
     @property
     def map_hash(self) -> float:

@@ -23,11 +23,11 @@ from bench_protocol.messages import TOKEN
 from bench_protocol.rates import PACE
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, NotCommander
-from drivers.wiring.astb.can import AstbEar, AstbOutlet, stale_limits
+from drivers.wiring.astb.can import AstbListener, AstbOutlet, stale_limits
 from drivers.wiring.astb.keys import AstbKeys
 from drivers.wiring.astb.modbus import AstbRegisters, other_map
 from drivers.wiring.astb.watchdog import WatchdogFeeder
-from drivers.wiring.contract import Capabilities, Hear, Ints, OnLost
+from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples
 from drivers.wiring.keys import convert
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class AstbTransport:
         ] = {}  #: signals that the rig's table has not, or elsewhere, with the reasons
         self.given: Mapping[str, float] = {}
         self.commands = False  #: whether it has the lease
-        self._ear: AstbEar | None = None
+        self._listener: AstbListener | None = None
         self._map_hash = table.map_hash
         self._clock: Clock
         self._lost: OnLost
@@ -119,7 +119,7 @@ class AstbTransport:
     @property
     def failure(self) -> BenchError | None:
         """Why commands no longer count: another map, the lease is somebody else's, or the watchdog cannot be fed."""
-        told = math.nan if self._ear is None else self._ear.map_hash
+        told = math.nan if self._listener is None else self._listener.map_hash
         if not math.isnan(told) and (differs := other_map(int(told), self._map_hash)):
             return differs
         failure = self.watchdog.failure if self.commands else None
@@ -144,14 +144,14 @@ class AstbTransport:
         self.outlet.bear(token)
         self.watchdog.start(clock)
 
-    def hear(self, hear: Hear, silent: Collection[str]) -> None:
+    def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
         """Let samples come from now on, but for the signals ``silent``."""
         # In memory frames are stamped in virtual time, on a real bus with the time of the day.
         virtual = isinstance(self._clock, VirtualClock)
         epoch = 0 if virtual else wall_time_ns() - self._clock.now()
-        self._ear = AstbEar(self._table, self._clock, epoch, hear, silent)
+        self._listener = AstbListener(self._table, self._clock, epoch, receive, silent)
         self.can.on_lost(lambda reason: self._lost(_bus_lost(reason)))
-        self.can.subscribe(self._ear.accept)
+        self.can.subscribe(self._listener.receive)
 
     def _agree(self, map_hash: int) -> None:
         """Find what our table and the rig's map have in common, if they differ; MapMismatch if that is too little."""
@@ -223,4 +223,4 @@ class AstbTransport:
 
     def tally(self) -> dict[str, int]:
         """Return how many frames were accepted, lost, repeated, malformed… since it was connected."""
-        return {} if self._ear is None else self._ear.tally()
+        return {} if self._listener is None else self._listener.tally()

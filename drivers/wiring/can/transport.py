@@ -61,13 +61,13 @@ from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.can_port import open_bus, open_can
 from drivers.errors import LinkLost, WiringError
 from drivers.stamps import UNCERTAINTY
-from drivers.wiring.can.hearing import Hearing
 from drivers.wiring.can.keys import CanKeys
 from drivers.wiring.can.message import Message
 from drivers.wiring.can.messages import read_messages
+from drivers.wiring.can.reception import Reception
 from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp
-from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant
 from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener
 
 if TYPE_CHECKING:
     from bench_protocol.frames import Block
@@ -112,14 +112,14 @@ class CanTransport:
             message, signal = self._find(point)
             if signal not in message.keys.values:
                 message.given.pop(signal, None)
-        self._hearing = Hearing(self._messages, lambda message: message in self._ours)
+        self._reception = Reception(self._messages, lambda message: message in self._ours)
         self._ours = {one.name for one in self._messages.values() if one.every}
         if keys.node is not None:
             self._check_node(place, keys.node)
         if keys.burst_begins is not None:
             self._check_burst(place, keys.burst_begins)
         self._where = f"{name} on {keys.channel or keys.bus}"
-        self._ear, self._grant = Ear(self._where), Grant()
+        self._listener, self._grant = Listener(self._where), Grant()
         self._latest: dict[str, float] = {}
         self._times: dict[str, int] = {}
         self._lock = threading.RLock()
@@ -155,11 +155,11 @@ class CanTransport:
     @property
     def counts(self) -> dict[str, dict[str, int]]:
         """Frames lost, repeated, corrupt, short, of an unknown page or another source, by message."""
-        return self._hearing.counts
+        return self._reception.counts
 
     def remarks(self) -> list[Remark]:
         """Return what came that was dropped or read in part, and what else is on the bus."""
-        return self._hearing.remarks()
+        return self._reception.remarks()
 
     def stamp(self, name: str) -> Stamp | None:
         """Return by whose clock the message of a point is stamped; None in memory, where all have the bench's."""
@@ -246,27 +246,27 @@ class CanTransport:
         self._clock, self._grant = clock, Grant()
         self._epoch = wall_time_ns() - clock.now()
         self._latest, self._times = {}, {}
-        self._hearing.begin()
+        self._reception.begin()
         for message in self._messages.values():
             message.begin()
         port = self._opener() if self._opener is not None else self._join()
         self._port = port
         told: list[str] = []
-        self._ear.open(clock, told.append)
+        self._listener.open(clock, told.append)
         port.subscribe(self._receive)
-        port.on_lost(self._ear.lose)
+        port.on_lost(self._listener.lose)
         periods = {one.every for one in self._messages.values() if one.every}
         for period in sorted(periods):
-            self._ear.recur(period, partial(self._send_cyclic, period))
+            self._listener.every(period, partial(self._send_cyclic, period))
         deadline = clock.now() + round(within * NS)
         while self._keys.answers and not self._latest and not told and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
         if told or (self._keys.answers and not self._latest):
             self.close()
             silent = f"{self._where}: none of its {len(self._messages)} messages came in {within:g} s"
-            came = self._hearing.instead()
+            came = self._reception.instead()
             raise LinkLost(told[0] if told else f"{silent}; " + (came or "is the rig running?"))
-        self._ear.when_lost(lost)
+        self._listener.when_lost(lost)
 
     def _join(self) -> CanPort:
         keys = self._keys
@@ -275,17 +275,17 @@ class CanTransport:
             return open_bus(keys.interface, keys.channel, keys.options, fd=fd)
         return open_can(keys.bus, host=keys.host, port=keys.port, fd=fd)
 
-    def subscribe(self, hear: OnPoints) -> None:
-        """Call ``hear(time, points)`` with each sound message from now on."""
-        self._ear.subscribe(hear)
+    def subscribe(self, receive: OnPoints) -> None:
+        """Call ``receive(time, points)`` with each sound message from now on."""
+        self._listener.subscribe(receive)
 
     def alive(self) -> float:
         """Return how long ago a sound message came (s); infinite before the first."""
-        return self._ear.silence()
+        return self._listener.silence()
 
     def close(self) -> None:
         """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
-        self._ear.close()
+        self._listener.close()
         if self._port is not None:
             self._port.close()
 
@@ -294,7 +294,7 @@ class CanTransport:
     def _receive(self, block: Block) -> None:
         for record in block:
             time = self._time(int(record["time"]))
-            message = self._hearing.message(int(record["id"]), bool(record["extended"]), time)
+            message = self._reception.message(int(record["id"]), bool(record["extended"]), time)
             if message is not None:
                 self._accept(message, payload(record), self._sampled(message, time))
 
@@ -318,7 +318,7 @@ class CanTransport:
         return min(now, time) if now - time < _LAG_MAX else now
 
     def _accept(self, message: Message, data: bytes, time: int) -> None:
-        note = partial(self._hearing.note, message)
+        note = partial(self._reception.note, message)
         sound = message.sound(data)
         values = message.decode(data) if sound else {}
         if not values:  # a wrong checksum, or too short for anything; else a page that nobody described
@@ -338,18 +338,18 @@ class CanTransport:
                     return
                 note("lost", step - 1)
             message.heard, message.when = count, time
-        self._hearing.heard[message.name] += 1
+        self._reception.received[message.name] += 1
         note("short", int(len(data) < message.coding.length))
         with self._lock:
             self._latest.update(values)
             self._times.update(dict.fromkeys(values, time))
-        self._ear.tell(time, values)
+        self._listener.receive(time, values)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Return what came last; NaN for what is stale, or never came. A bus cannot be asked."""
         for name in names:
             self.require(name)
-        self._ear.check()
+        self._listener.check()
         assert self._clock is not None
         now = self._clock.now()
         with self._lock:
@@ -369,7 +369,7 @@ class CanTransport:
     def write(self, points: Mapping[str, float]) -> None:
         """Send points in the order given, neighbours of one message in one frame; ValueError if one does not fit."""
         taken = self._taken(points)
-        self._ear.check()
+        self._listener.check()
         self._grant.begin()
         with self._lock:
             for (name, of_point), group in groupby(taken, lambda one: (one[0].name, one[0].page_of(one[1]))):
@@ -389,7 +389,7 @@ class CanTransport:
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take the present value of points that go out at the rate of their message; NaN leaves what was there."""
         taken = self._taken({name: value for name, value in points.items() if not math.isnan(value)})
-        self._ear.check()
+        self._listener.check()
         with self._lock:
             self._grant.renew(time)
             for message, signal, value in taken:
@@ -428,7 +428,7 @@ class CanTransport:
             try:
                 self._send([data for _, data in due], [message for message, _ in due])
             except LinkLost as error:
-                self._ear.lose(str(error))
+                self._listener.lose(str(error))
 
     def _send(self, data: Sequence[bytes], messages: Sequence[Message]) -> None:
         assert self._clock is not None and self._port is not None

@@ -63,8 +63,8 @@ from bench_protocol.modbus import MEANING
 from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
-from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
+from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.modbus.keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
 from drivers.wiring.modbus.limits import explained
 from drivers.wiring.modbus.registers import Span, read_points, spans
@@ -124,7 +124,7 @@ class ModbusTransport:
         #: Requests: all, the polls among them, and those without an answer, refused, met by a busy device.
         self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0}
         self._rounds: dict[str, float] = {}  # s, how long it takes to read a group
-        self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
+        self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
         self._writing = threading.RLock()
         self._port: ModbusPort | None = None
         self._clock: Clock | None = None
@@ -195,8 +195,8 @@ class ModbusTransport:
         self._clock = clock
         self._port = self._opener() if self._opener is not None else opener(self._keys, self._timeout)(within)
         self._port.meaning = _MEANING
-        self._outbox, self._grant = Outbox(), Grant()
-        self._ear.open(clock, lost)
+        self._buffer, self._grant = WriteBuffer(), Grant()
+        self._listener.open(clock, lost)
         try:
             for group, _, requests in self._groups:
                 before = self._now()
@@ -206,7 +206,7 @@ class ModbusTransport:
         except BenchError:
             self.close()
             raise
-        self._ear.sign()
+        self._listener.touch()
         for group, every, requests in self._groups:
             self._recur(every, partial(self._poll_all, group, requests))
         self._recur(self._stream_period, self._send_stream)
@@ -225,19 +225,19 @@ class ModbusTransport:
     def _recur(self, period: float, call: Callable[[], None]) -> None:
         """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""
         assert self._clock is not None and self._port is not None
-        self._ear.recur(period, call, self._port.between_requests)
+        self._listener.every(period, call, self._port.between_requests)
 
-    def subscribe(self, hear: OnPoints) -> None:
-        """Call ``hear(time, points)`` with what each request of a group brings from now on."""
-        self._ear.subscribe(hear)
+    def subscribe(self, receive: OnPoints) -> None:
+        """Call ``receive(time, points)`` with what each request of a group brings from now on."""
+        self._listener.subscribe(receive)
 
     def alive(self) -> float:
         """Return how long ago the device answered (s); infinite before the first time."""
-        return self._ear.silence()
+        return self._listener.silence()
 
     def close(self) -> None:
         """Disconnect; no callback comes after this has returned. Harmless when repeated."""
-        self._ear.close()
+        self._listener.close()
         if self._port is not None:
             self._port.close()
 
@@ -275,7 +275,7 @@ class ModbusTransport:
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next cycle of the stream; NaN leaves what was there."""
-        self._ear.check()
+        self._listener.check()
         news = {}
         for name, value in points.items():
             if not math.isnan(value):
@@ -283,7 +283,7 @@ class ModbusTransport:
                 self._points[name].encode(value)
                 news[name] = value
         self._grant.renew(time)
-        self._outbox.put(news)
+        self._buffer.put(news)
 
     def begin(self) -> float:
         """Count the sign of life from now on; return after how long (s) it has counted to three, 0 without one."""
@@ -301,7 +301,7 @@ class ModbusTransport:
                 if refused.code not in _NOT_NOW:  # what cannot be told now is as it was, until it is stale
                     self.counts["refused"] += 1
                     names = [point.name for point in span.points]
-                    self._ear.tell(self._now(), dict.fromkeys(names, math.nan))
+                    self._listener.receive(self._now(), dict.fromkeys(names, math.nan))
             except LinkLost:
                 return
         self._rounds[group] = (self._now() - before) / NS
@@ -310,18 +310,18 @@ class ModbusTransport:
         self.counts["polls"] += 1
         before = self._now()
         words = self._ask(partial(_read, span), patient=patient)
-        self._ear.tell((before + self._now()) // 2, span.decode(words))
+        self._listener.receive((before + self._now()) // 2, span.decode(words))
 
     def _send_stream(self) -> None:
-        if values := self._outbox.take():
+        if values := self._buffer.drain():
             # Neighbours go in one request.
             ordered = dict(sorted(values.items(), key=lambda one: self._points[one[0]].place))
-            self._outbox.refusal = self._in_background(ordered, self._outbox.refusal)
+            self._buffer.refusal = self._in_background(ordered, self._buffer.refusal)
 
     @property
     def refusal(self) -> Refusal | None:
         """Since when the device refuses set-points, and with which words; None while it takes them."""
-        return self._outbox.refusal
+        return self._buffer.refusal
 
     def _count(self) -> None:
         assert self._alive is not None
@@ -354,16 +354,16 @@ class ModbusTransport:
 
         If ``patient``, a device that is busy is asked again meanwhile.
         """
-        self._ear.check()
+        self._listener.check()
         assert self._port is not None
         deadline = self._now() + round(self._patience * NS)
         while True:
-            self._ear.check()
+            self._listener.check()
             self.counts["requests"] += 1
             try:
                 reply = request(self._port)
             except Refused as refused:
-                self._ear.sign()
+                self._listener.touch()
                 self.counts["busy"] += refused.code in _NOT_NOW
                 if not patient or refused.code not in _NOT_NOW or self._now() >= deadline:
                     raise
@@ -372,10 +372,10 @@ class ModbusTransport:
                 continue
             except LinkLost as error:
                 self.counts["silent"] += 1
-                if self._ear.busy and self._ear.silence() >= self._patience:
-                    self._ear.lose(str(error))
+                if self._listener.busy and self._listener.silence() >= self._patience:
+                    self._listener.lose(str(error))
                 raise
-            self._ear.sign()
+            self._listener.touch()
             return reply
 
     def remarks(self) -> list[Remark]:

@@ -41,9 +41,9 @@ from bench_protocol.extras import installed, lacking
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal
-from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
+from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.opcua.values import NEVER, NodeKeys, said_of
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class OpcUaTransport:
             self.require(alive.point, writable=True)
             self._alive = alive.point, duration(f"{place}.alive: every", alive.every)
         self._where = f"{name} at {keys.url}"
-        self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
+        self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
         self._found = dict(self._ids)  # with the server's own numbers of the namespaces
         self._types: dict[str, ua.VariantType] = {}
         self._loop: EventLoop | None = None
@@ -150,7 +150,7 @@ class OpcUaTransport:
 
         self._clock, self._known, self._news = clock, {}, []
         self._found = dict(self._ids)
-        self._outbox, self._grant = Outbox(), Grant()
+        self._buffer, self._grant = WriteBuffer(), Grant()
         self._loop = EventLoop(self._where)
         self._client = Client(self._keys.url, timeout=self._timeout)
         if self._keys.user is not None:
@@ -158,7 +158,7 @@ class OpcUaTransport:
             self._client.set_password(self._keys.password or "")
         try:
             self._run(self._client.connect(), "connecting", within)
-            self._ear.open(clock, lost)
+            self._listener.open(clock, lost)
             self._resolve(self._client)
             self._look_for_all()
             if self.period:
@@ -166,9 +166,9 @@ class OpcUaTransport:
         except BenchError:
             self.close()
             raise
-        self._ear.recur(self._every, self._cycle)
+        self._listener.every(self._every, self._cycle)
         if self._alive is not None:
-            self._ear.recur(self._alive[1], self._count)
+            self._listener.every(self._alive[1], self._count)
 
     def _resolve(self, client: Client) -> None:
         """Find the namespaces that are given by their names; MapMismatch for one that the server does not have."""
@@ -201,7 +201,7 @@ class OpcUaTransport:
         for name, point in self._points.items():
             if point.subscribe:
                 names.setdefault(self._found[name], []).append(name)
-        subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._hear))
+        subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._receive))
         nodes = [client.get_node(node) for node in names]
         told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
         refused = [
@@ -212,17 +212,17 @@ class OpcUaTransport:
         if refused:
             raise Refused(f"{self._where} does not tell of {', '.join(refused)} by itself", 0)
 
-    def subscribe(self, hear: OnPoints) -> None:
-        """Call ``hear(time, points)`` with what the server tells from now on, every period."""
-        self._ear.subscribe(hear)
+    def subscribe(self, receive: OnPoints) -> None:
+        """Call ``receive(time, points)`` with what the server tells from now on, every period."""
+        self._listener.subscribe(receive)
 
     def alive(self) -> float:
         """Return how long ago the server answered (s); infinite before the first time."""
-        return self._ear.silence()
+        return self._listener.silence()
 
     def close(self) -> None:
         """Disconnect; no callback comes after this has returned. Harmless when repeated."""
-        self._ear.close()
+        self._listener.close()
         with self._closing:
             loop, self._loop = self._loop, None
             client, self._client = self._client, None
@@ -239,14 +239,14 @@ class OpcUaTransport:
         """Ask for points now, in one request. NaN where the status is not good, or the value is no number."""
         for name in names:
             self.require(name)
-        self._ear.check()
+        self._listener.check()
         values = self._values(list(names))
         return {name: self._number(name, value) for name, value in zip(names, values, strict=True)}
 
     def text(self, name: str) -> str:
         """Ask for a text."""
         self.require(name)
-        self._ear.check()
+        self._listener.check()
         (value,) = self._values([name])
         return str(value.Value.Value) if value.Value is not None else ""
 
@@ -256,7 +256,7 @@ class OpcUaTransport:
 
         for name in points:
             self.require(name, writable=True)
-        self._ear.check()
+        self._listener.check()
         if not points:
             return
         client = self._connected()
@@ -299,14 +299,14 @@ class OpcUaTransport:
 
         ValueError for one that does not fit, as soon as a first writing has shown the type of its variable.
         """
-        self._ear.check()
+        self._listener.check()
         news = {name: value for name, value in points.items() if not math.isnan(value)}
         for name, value in news.items():
             self.require(name, writable=True)
             if name in self._types:
                 self._raw(name, value)
         self._grant.renew(time)
-        self._outbox.put(news)
+        self._buffer.put(news)
 
     def _values(self, names: list[str]) -> list[ua.DataValue]:
         from asyncua import ua
@@ -341,7 +341,7 @@ class OpcUaTransport:
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 
-    def _hear(self, name: str, value: ua.DataValue) -> None:
+    def _receive(self, name: str, value: ua.DataValue) -> None:
         """Note what the server tells, in the thread of the loop."""
         assert self._clock is not None
         with self._news_lock:
@@ -351,17 +351,17 @@ class OpcUaTransport:
         """Write what is streamed, hand on what is new, and, if the server answers, what is as it was."""
         assert self._clock is not None
         try:
-            if values := self._outbox.take():
-                self._outbox.refusal = self._in_background(values, self._outbox.refusal)
+            if values := self._buffer.drain():
+                self._buffer.refusal = self._in_background(values, self._buffer.refusal)
             with self._news_lock:
                 news, self._news = self._news, []
             for time, name, value in news:
                 self._known[name] = value
-                self._ear.tell(time, {name: value})
+                self._listener.receive(time, {name: value})
             now = self._clock.now()
             self._ask_state()
             told = {name for _, name, _ in news}
-            self._ear.tell(now, {name: value for name, value in self._known.items() if name not in told})
+            self._listener.receive(now, {one: known for one, known in self._known.items() if one not in told})
         except LinkLost:
             pass
 
@@ -383,7 +383,7 @@ class OpcUaTransport:
     @property
     def refusal(self) -> Refusal | None:
         """Since when the server refuses set-points, and with which words; None while it takes them."""
-        return self._outbox.refusal
+        return self._buffer.refusal
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
         """Write ``values``; return what the server has against them."""
@@ -413,10 +413,10 @@ class OpcUaTransport:
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
             said = said_of(error, within)
             reason = f"{what}: {self._where} failed: {said}; is the server running?"
-            if self._ear.busy and self._ear.silence() >= self._patience:
-                self._ear.lose(reason)
+            if self._listener.busy and self._listener.silence() >= self._patience:
+                self._listener.lose(reason)
             raise LinkLost(reason) from None
-        self._ear.sign()
+        self._listener.touch()
         return result
 
 
@@ -424,15 +424,15 @@ class _Handler:
     """Hears a subscription, in the thread of the loop."""
 
     def __init__(
-        self, names: Mapping[ua.NodeId, Sequence[str]], hear: Callable[[str, ua.DataValue], None]
+        self, names: Mapping[ua.NodeId, Sequence[str]], receive: Callable[[str, ua.DataValue], None]
     ) -> None:
-        self._names, self._hear = names, hear
+        self._names, self._receive = names, receive
 
     def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
         """Take the new value of a node, with its status."""
         del value
         for name in self._names[node.nodeid]:
-            self._hear(name, data.monitored_item.Value)
+            self._receive(name, data.monitored_item.Value)
 
 
 def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:

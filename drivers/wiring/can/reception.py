@@ -26,7 +26,7 @@ _DOUBTFUL: Final = ("corrupt", "unknown", "repeated", "lost", "foreign")
 _FEW: Final = 0.01
 
 
-class Hearing:
+class Reception:
     """Knows frames by identifier, or with J1939 by group, and counts what came: heard, dropped, of nobody."""
 
     def __init__(self, messages: Mapping[str, Message], is_ours: Callable[[str], bool]) -> None:
@@ -44,7 +44,7 @@ class Hearing:
         """Forget what came on an earlier connection."""
         #: Frames lost, repeated, corrupt, short, of an unknown page, of another source, by message.
         self.counts: dict[str, dict[str, int]] = {}
-        self.heard: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
         self._strangers: Counter[tuple[int, bool]] = Counter()
 
     def message(self, identifier: int, extended: bool, time: int) -> Message | None:
@@ -98,7 +98,7 @@ class Hearing:
         """Return what was dropped or read in part, and what else is on the bus."""
         found = []
         for name, tally in self.counts.items():
-            whole = self.heard[name] + sum(tally.get(what, 0) for what in _DOUBTFUL)
+            whole = self.received[name] + sum(tally.get(what, 0) for what in _DOUBTFUL)
             for what, count in tally.items():
                 of = f" and not of {self._messages[name].source:#x}" if what == "foreign" else ""
                 said = f"{name}: {count} of {whole} frames {_WORDS[what]}{of}"

@@ -1,4 +1,4 @@
-"""What every transport needs beside its wires: who listens, in which order, until when, and what recurs."""
+"""What every transport needs beside its wires: who receives what comes, in order and until when, and what recurs."""
 
 from __future__ import annotations
 
@@ -13,27 +13,25 @@ from drivers.wiring.contract import OnLost, OnPoints, Refusal
 
 #: How long signs of life go on once nobody streams set-points any more.
 _PATIENCE: Final = round(500 * ms * NS)
-
-
-#: How many signs of life a rig has heard before it is given a first command.
+#: How many signs of life a rig has received before it is given a first command.
 LIFE_SIGNS: Final = 3
 
 
-class Ear:
-    """Hands on what arrives: in order, to one at a time, nothing after the end, and the loss of the connection once.
+class Listener:
+    """Receives what comes over a connection and hands it to its subscribers, in order and one at a time, until `close`.
 
-    Times never go back. A listener that raises is a fault nobody would hear of in a background thread: the connection
-    counts as lost, with the exception as the reason.
+    It tells the loss of the connection once. Times never go back. A subscriber that raises is a fault that nobody would
+    notice in a background thread: the connection counts as lost, with the exception as the reason.
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._listeners: tuple[OnPoints, ...] = ()
+        self._subscribers: tuple[OnPoints, ...] = ()
         self._lock = threading.RLock()
         self._clock: Clock | None = None
         self._on_lost: OnLost = lambda reason: None
-        self._last = -1  # ns, of what was told
-        self._heard = -1  # ns, when anything came
+        self._last = -1  # ns, of what was received
+        self._came = -1  # ns, when anything came
         self._lost = ""
         self._open = False
         self._tasks: list[Task] = []
@@ -42,7 +40,7 @@ class Ear:
         """Begin to hand on; ``lost(reason)`` is called once if the connection is lost."""
         with self._lock:
             self._clock, self._on_lost = clock, lost
-            self._last, self._heard, self._lost, self._open = -1, -1, "", True
+            self._last, self._came, self._lost, self._open = -1, -1, "", True
 
     def when_lost(self, lost: OnLost) -> None:
         """Call ``lost`` from now on, at once if the connection is lost already."""
@@ -51,29 +49,29 @@ class Ear:
             if self._lost:
                 lost(self._lost)
 
-    def subscribe(self, hear: OnPoints) -> None:
-        """Call ``hear`` with all that is told from now on."""
+    def subscribe(self, receive: OnPoints) -> None:
+        """Call ``receive`` with all that is received from now on."""
         with self._lock:
-            self._listeners += (hear,)
+            self._subscribers += (receive,)
 
-    def tell(self, time: int, points: Mapping[str, float]) -> None:
-        """Hand on ``points`` that came at ``time`` (ns of the clock)."""
+    def receive(self, time: int, points: Mapping[str, float]) -> None:
+        """Hand ``points`` to the subscribers, which came at ``time`` (ns of the clock)."""
         with self._lock:
             if not self._open or self._lost or self._clock is None:
                 return
             self._last = max(self._last, time)
-            self._heard = max(self._last, self._clock.now())
+            self._came = max(self._last, self._clock.now())
             try:
-                for hear in self._listeners:
-                    hear(self._last, points)
+                for subscriber in self._subscribers:
+                    subscriber(self._last, points)
             except Exception as error:
-                self.lose(f"a listener of {self._name} failed: {type(error).__name__}: {error}")
+                self.lose(f"a subscriber of {self._name} failed: {type(error).__name__}: {error}")
 
-    def sign(self) -> None:
-        """Note that something was heard, though nothing to hand on."""
+    def touch(self) -> None:
+        """Note that something came, though nothing to hand on."""
         with self._lock:
             if self._clock is not None:
-                self._heard = self._clock.now()
+                self._came = self._clock.now()
 
     def lose(self, reason: str) -> None:
         """Tell that the connection is lost, unless that is known or it was closed."""
@@ -91,12 +89,12 @@ class Ear:
             raise LinkLost(f"{self._name} is not connected")
 
     def silence(self) -> float:
-        """Return how long ago anything was heard (s); infinite before the first."""
-        if self._clock is None or self._heard < 0:
+        """Return how long ago anything came (s); infinite before the first."""
+        if self._clock is None or self._came < 0:
             return float("inf")
-        return max(0.0, (self._clock.now() - self._heard) / NS)
+        return max(0.0, (self._clock.now() - self._came) / NS)
 
-    def recur(
+    def every(
         self,
         period: float,
         call: Callable[[], None],
@@ -104,7 +102,7 @@ class Ear:
     ) -> None:
         """Call ``call`` every ``period`` s on absolute deadlines, by way of ``place``, until `close`.
 
-        Cycles that pass while it still works are left out. What it raises would end its thread and be heard by nobody:
+        Cycles that pass while it still works are left out. What it raises would end its thread, and nobody would know:
         the connection counts as lost, with the exception as the reason.
         """
         assert self._clock is not None, "opened"
@@ -151,11 +149,11 @@ class Grant:
         return self._begun and (self._renewed < 0 or now - self._renewed <= _PATIENCE)
 
 
-class Outbox:
+class WriteBuffer:
     """The latest value of each point that waits to be written."""
 
     def __init__(self) -> None:
-        self.refusal: Refusal | None = None  #: what the rig had against what was last taken from here
+        self.refusal: Refusal | None = None  #: what the rig had against what was last drained from here
         self._lock = threading.Lock()
         self._values: dict[str, float] = {}
 
@@ -164,7 +162,7 @@ class Outbox:
         with self._lock:
             self._values.update(values)
 
-    def take(self) -> dict[str, float]:
+    def drain(self) -> dict[str, float]:
         """Return what waits, which then waits no more."""
         with self._lock:
             values, self._values = self._values, {}
