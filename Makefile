@@ -86,7 +86,7 @@ bench: $(READY)  ## measure speed and lateness, each beside a control of the sam
 	$(BIN)/python -m benchmarks $(ARGS)
 
 .PHONY: fuzz
-fuzz: $(READY)  ## two million changed inputs for every decoder and every door (ARGS="modbus can-door --count 100000")
+fuzz: $(READY)  ## two million changed inputs for every decoder and every port (ARGS="modbus can-port --count 100000")
 	$(BIN)/python -m tests.fuzz $(ARGS)
 
 .PHONY: soak

@@ -38,7 +38,7 @@ class RigInMemory:
         #: The wires that faults have cut.
         self.shut: set[str] = set()
         self.clock.attach(self._advance)
-        rig.faults.points.connect(Wires(self.bus, _Door(self, "can"), _Door(self, "modbus")))
+        rig.faults.points.connect(Wires(self.bus, _Wire(self, "can"), _Wire(self, "modbus")))
 
     def can(self) -> InMemoryCan:
         """Return a new port of the CAN bus."""
@@ -149,8 +149,8 @@ def _number(name: str) -> int:
     return int(name.rpartition(":")[2])
 
 
-class _Door:
-    """One of the two doors of a rig in memory, as its faults know it."""
+class _Wire:
+    """One of the two wires of a rig in memory, as its faults know it."""
 
     def __init__(self, memory: RigInMemory, wire: str) -> None:
         self._memory, self._wire = memory, wire

@@ -1,4 +1,4 @@
-"""An attack on both doors of a rig: malformed lines and frames of strangers on CAN, hostile requests on Modbus.
+"""An attack on both ports of a rig: malformed lines and frames of strangers on CAN, hostile requests on Modbus.
 
 python -m benchmarks.lateness_attack CAN_PORT MODBUS_PORT    goes on until the rig or its parent has ended
 """
@@ -73,7 +73,7 @@ def attack(
 
 
 def main(can_port: int, modbus_port: int) -> None:
-    """Attack both doors until the input ends."""
+    """Attack both ports until the input ends."""
     end = threading.Event()
     for arguments in ((can_port, b"< open vcan0 >< rawmode >", lines), (modbus_port, b"", requests)):
         threading.Thread(target=attack, args=(*arguments, end), daemon=True).start()

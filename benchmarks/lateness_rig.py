@@ -1,4 +1,4 @@
-"""A rig process for the lateness benchmark: the real loop and doors, twelve frames a tick, every lateness kept.
+"""A rig process for the lateness benchmark: the real loop and ports, twelve frames a tick, every lateness kept.
 
 python -m benchmarks.lateness_rig SECONDS FILE    prints its ports, then writes the lateness of every tick (ns) to FILE
 """

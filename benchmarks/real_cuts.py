@@ -127,13 +127,13 @@ class RealCuts:
             self._directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             file = self._directory / "rig.toml"
             file.write_text(_RIG)
-            doors = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
+            ports = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
             rig = stack.enter_context(
-                _process(sys.executable, "-m", "astb", "rig", "--rig", str(file), *doors)
+                _process(sys.executable, "-m", "astb", "rig", "--rig", str(file), *ports)
             )
             parts = dict(part.split("=", 1) for part in _said(rig, "ready ").split()[1:])
             self._rig = rig
-            self._can, self._modbus = (int(parts[door].rpartition(":")[2]) for door in ("can", "modbus"))
+            self._can, self._modbus = (int(parts[port].rpartition(":")[2]) for port in ("can", "modbus"))
             listener = open_can("tcp", port=self._can)
             listener.subscribe(self._witness.receive)
             stack.callback(listener.close)

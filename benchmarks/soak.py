@@ -150,7 +150,7 @@ def running_rig() -> Iterator[tuple[int, int, int]]:
             try:
                 assert rig.stdout
                 parts = dict(part.split("=", 1) for part in rig.stdout.readline().split()[1:])
-                can, modbus = (int(parts[door].rpartition(":")[2]) for door in ("can", "modbus"))
+                can, modbus = (int(parts[port].rpartition(":")[2]) for port in ("can", "modbus"))
                 yield rig.pid, can, modbus
             finally:
                 rig.kill()

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.door import Door, Line
 from acceptance.conformance.finding import Notebook
+from acceptance.conformance.raw_access import ModbusConnection, RawAccess
 from bench_protocol.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, NO_SUCH_UNIT
 from bench_protocol.registers import FLOAT_BLOCK, PROBE_FLOAT, PROBE_WORD
 from bench_protocol.signals import Kind
@@ -27,13 +27,13 @@ NO_UNIT: Final = 77
 NO_ADDRESS: Final = 60000
 
 
-def ask(door: Door) -> list[Notebook]:
+def ask(access: RawAccess) -> list[Notebook]:
     """Return what is found by asking, as a connection that holds no lease."""
-    line = door.line()
-    return [_speed(line), _agreement(door, line), _exceptions(line)]
+    line = access.modbus()
+    return [_speed(line), _agreement(access, line), _exceptions(line)]
 
 
-def _speed(line: Line) -> Notebook:
+def _speed(line: ModbusConnection) -> Notebook:
     book = Notebook("answers on Modbus")
     block = [r for r in TABLE.registers if r.space == "input" and r.encoding == "float32"]
     last = max(r.address for r in block if r.address < FLOAT_BLOCK + 120) + 2
@@ -51,7 +51,7 @@ def _speed(line: Line) -> Notebook:
     return book
 
 
-def _agreement(door: Door, line: Line) -> Notebook:
+def _agreement(access: RawAccess, line: ModbusConnection) -> Notebook:
     book = Notebook("both wires")
     own = line.words(0, 7)
     number, word = struct.unpack(">fI", struct.pack(">4H", *own[3:7]))
@@ -65,7 +65,7 @@ def _agreement(door: Door, line: Line) -> Notebook:
     apart = []
     for signal in TABLE.of_kind(Kind.MEASUREMENT):
         assert signal.address is not None  # of a measurement
-        here, there = door.ear.latest(signal.name), line.number(signal.address)
+        here, there = access.listener.latest(signal.name), line.number(signal.address)
         if math.isnan(here) is not math.isnan(there) or abs(here - there) > AGREE * (
             signal.high - signal.low
         ):
@@ -74,7 +74,7 @@ def _agreement(door: Door, line: Line) -> Notebook:
     return book
 
 
-def _exceptions(line: Line) -> Notebook:
+def _exceptions(line: ModbusConnection) -> Notebook:
     book = Notebook("exceptions")
     two = struct.Struct(">HH").pack
     book.refusal("a function that there is not", line.ask(NO_FUNCTION, b"\0\0").code, ILLEGAL_FUNCTION)

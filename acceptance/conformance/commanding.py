@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.door import Door, Line
 from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import leave, note_rest, take
+from acceptance.conformance.raw_access import ModbusConnection, RawAccess
 from bench_protocol.can_codec import Encoder
 from bench_protocol.clock import Task
 from bench_protocol.frames import Block
@@ -32,8 +32,8 @@ WRONG: Final = 5
 class Stream:
     """The commands of one holder, every 20 ms, until stopped."""
 
-    def __init__(self, door: Door, token: int) -> None:
-        self._door, self._encoder = door, Encoder(TABLE)
+    def __init__(self, access: RawAccess, token: int) -> None:
+        self._access, self._encoder = access, Encoder(TABLE)
         self.values = np.full(len(TABLE.signals), np.nan)
         for bit in ("enable", "hold", "active", "reset"):
             self.set(f"control.{bit}", 0.0)
@@ -52,7 +52,7 @@ class Stream:
 
     def start(self) -> None:
         """Begin to send."""
-        self._task = self._door.clock.every(round(_CYCLE * NS), self.send)
+        self._task = self._access.clock.every(round(_CYCLE * NS), self.send)
 
     def stop(self) -> None:
         """Fall silent."""
@@ -62,15 +62,15 @@ class Stream:
 
     def send(self, change: Callable[[Block], None] | None = None) -> None:
         """Send one block, changed by ``change`` where that is given."""
-        block = self._encoder.encode(self.values, self._rows, self._door.clock.now())
+        block = self._encoder.encode(self.values, self._rows, self._access.clock.now())
         if change:
             change(block)
-        self._door.ear.port.send(block)
+        self._access.listener.port.send(block)
 
 
-def command(door: Door) -> list[Notebook]:
+def command(access: RawAccess) -> list[Notebook]:
     """Return what is found as holder of the bench, and beside one; the bench stays as it is."""
-    line = door.line()
+    line = access.modbus()
     leases, settings, commands, left = (
         Notebook("lease"),
         Notebook("settings"),
@@ -84,14 +84,14 @@ def command(door: Door) -> list[Notebook]:
     try:
         token = line.words(LEASE_ADDRESS, 1, function=3)[0]
         leases.note("a token is drawn", token != 0, "one" if token else "none", "one")
-        _lease(door, leases)
+        _lease(access, leases)
         _settings(line, settings)
-        if door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
-            _commands(door, token, commands)
+        if access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
+            _commands(access, token, commands)
             if not (shown := leave(line, targets=False)):
                 left.skip("settings", "the rig did not take them over")
         else:
-            why = f"the bench is {door.ear.state}: they are sent to one that is DISABLED"
+            why = f"the bench is {access.listener.state}: they are sent to one that is DISABLED"
             commands.skip("all of them", why)
             left.skip("settings", why)
     finally:
@@ -104,22 +104,22 @@ def command(door: Door) -> list[Notebook]:
         "nobody holds it",
     )
     if shown:
-        _ends(door, left)
+        _ends(access, left)
     return [leases, settings, commands, left]
 
 
-def _ends(door: Door, book: Notebook) -> None:
+def _ends(access: RawAccess, book: Notebook) -> None:
     """Look what stands after the lease was returned, and after a connection was closed that had it."""
-    note_rest(door, book, "the lease is returned")
-    line = door.line()
+    note_rest(access, book, "the lease is returned")
+    line = access.modbus()
     if take(line) and leave(line, targets=False):
         line.close()
-        note_rest(door, book, "the holder's connection is closed")
+        note_rest(access, book, "the holder's connection is closed")
 
 
-def _lease(door: Door, book: Notebook) -> None:
-    other = door.line()
-    before = _told(door, "rig.strangers")
+def _lease(access: RawAccess, book: Notebook) -> None:
+    other = access.modbus()
+    before = _told(access, "rig.strangers")
     book.refusal("somebody else asks for it", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
     setting = TABLE["generator.cycles"]
     book.refusal(
@@ -129,11 +129,11 @@ def _lease(door: Door, book: Notebook) -> None:
         "somebody else triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
     )
     book.refusal("somebody else feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
-    counted = _told(door, "rig.strangers") - before
+    counted = _told(access, "rig.strangers") - before
     book.note("strangers are counted", counted == 4, f"{counted:g}", "4")
 
 
-def _settings(line: Line, book: Notebook) -> None:
+def _settings(line: ModbusConnection, book: Notebook) -> None:
     for name in ("generator.frequency", "air.left_target"):
         signal = TABLE[name]
         address = signal.address or 0
@@ -159,15 +159,15 @@ def _settings(line: Line, book: Notebook) -> None:
     book.refusal("the generator is started without ACTIVE", line.press(run), DEVICE_FAILURE)
 
 
-def _commands(door: Door, token: int, book: Notebook) -> None:
-    stream = Stream(door, token)
+def _commands(access: RawAccess, token: int, book: Notebook) -> None:
+    stream = Stream(access, token)
 
     def counted(counter: str, change: Callable[[Block], None] | None = None) -> float:
-        before = _told(door, counter)
+        before = _told(access, counter)
         for _ in range(WRONG):
             stream.send(change)
-            door.wait(_CYCLE)
-        return _told(door, counter) - before
+            access.wait(_CYCLE)
+        return _told(access, counter) - before
 
     def note(what: str, counter: str, right: int, change: Callable[[Block], None] | None = None) -> None:
         found = counted(counter, change)
@@ -181,7 +181,7 @@ def _commands(door: Door, token: int, book: Notebook) -> None:
     for bit in ("hold", "active"):
         stream.set(f"control.{bit}", 1.0)
     counted("rig.rejected_commands")
-    state = door.ear.state
+    state = access.listener.state
     book.note("H and M on a bench that is DISABLED", state == "DISABLED", f"it is {state}", "it is DISABLED")
     for signal in TABLE.of_kind(Kind.SETPOINT):
         if signal.name.endswith("_setpoint"):
@@ -198,9 +198,9 @@ def _spoil(block: Block) -> None:
     block["data"][:, 0] ^= 0x5A
 
 
-def _told(door: Door, counter: str) -> float:
-    door.wait(TOLD)
-    return door.ear.latest(counter)
+def _told(access: RawAccess, counter: str) -> float:
+    access.wait(TOLD)
+    return access.listener.latest(counter)
 
 
 def _float(value: float) -> bytes:

@@ -5,8 +5,8 @@ import struct
 from collections.abc import Mapping
 from typing import Final
 
-from acceptance.conformance.door import Door, Line
 from acceptance.conformance.finding import Notebook
+from acceptance.conformance.raw_access import ModbusConnection, RawAccess
 from bench_protocol.registers import LEASE_ADDRESS
 from bench_protocol.rest import REST
 from bench_protocol.table import TABLE
@@ -25,19 +25,19 @@ REST_WITHIN: Final = 1 * s
 _IN_FORCE: Final = {r.signal: r.address for r in TABLE.registers if r.space == "input" and r.signal in REST}
 
 
-def take(line: Line) -> int:
+def take(line: ModbusConnection) -> int:
     """Take the lease for ``line``; return its token, 0 if somebody holds the bench."""
     if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
         return 0
     return line.words(LEASE_ADDRESS, 1, function=3)[0]
 
 
-def give_back(line: Line) -> None:
+def give_back(line: ModbusConnection) -> None:
     """Return the lease, which ``line`` may have lost already."""
     line.write(LEASE_ADDRESS, b"\0\0")
 
 
-def leave(line: Line, *, targets: bool) -> bool:
+def leave(line: ModbusConnection, *, targets: bool) -> bool:
     """Bring settings into force that differ from rest and move nothing; return whether they are."""
     values = dict(PROGRAM)
     if targets and all(_in_force(line)[mode] == REST[mode] for mode in _MODES):
@@ -47,10 +47,10 @@ def leave(line: Line, *, targets: bool) -> bool:
     return all(_same(found[name], value) for name, value in values.items())
 
 
-def note_rest(door: Door, book: Notebook, end: str) -> None:
+def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
     """Write down whether all is at rest after ``end``, and bring to rest what is not."""
-    line = door.line()
-    door.wait_for(lambda: not _left(line), REST_WITHIN)
+    line = access.modbus()
+    access.wait_for(lambda: not _left(line), REST_WITHIN)
     left = _left(line)
     found = ", ".join(f"{name} = {TABLE[name].show(value)}" for name, value in left.items())
     book.note(f"in force after {end}", not left, found or "nothing", "nothing but what hands have fitted")
@@ -60,18 +60,18 @@ def note_rest(door: Door, book: Notebook, end: str) -> None:
     line.close()
 
 
-def _apply(line: Line, values: Mapping[str, float]) -> None:
+def _apply(line: ModbusConnection, values: Mapping[str, float]) -> None:
     for name, value in values.items():
         line.write(TABLE[name].address or 0, struct.pack(">f", value))
     line.press(TABLE["action.apply"].address or 0)
 
 
-def _left(line: Line) -> dict[str, float]:
+def _left(line: ModbusConnection) -> dict[str, float]:
     """Return what is in force that differs from rest, SI."""
     return {name: value for name, value in _in_force(line).items() if not _same(value, REST[name])}
 
 
-def _in_force(line: Line) -> dict[str, float]:
+def _in_force(line: ModbusConnection) -> dict[str, float]:
     return {name: line.number(address) for name, address in _IN_FORCE.items()}
 
 

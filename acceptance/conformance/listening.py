@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.door import Door
 from acceptance.conformance.finding import Notebook
+from acceptance.conformance.raw_access import RawAccess
 from bench_protocol.can_codec import Decoder, Tally
 from bench_protocol.frames import Block
 from bench_protocol.table import TABLE
@@ -20,12 +20,12 @@ GAP_PERIODS: Final = 3.0
 GAP_FLOOR: Final = 50 * ms
 
 
-def listen(door: Door) -> list[Notebook]:
+def listen(access: RawAccess) -> list[Notebook]:
     """Return what is found on a bus where nobody commands."""
-    before = door.ear.frames().size
-    door.wait(LISTEN)
-    frames = door.ear.frames()[before:]
-    return [_times(frames), _protection(frames), _contents(door, frames)]
+    before = access.listener.frames().size
+    access.wait(LISTEN)
+    frames = access.listener.frames()[before:]
+    return [_times(frames), _protection(frames), _contents(access, frames)]
 
 
 def _times(frames: Block) -> Notebook:
@@ -72,7 +72,7 @@ def _protection(frames: Block) -> Notebook:
     return book
 
 
-def _contents(door: Door, frames: Block) -> Notebook:
+def _contents(access: RawAccess, frames: Block) -> Notebook:
     book = Notebook("what frames carry")
     samples = Decoder(TABLE, from_rig=True).decode(frames)
     outside, silent = [], []
@@ -88,7 +88,7 @@ def _contents(door: Door, frames: Block) -> Notebook:
     book.note("values out of their range", not outside, ", ".join(outside) or "none", "none")
     told = [name for name in silent if TABLE[name].group is not None]
     book.note("measurements that are not available", not told, ", ".join(told) or "none", "none")
-    map_hash = door.ear.latest("rig.map_hash")
+    map_hash = access.listener.latest("rig.map_hash")
     found = "not told" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
     right = f"{TABLE.map_hash:#010x}"
     book.note("hash of the table of signals", found == right, found, right)

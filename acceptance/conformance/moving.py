@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 
 from acceptance.conformance.commanding import READY_WITHIN, Stream
-from acceptance.conformance.door import Door, Line
 from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import give_back, leave, note_rest, take
+from acceptance.conformance.raw_access import ModbusConnection, RawAccess
 from acceptance.conformance.stillness import WATCH
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
 from bench_protocol.table import TABLE
@@ -35,52 +35,56 @@ _WAY_UP: Final = (
 )
 
 
-def move(door: Door) -> list[Notebook]:
+def move(access: RawAccess) -> list[Notebook]:
     """Return what is found by arming the bench, moving its platform a little and falling silent."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
-    line = door.line()
+    line = access.modbus()
     if not (token := take(line)):
         states.skip("the way up", "somebody holds the bench")
         return [states]
-    stream = Stream(door, token)
+    stream = Stream(access, token)
     stream.carry("Control", "PlatformSetpoints")
     stream.start()
     try:
-        if way_up(door, line, stream, states):
+        if way_up(access, line, stream, states):
             left = leave(line, targets=True)
-            _small_move(door, stream, motion)
-            _silence(door, stream, silence)
+            _small_move(access, stream, motion)
+            _silence(access, stream, silence)
             if left:
-                note_rest(door, silence, "silence")
+                note_rest(access, silence, "silence")
     finally:
         stream.stop()
         give_back(line)
     return [states, motion, silence]
 
 
-def way_up(door: Door, line: Line, stream: Stream, book: Notebook, to: str = "ACTIVE") -> bool:
+def way_up(
+    access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook, to: str = "ACTIVE"
+) -> bool:
     """Lead the bench up ``to`` a state, the platform where it is; write down each step; return whether all went."""
-    if not door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
-        book.skip("the way up", f"the bench is {door.ear.state}, not DISABLED: nobody leads it up from there")
+    if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
+        book.skip(
+            "the way up", f"the bench is {access.listener.state}, not DISABLED: nobody leads it up from there"
+        )
         return False
     stream.set("control.enable", 1.0)
     for axis in PLATFORM_AXES:
-        stream.set(f"platform.{axis}_setpoint", door.ear.latest(f"platform.{axis}"))
-    door.wait(100 * ms)
+        stream.set(f"platform.{axis}_setpoint", access.listener.latest(f"platform.{axis}"))
+    access.wait(100 * ms)
     for start, by, end in _WAY_UP:
-        before = door.clock.now()
+        before = access.clock.now()
         if by.startswith("control."):
             stream.set(by, 1.0)
         else:
             line.press(TABLE[by].address or 0)
-        reached = door.wait_for(lambda end=end: door.ear.state == end, STEP_WITHIN)  # type: ignore[misc]
-        took = (door.clock.now() - before) / NS
+        reached = access.wait_for(lambda end=end: access.listener.state == end, STEP_WITHIN)  # type: ignore[misc]
+        took = (access.clock.now() - before) / NS
         if by == "control.reset":
             stream.set(by, 0.0)
         book.note(
             f"{start} to {end}, by {by}",
             reached,
-            f"after {took / ms:.0f} ms" if reached else f"it is {door.ear.state}",
+            f"after {took / ms:.0f} ms" if reached else f"it is {access.listener.state}",
             f"within {STEP_WITHIN:g} s",
             value=took,
             apart=TIME_APART,
@@ -92,15 +96,15 @@ def way_up(door: Door, line: Line, stream: Stream, book: Notebook, to: str = "AC
     return True
 
 
-def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
-    door.wait(500 * ms)
-    start = door.ear.latest("platform.vertical")
-    told = door.clock.now()
+def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
+    access.wait(500 * ms)
+    start = access.listener.latest("platform.vertical")
+    told = access.clock.now()
     stream.set("platform.vertical_setpoint", start + MOVE)
-    arrived = door.wait_for(
-        lambda: abs(door.ear.latest("platform.vertical") - start - MOVE) <= THERE, MOVE_WITHIN
+    arrived = access.wait_for(
+        lambda: abs(access.listener.latest("platform.vertical") - start - MOVE) <= THERE, MOVE_WITHIN
     )
-    way = door.ear.latest("platform.vertical") - start
+    way = access.listener.latest("platform.vertical") - start
     book.note(
         "the platform goes 2 mm up",
         arrived,
@@ -109,7 +113,7 @@ def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
         value=way,
         apart=THERE,
     )
-    times, values = door.ear.series("platform.vertical")
+    times, values = access.listener.series("platform.vertical")
     begun = times[(times > told) & (values - start > BEGUN)]
     latency = (begun[0] - told) / NS if begun.size else float("nan")
     book.note(
@@ -120,29 +124,31 @@ def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
         value=float(latency),
         apart=TIME_APART,
     )
-    _hold(door, stream, start, book)
-    back = door.wait_for(lambda: abs(door.ear.latest("platform.vertical") - start) <= THERE, MOVE_WITHIN)
+    _hold(access, stream, start, book)
+    back = access.wait_for(
+        lambda: abs(access.listener.latest("platform.vertical") - start) <= THERE, MOVE_WITHIN
+    )
     book.note(
         "and back",
         back,
-        f"{(door.ear.latest('platform.vertical') - start) / mm:.2f} mm",
+        f"{(access.listener.latest('platform.vertical') - start) / mm:.2f} mm",
         "0 mm, 0.3 mm more or less",
     )
 
 
-def _hold(door: Door, stream: Stream, elsewhere: float, book: Notebook) -> None:
+def _hold(access: RawAccess, stream: Stream, elsewhere: float, book: Notebook) -> None:
     """Let the bench hold, ask its platform to be ``elsewhere``, and let it go there."""
     stream.set("control.active", 0.0)
-    held = door.wait_for(lambda: door.ear.state == "HOLD", STEP_WITHIN)
-    before, here = door.clock.now(), door.ear.latest("platform.vertical")
+    held = access.wait_for(lambda: access.listener.state == "HOLD", STEP_WITHIN)
+    before, here = access.clock.now(), access.listener.latest("platform.vertical")
     stream.set("platform.vertical_setpoint", elsewhere)
-    door.wait(WATCH)
-    times, values = door.ear.series("platform.vertical")
+    access.wait(WATCH)
+    times, values = access.listener.series("platform.vertical")
     way = float(np.abs(values[times >= before] - here).max(initial=0.0))
     book.note(
         "HOLD keeps it where it is, whatever set-point comes",
         held and way <= THERE,
-        f"it goes {way / mm:.2f} mm" if held else f"it is {door.ear.state}",
+        f"it goes {way / mm:.2f} mm" if held else f"it is {access.listener.state}",
         f"it goes {THERE / mm:g} mm at most",
         value=way,
         apart=THERE,
@@ -150,11 +156,11 @@ def _hold(door: Door, stream: Stream, elsewhere: float, book: Notebook) -> None:
     stream.set("control.active", 1.0)
 
 
-def _silence(door: Door, stream: Stream, book: Notebook) -> None:
+def _silence(access: RawAccess, stream: Stream, book: Notebook) -> None:
     stream.stop()
-    last = door.clock.now()
-    door.wait_for(lambda: door.ear.state == "FAULT_DISABLED", STEP_WITHIN)
-    times, values = door.ear.series("rig.state")
+    last = access.clock.now()
+    access.wait_for(lambda: access.listener.state == "FAULT_DISABLED", STEP_WITHIN)
+    times, values = access.listener.series("rig.state")
     for what, states, right in (
         ("it holds", ("FAULT_REACTION", "FAULT_HOLD"), HOLD_AFTER),
         ("it goes to its safe position", ("FAULT_DISABLED",), DISABLE_AFTER),
@@ -173,15 +179,15 @@ def _silence(door: Door, stream: Stream, book: Notebook) -> None:
     stream.set("control.hold", 0.0)
     stream.set("control.active", 0.0)
     stream.start()
-    book.note("a reset clears it", reset(door, stream), f"it is {door.ear.state}", "it is DISABLED")
+    book.note("a reset clears it", reset(access, stream), f"it is {access.listener.state}", "it is DISABLED")
 
 
-def reset(door: Door, stream: Stream) -> bool:
+def reset(access: RawAccess, stream: Stream) -> bool:
     """Clear a fault; return whether the bench is DISABLED then."""
-    door.wait(100 * ms)
+    access.wait(100 * ms)
     stream.set("control.reset", 1.0)
-    cleared = door.wait_for(lambda: door.ear.state == "DISABLED", STEP_WITHIN)
+    cleared = access.wait_for(lambda: access.listener.state == "DISABLED", STEP_WITHIN)
     stream.set("control.reset", 0.0)
     stream.set("control.enable", 0.0)
-    door.wait(100 * ms)
+    access.wait(100 * ms)
     return cleared

@@ -3,10 +3,10 @@
 from typing import Final
 
 from acceptance.conformance.commanding import Stream
-from acceptance.conformance.door import Door, Line
 from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import give_back, leave, note_rest, take
 from acceptance.conformance.moving import STEP_WITHIN, reset, way_up
+from acceptance.conformance.raw_access import ModbusConnection, RawAccess
 from acceptance.conformance.stillness import (
     OVER,
     PLACES,
@@ -22,69 +22,71 @@ from bench_protocol.units import NS
 _GROUP: Final = "the next commander"
 
 
-def succeed(door: Door) -> list[Notebook]:
+def succeed(access: RawAccess) -> list[Notebook]:
     """Return what is found by arming the bench as somebody who sends no set-point, and by closing his connection."""
     book = Notebook(_GROUP)
-    line = door.line()
+    line = access.modbus()
     if not (token := take(line)):
         book.skip("arming", "somebody holds the bench")
         return [book]
-    stream = Stream(door, token)  # of control bits alone
+    stream = Stream(access, token)  # of control bits alone
     stream.start()
     try:
-        if not _settled(door):
+        if not _settled(access):
             book.skip("arming", f"the bench still moved by itself after {SETTLED_WITHIN:g} s")
-        elif _arm(door, line, stream, book) and leave(line, targets=True):
+        elif _arm(access, line, stream, book) and leave(line, targets=True):
             line.close()
             stream.stop()
-            door.wait_for(lambda: door.ear.state != "ACTIVE", STEP_WITHIN)
-            note_rest(door, book, "the holder's connection is closed in ACTIVE")
+            access.wait_for(lambda: access.listener.state != "ACTIVE", STEP_WITHIN)
+            note_rest(access, book, "the holder's connection is closed in ACTIVE")
     finally:
         stream.stop()
         line.close()
-    _clear(door, book)
+    _clear(access, book)
     return [book]
 
 
-def _settled(door: Door) -> bool:
+def _settled(access: RawAccess) -> bool:
     """Wait until nothing moves by itself: springs are vented, and a bolster is set down."""
-    deadline = door.clock.now() + round(SETTLED_WITHIN * NS)
-    while door.clock.now() < deadline:
-        start = door.clock.now()
-        door.wait(WATCH)
-        if is_still(_since(door, start)):
+    deadline = access.clock.now() + round(SETTLED_WITHIN * NS)
+    while access.clock.now() < deadline:
+        start = access.clock.now()
+        access.wait(WATCH)
+        if is_still(_since(access, start)):
             return True
     return False
 
 
-def _arm(door: Door, line: Line, stream: Stream, book: Notebook) -> bool:
+def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook) -> bool:
     """Lead the bench up by bits alone, and watch it in HOLD and in ACTIVE; return whether it got there."""
-    start, steps = door.clock.now(), Notebook(_GROUP)
-    door.wait(2 * OVER)
-    armed = way_up(door, line, stream, steps, "HOLD")
-    door.wait(WATCH)
-    note_still(book, "armed by bits alone, and in HOLD", _since(door, start))
+    start, steps = access.clock.now(), Notebook(_GROUP)
+    access.wait(2 * OVER)
+    armed = way_up(access, line, stream, steps, "HOLD")
+    access.wait(WATCH)
+    note_still(book, "armed by bits alone, and in HOLD", _since(access, start))
     if armed:
         stream.set("control.active", 1.0)
-        armed = door.wait_for(lambda: door.ear.state == "ACTIVE", STEP_WITHIN)
-        door.wait(WATCH)
-        note_still(book, "in ACTIVE, before the first set-point", _since(door, start))
-    book.note("the way up", armed, f"it is {door.ear.state}", "it is ACTIVE")
+        armed = access.wait_for(lambda: access.listener.state == "ACTIVE", STEP_WITHIN)
+        access.wait(WATCH)
+        note_still(book, "in ACTIVE, before the first set-point", _since(access, start))
+    book.note("the way up", armed, f"it is {access.listener.state}", "it is ACTIVE")
     return armed
 
 
-def _clear(door: Door, book: Notebook) -> None:
+def _clear(access: RawAccess, book: Notebook) -> None:
     """Leave the bench DISABLED, and held by nobody."""
-    line = door.line()
+    line = access.modbus()
     if token := take(line):
-        stream = Stream(door, token)
+        stream = Stream(access, token)
         stream.start()
-        book.note("it is left at rest", reset(door, stream), f"it is {door.ear.state}", "it is DISABLED")
+        book.note(
+            "it is left at rest", reset(access, stream), f"it is {access.listener.state}", "it is DISABLED"
+        )
         stream.stop()
         give_back(line)
     line.close()
 
 
-def _since(door: Door, start: int) -> Courses:
-    courses = door.ear.courses((*PLACES, *PRESSURES), start)
+def _since(access: RawAccess, start: int) -> Courses:
+    courses = access.listener.courses((*PLACES, *PRESSURES), start)
     return {name: (times / NS, values) for name, (times, values) in courses.items()}

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from acceptance.conformance import signals
 from acceptance.conformance.asking import ask
 from acceptance.conformance.commanding import command
-from acceptance.conformance.door import Door, open_door
 from acceptance.conformance.finding import Finding, Notebook, joined
 from acceptance.conformance.listening import listen
 from acceptance.conformance.moving import move
+from acceptance.conformance.raw_access import RawAccess, open_access
 from acceptance.conformance.succeeding import succeed
 from astb.api import open_bench
 from drivers.errors import BenchError
@@ -34,13 +34,13 @@ def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str]
     if rig.wiring:
         with open_bench(path) as bench:
             return examine_bench(bench, motion=motion, say=say)
-    with open_door(rig, path, say=say) as door:
-        return examine(door, motion=motion, say=say)
+    with open_access(rig, path, say=say) as access:
+        return examine(access, motion=motion, say=say)
 
 
-def examine(door: Door, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
-    """Return all that is found of the rig behind ``door``; nothing moves without ``motion``."""
-    return _findings(door, (*_AT_REST, *(_MOVING if motion else ())), motion, say)
+def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+    """Return all that is found of the rig behind ``access``; nothing moves without ``motion``."""
+    return _findings(access, (*_AT_REST, *(_MOVING if motion else ())), motion, say)
 
 
 def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""The CAN bus between the rig and its door: a chain of stages that every block of frames goes through, both ways."""
+"""The CAN bus between the rig and its server: a chain of stages that every block of frames goes through, both ways."""
 
 import threading
 from collections.abc import Callable, Iterable
@@ -49,7 +49,7 @@ class Stage:
         """Take note that ``peer`` has left the bus."""
 
 
-class Door(Protocol):
+class CanServer(Protocol):
     """Where the frames of the bus leave for other programs."""
 
     def publish(self, block: Block) -> None:
@@ -60,7 +60,7 @@ class Door(Protocol):
 
 
 class CanBus:
-    """Passes frames between the rig, which ``receive(block, peer)`` s, and a door; an empty chain costs nothing.
+    """Passes frames between the rig, which ``receive(block, peer)`` s, and a server; an empty chain costs nothing.
 
     ``now()`` is the time of the frames' stamps (ns); ``clock`` wakes stages that keep frames every millisecond.
     Thread-safe.
@@ -68,14 +68,14 @@ class CanBus:
 
     def __init__(self, receive: Callable[[Block, str], None], clock: Clock, now: Callable[[], int]) -> None:
         self._receive, self._clock, self._now = receive, clock, now
-        self._door: Door | None = None
+        self._server: CanServer | None = None
         self._stages: tuple[Stage, ...] = ()
         self._lock = threading.RLock()  # frames go on in the order in which they leave the chain
         self._ticking: Task | None = None
 
-    def connect(self, door: Door) -> None:
-        """Send from now on what the rig sends, and what has been kept, through ``door``."""
-        self._door = door
+    def connect(self, server: CanServer) -> None:
+        """Send from now on what the rig sends, and what has been kept, through ``server``."""
+        self._server = server
 
     def add(self, stage: Stage) -> None:
         """Put ``stage`` in its place in the chain."""
@@ -109,14 +109,14 @@ class CanBus:
             self._send(self._through(self._stages, block, RIG), RIG)
 
     def carry(self, block: Block, peer: str) -> Block:
-        """Return what reaches everybody else now of the frames that ``peer`` sends: the door passes it on."""
+        """Return what reaches everybody else now of the frames that ``peer`` sends: the server passes it on."""
         if not self._stages:
             return block
         with self._lock:
             return self._through(self._stages, block, peer)
 
     def take(self, block: Block, peer: str) -> None:
-        """Take frames of ``peer`` to the rig, from a door whose other clients have heard them already."""
+        """Take frames of ``peer`` to the rig, from a server whose other clients have received them already."""
         block = self.carry(block, peer)
         if block.size:
             self._receive(block, peer)
@@ -128,7 +128,7 @@ class CanBus:
 
     def poll(self) -> None:
         """Send on what is due of that which the stages have kept."""
-        heard: list[tuple[Block, str]] = []
+        received: list[tuple[Block, str]] = []
         with self._lock:
             stages, now = self._stages, self._now()
             for place, stage in enumerate(stages):
@@ -136,10 +136,10 @@ class CanBus:
                     block = self._through(stages[place + 1 :], kept, peer)
                     if block.size:
                         self._send(block, peer)
-                        heard.append((block, peer))
-            hearing = all(stage.receives(RIG) for stage in stages)
-        for block, peer in heard:
-            if peer != RIG and hearing:
+                        received.append((block, peer))
+            listening = all(stage.receives(RIG) for stage in stages)
+        for block, peer in received:
+            if peer != RIG and listening:
                 self._receive(block, peer)
 
     @property
@@ -156,9 +156,9 @@ class CanBus:
         return block
 
     def _send(self, block: Block, peer: str) -> None:
-        if self._door is None or not block.size:
+        if self._server is None or not block.size:
             return
         if peer == RIG:
-            self._door.publish(block)
+            self._server.publish(block)
         else:
-            self._door.relay(block, peer)
+            self._server.relay(block, peer)

@@ -1,4 +1,4 @@
-"""The places of a door: so many for everybody, and one that is kept for the holder of the bench."""
+"""The places of a server: so many for everybody, and one that is kept for the holder of the bench."""
 
 from collections.abc import Callable, Iterator
 from typing import Final, Generic, TypeVar
@@ -15,10 +15,10 @@ C = TypeVar("C", bound=Connection)
 
 
 class Places(Generic[C]):
-    """The connections of one door: ``limit`` of them and, where ``holds(peer)`` tells who that is, the holder's.
+    """The connections of one server: ``limit`` of them and, where ``holds(peer)`` tells who that is, the holder's.
 
     Who comes when all places are taken is let in on trial, one at a time, and dropped if he does not hold the bench
-    within 2 s: strangers that fill a door do not keep its commander out.
+    within 2 s: strangers that fill it do not keep its commander out.
     """
 
     def __init__(self, limit: int, holds: Holds | None = None) -> None:

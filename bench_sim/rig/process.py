@@ -93,7 +93,7 @@ def _modbus_server(rig: Rig) -> ModbusTcpServer:
 
 
 def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None, CanHub | None]:
-    """Return the bus of ``rig`` with its door: a SocketCAN ``interface`` if there is one, else the hub."""
+    """Return the bus of ``rig`` with its server: a SocketCAN ``interface`` if there is one, else the hub."""
     bus = CanBus(rig.receive, RealClock(), wall_time_ns)
 
     def peer_lost(peer: str) -> None:
@@ -102,8 +102,8 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
 
     wire = SocketCan(interface, bus.take) if interface else None
     hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry, holds=rig.lease.holds)
-    if door := wire or hub:
-        bus.connect(door)
+    if server := wire or hub:
+        bus.connect(server)
     return bus, wire, hub
 
 

@@ -264,7 +264,7 @@ class Rig:
             self.supervisor.estop = False
 
     def cut_power(self) -> None:
-        """Take the power from valves and actuators: they fall into their safe position; the doors keep theirs."""
+        """Take the power from valves and actuators: they fall into their safe position; the servers keep theirs."""
         with self.lock:
             self.supervisor.handle(Event.POWER_LOST)
 

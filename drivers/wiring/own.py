@@ -30,17 +30,17 @@ def _read(table: Table) -> Description:
 
 
 def own_description(
-    *, table: Table = TABLE, absent: Mapping[str, str] | None = None, **doors: Mapping[str, Any]
+    *, table: Table = TABLE, absent: Mapping[str, str] | None = None, **ports: Mapping[str, Any]
 ) -> Description:
     """Return how a rig that speaks ``table`` is described, ``absent`` what it lacks of that, with the reasons.
 
-    ``doors`` are the keys ``can`` and ``modbus`` of its transport.
+    ``ports`` are the keys ``can`` and ``modbus`` of its transport.
     """
     told = _read(table)
     if absent:
         told = replace(told, absent={**told.absent, **absent}, carried=told.carried - absent.keys())
-    if doors:
-        told = replace(told, transports={TRANSPORT: {**told.transports[TRANSPORT], **doors}})
+    if ports:
+        told = replace(told, transports={TRANSPORT: {**told.transports[TRANSPORT], **ports}})
     return told
 
 

@@ -1,4 +1,4 @@
-"""The transports that a description may name, and the door through which one of somebody's own comes in."""
+"""The transports that a description may name, and how one of somebody's own comes in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``make fuzz``: millions of changed inputs for every decoder, and for every door of a running rig.
+"""``make fuzz``: millions of changed inputs for every decoder, and for every port of a running rig.
 
 python -m tests.fuzz [NAME ...] [--count 2000000] [--seed N] [--minutes 30]
 """
@@ -8,8 +8,8 @@ import sys
 import time
 
 from tests.fuzz.decoders import BATCH, DECODERS, Target
-from tests.fuzz.doors import DOORS, flood
 from tests.fuzz.mutator import Mutator, keep
+from tests.fuzz.ports import PORTS, flood
 
 COUNT = 2_000_000
 
@@ -44,14 +44,14 @@ def _guilty(target: Target, inputs: list[bytes]) -> int:
 def main() -> int:
     """Fuzz what is named, or everything; return 1 if something was found."""
     decoders = {make.name: make for make in DECODERS}
-    parser = argparse.ArgumentParser(description="Feed changed inputs to decoders and doors.")
-    parser.add_argument("names", nargs="*", choices=[[], *decoders, *DOORS])
+    parser = argparse.ArgumentParser(description="Feed changed inputs to decoders and ports.")
+    parser.add_argument("names", nargs="*", choices=[[], *decoders, *PORTS])
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=30.0, help="at the most, for each")
     options = parser.parse_args()
     failed = False
-    for name in options.names or [*decoders, *DOORS]:
+    for name in options.names or [*decoders, *PORTS]:
         if name in decoders:
             result = fuzz(decoders[name](), options.count, options.seed, options.minutes)
         else:

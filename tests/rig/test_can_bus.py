@@ -11,7 +11,7 @@ from bench_sim.rig.controls import TICK_NS
 
 
 class Hearers:
-    """A door and a rig that remember what they hear."""
+    """A server and a rig that remember what they hear."""
 
     def __init__(self) -> None:
         self.clock = VirtualClock()

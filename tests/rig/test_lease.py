@@ -103,11 +103,11 @@ def test_nobody_commands_without_a_lease(commander) -> None:
     assert published(commander, "rejected_commands") == 0
 
 
-@pytest.mark.parametrize("door", ["can:2", "vcan0"])
-def test_a_stranger_with_the_next_counter_moves_nothing(commander, door: str) -> None:
+@pytest.mark.parametrize("peer", ["can:2", "vcan0"])
+def test_a_stranger_with_the_next_counter_moves_nothing(commander, peer: str) -> None:
     """On a bus without connections (vcan0) all frames come from one place: the token alone tells."""
     armed = commander
-    armed.peer = "can:1" if door == "can:2" else door
+    armed.peer = "can:1" if peer == "can:2" else peer
     armed.arm()
     stranger = type(armed)(armed.rig, 2)
     stranger.bear(0)
@@ -115,14 +115,14 @@ def test_a_stranger_with_the_next_counter_moves_nothing(commander, door: str) ->
     for _ in range(10):
         stranger._encoder.counters[:] = armed._encoder.counters
         stranger.values[TABLE.index["platform.vertical_setpoint"]] = 30 * mm
-        armed.rig.receive(stranger.frames(), door)
+        armed.rig.receive(stranger.frames(), peer)
         armed.cycle(1)
     armed.cycle(10)
     assert armed.state == "ACTIVE"
     assert abs(armed.read("platform.vertical")) < 1 * mm
     assert armed.read("rig.rejected_commands") == before, "the true commander's frames still count"
     assert published(armed, "strangers") == 40
-    assert published(armed, "stranger") == (2 if door == "can:2" else 0)
+    assert published(armed, "stranger") == (2 if peer == "can:2" else 0)
     assert published(armed, "stranger_identifier") == 0x204
 
 

@@ -254,8 +254,8 @@ def site(request, rig_file) -> Iterator[Site]:
         return
     if request.param == "socketcan" and not has_interface("vcan0"):
         pytest.skip("this kernel has no vcan0; `make test-vcan` runs these where there is one")
-    door = "vcan0" if request.param == "socketcan" else "tcp"
-    rig = RigProcess("--can", door, "--can-port", "0", "--modbus-port", "0", rig_file=rig_file)
+    can = "vcan0" if request.param == "socketcan" else "tcp"
+    rig = RigProcess("--can", can, "--can-port", "0", "--modbus-port", "0", rig_file=rig_file)
     try:
         site = LiveSite(request.param, rig)
         # With a thousand collected tests in memory a full garbage collection takes some 200 ms, in which the

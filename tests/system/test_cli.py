@@ -131,15 +131,15 @@ def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize("door", ["CAN", "Modbus"])
-def test_a_port_in_use_is_named(cli, rig_file, door):
+@pytest.mark.parametrize("wire", ["CAN", "Modbus"])
+def test_a_port_in_use_is_named(cli, rig_file, wire):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        ports = {"CAN": (port, 0), "Modbus": (0, port)}[door]
+        ports = {"CAN": (port, 0), "Modbus": (0, port)}[wire]
         options = ("--can", "tcp", "--can-port", ports[0], "--modbus-port", ports[1])
         code, out, err = cli("rig", "--rig", rig_file, *options)
     assert (code, out) == (BLOCKED, "")
-    assert err.startswith(f"astb: {door} port {port} on 127.0.0.1 cannot be opened: ")
+    assert err.startswith(f"astb: {wire} port {port} on 127.0.0.1 cannot be opened: ")
     assert "address already in use" in err
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from acceptance.conformance.door import Cable, Door
 from acceptance.conformance.finding import Finding, Outcome, Report, ReportError, differences, read_report
+from acceptance.conformance.raw_access import Cable, RawAccess
 from acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
@@ -28,7 +28,7 @@ IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
 
 
 class Stand:
-    """A rig in memory behind a door, whose frames and answers a test may spoil on their way out."""
+    """A rig in memory as a stranger meets it, whose frames and answers a test may spoil on their way out."""
 
     def __init__(self, frames=lambda block: block, answers=lambda request, reply: reply):
         rig = Rig(load(), seed=1)
@@ -42,10 +42,10 @@ class Stand:
             )
 
         self.rig, self.memory = rig, memory
-        self.door = Door(memory.clock, memory.can, line)
+        self.access = RawAccess(memory.clock, memory.can, line)
 
     def examine(self, motion=False) -> dict[str, Finding]:
-        found = examine(self.door, motion=motion, say=lambda text: None)
+        found = examine(self.access, motion=motion, say=lambda text: None)
         self.report = Report(rig="test", time="virtual", motion=motion, findings=found)
         return {one.what: one for one in found}
 

@@ -1,4 +1,4 @@
-"""A bench that one commander owns, over real sockets: doors that strangers fill, a connection that goes silent."""
+"""A bench that one commander owns, over real sockets: ports that strangers fill, a connection that goes silent."""
 
 import contextlib
 import selectors
@@ -109,7 +109,7 @@ def crowd(port: int, count: int) -> Iterator[list[socket.socket]]:
 
 @pytest.mark.slow
 def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig):
-    """A rig of its own: who fills the doors of the shared one meets its other guests."""
+    """A rig of its own: who fills the ports of the shared one meets its other guests."""
     rig = start_rig()
     clock = RealClock()
 

@@ -1,4 +1,4 @@
-"""Doors that strangers have filled: one place is kept for whoever holds the bench, and he may be silent."""
+"""Ports that strangers have filled: one place is kept for whoever holds the bench, and he may be silent."""
 
 import contextlib
 import socket
@@ -17,8 +17,8 @@ READ = b"\0\1\0\0\0\6\1\4\0\0\0\1"
 TRIAL = 0.5
 
 
-class Door:
-    """A door with two places, and what the rig says of its peers."""
+class Port:
+    """A port with two places, and what the rig says of its peers."""
 
     def __init__(self, kind: str, bank) -> None:
         self.kind = kind
@@ -42,7 +42,7 @@ class Door:
         return socket.create_connection(("127.0.0.1", self.port), timeout=5)
 
     def serves(self, client: socket.socket) -> bool:
-        """Whether the client gets something to read; False if the door closes the connection."""
+        """Whether the client gets something to read; False if the port closes the connection."""
         try:
             if self.kind == "modbus":
                 client.sendall(READ)
@@ -54,15 +54,15 @@ class Door:
 
 
 @pytest.fixture(params=["can", "modbus"])
-def door(request, bank, monkeypatch) -> Iterator[Door]:
+def port(request, bank, monkeypatch) -> Iterator[Port]:
     monkeypatch.setattr("bench_sim.rig.places._TRIAL", TRIAL)
-    door = Door(request.param, bank)
-    with door.servers:
-        yield door
+    port = Port(request.param, bank)
+    with port.servers:
+        yield port
 
 
 def closed_after(client: socket.socket) -> float:
-    """Return how long the door keeps the connection open (s)."""
+    """Return how long the port keeps the connection open (s)."""
     start = time.monotonic()
     with contextlib.suppress(ConnectionError):
         while client.recv(1000):
@@ -70,53 +70,53 @@ def closed_after(client: socket.socket) -> float:
     return time.monotonic() - start
 
 
-def keep_busy(door: Door, *clients: socket.socket) -> bool:
-    return all(door.serves(client) for client in clients)
+def keep_busy(port: Port, *clients: socket.socket) -> bool:
+    return all(port.serves(client) for client in clients)
 
 
-def test_the_holder_gets_in_where_all_places_are_taken(door: Door) -> None:
-    with door.open() as a, door.open() as b:
-        assert keep_busy(door, a, b)
-        with door.open() as commander:
-            assert door.serves(commander)
-            door.holder = commander.getsockname()[1]
+def test_the_holder_gets_in_where_all_places_are_taken(port: Port) -> None:
+    with port.open() as a, port.open() as b:
+        assert keep_busy(port, a, b)
+        with port.open() as commander:
+            assert port.serves(commander)
+            port.holder = commander.getsockname()[1]
             end = time.monotonic() + TRIAL + 0.4
             while time.monotonic() < end:
-                assert keep_busy(door, a, b, commander)
+                assert keep_busy(port, a, b, commander)
                 time.sleep(0.1)
-            assert len(door.clients()) == 3
+            assert len(port.clients()) == 3
 
 
-def test_who_does_not_hold_the_bench_is_dropped_after_his_trial(door: Door) -> None:
-    with door.open() as a, door.open() as b:
-        assert keep_busy(door, a, b)
-        with door.open() as stranger, door.open() as another:
+def test_who_does_not_hold_the_bench_is_dropped_after_his_trial(port: Port) -> None:
+    with port.open() as a, port.open() as b:
+        assert keep_busy(port, a, b)
+        with port.open() as stranger, port.open() as another:
             assert closed_after(another) < 0.5, "one at a time"
             end = time.monotonic() + 3 * TRIAL
-            while door.serves(stranger) and time.monotonic() < end:
-                keep_busy(door, a, b)
+            while port.serves(stranger) and time.monotonic() < end:
+                keep_busy(port, a, b)
                 time.sleep(0.05)
             assert TRIAL - 0.1 < time.monotonic() - end + 3 * TRIAL < TRIAL + 0.5
-        assert keep_busy(door, a, b)
+        assert keep_busy(port, a, b)
 
 
-def test_a_holder_takes_no_place_from_the_others(door: Door) -> None:
-    with door.open() as commander:
-        assert door.serves(commander)
-        door.holder = commander.getsockname()[1]
-        with door.open() as a, door.open() as b:
-            assert keep_busy(door, a, b, commander)
+def test_a_holder_takes_no_place_from_the_others(port: Port) -> None:
+    with port.open() as commander:
+        assert port.serves(commander)
+        port.holder = commander.getsockname()[1]
+        with port.open() as a, port.open() as b:
+            assert keep_busy(port, a, b, commander)
             time.sleep(0.2)
-            assert keep_busy(door, a, b, commander)
+            assert keep_busy(port, a, b, commander)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("door", ["modbus"], indirect=True)
-def test_a_holder_who_commands_on_can_may_be_silent_on_modbus(door: Door) -> None:
-    with door.open() as commander, door.open() as idle:
-        door.commanding = commander.getsockname()[1]
+@pytest.mark.parametrize("port", ["modbus"], indirect=True)
+def test_a_holder_who_commands_on_can_may_be_silent_on_modbus(port: Port) -> None:
+    with port.open() as commander, port.open() as idle:
+        port.commanding = commander.getsockname()[1]
         assert closed_after(idle) < 1.0
         time.sleep(0.8)
-        assert door.serves(commander)
-        door.commanding = 0
+        assert port.serves(commander)
+        port.commanding = 0
         assert closed_after(commander) < 2.0

@@ -35,7 +35,7 @@ class Breakable(Protocol):
 
 
 class Wire(Protocol):
-    """A door of the rig whose connections can be cut."""
+    """A wire of the rig whose connections can be cut."""
 
     def cut(self) -> None:
         """Close all connections and let nobody in."""
@@ -154,7 +154,7 @@ class InsertionPoints:
         self._cut: list[str] = []
 
     def connect(self, wires: Wires) -> None:
-        """Let the faults of bus and doors act on ``wires``."""
+        """Let the faults of bus and wires act on ``wires``."""
         self._wires = wires
         if not self._stage.unused:
             wires.bus.add(self._stage)

@@ -43,7 +43,7 @@ class Cable(NamedTuple):
     close: Callable[[], object]
 
 
-class Line:
+class ModbusConnection:
     """One Modbus connection; requests are bytes, and nothing checks them before they go out."""
 
     def __init__(self, clock: Clock, cable: Cable, unit: int) -> None:
@@ -98,7 +98,7 @@ class Line:
         return self.ask(5, struct.pack(">HH", coil, 0xFF00)).code
 
 
-class Ear:
+class Listener:
     """Somebody on the bus who keeps every frame."""
 
     def __init__(self, port: "CanPort", epoch: int) -> None:
@@ -122,7 +122,7 @@ class Ear:
         return STATES[int(value)] if 0 <= value < len(STATES) else "unknown"
 
     def frames(self) -> Block:
-        """Return all frames so far, with times of the door's clock (ns)."""
+        """Return all frames so far, with times of the bench's clock (ns)."""
         block = join(list(self._blocks))
         if self.epoch and block.size:
             block = block.copy()
@@ -136,7 +136,7 @@ class Ear:
     def courses(
         self, names: Sequence[str], since: int | None = None
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return times (ns of the door's clock) and values (SI) of all samples ``since`` then, by signal."""
+        """Return times (ns of the bench's clock) and values (SI) of all samples ``since`` then, by signal."""
         frames = self.frames()
         if since is not None:
             frames = frames[frames["time"] >= since]
@@ -145,8 +145,8 @@ class Ear:
         return {name: (samples.times[row], samples.values[row]) for name, row in rows.items()}
 
 
-class Door:
-    """Where a stranger gets at a rig."""
+class RawAccess:
+    """Both wires of a rig as a stranger has them: a listener on CAN, and connections on Modbus."""
 
     def __init__(
         self,
@@ -158,12 +158,12 @@ class Door:
         unit: int = 1,
     ) -> None:
         self.clock, self._unit = clock, unit
-        self.ear = Ear(can(), epoch)
+        self.listener = Listener(can(), epoch)
         self._connect = connect
 
-    def line(self) -> Line:
+    def modbus(self) -> ModbusConnection:
         """Return a new Modbus connection."""
-        return Line(self.clock, self._connect(), self._unit)
+        return ModbusConnection(self.clock, self._connect(), self._unit)
 
     def wait(self, duration: float) -> None:
         """Let ``duration`` s pass."""
@@ -178,8 +178,8 @@ class Door:
 
 
 @contextmanager
-def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[Door]:
-    """Yield the door of ``rig``; a simulated one in real time that does not answer is started. LinkLost if none is."""
+def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[RawAccess]:
+    """Yield access to ``rig``; a simulated one in real time that does not answer is started. LinkLost if none does."""
     with ExitStack() as stack:
         if rig.time == "virtual":
             assert rig.simulation  # a rig file without one has real time
@@ -191,7 +191,7 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
                 stack.callback(memory.rig.peer_lost, peer)
                 return Cable(lambda request: memory.answer(request, peer), lambda: memory.rig.peer_lost(peer))
 
-            door = Door(memory.clock, memory.can, lines_in_memory)
+            access = RawAccess(memory.clock, memory.can, lines_in_memory)
         else:
             if rig.simulation and not answers(rig):
                 stack.enter_context(started(rig.simulation, path, None, say))
@@ -201,15 +201,15 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
             def lines() -> Cable:
                 return _socket_cable(stack, rig.modbus.host, rig.modbus.port)
 
-            door = Door(
+            access = RawAccess(
                 clock,
                 lambda: open_can(rig.can.bus, host=rig.can.host, port=rig.can.port),
                 lines,
                 epoch=epoch,
                 unit=rig.modbus.unit,
             )
-        stack.callback(door.ear.port.close)
-        yield door
+        stack.callback(access.listener.port.close)
+        yield access
 
 
 def _socket_cable(stack: ExitStack, host: str, port: int) -> Cable:

@@ -1,4 +1,4 @@
-"""The doors of a running rig under fuzz: batches on sockets, while a witness looks whether the bench goes on."""
+"""The ports of a running rig under fuzz: batches on sockets, while a witness looks whether the bench goes on."""
 
 import contextlib
 import select
@@ -27,7 +27,7 @@ _PATIENCE = 120.0  # s, for a rig to compile and start
 
 @contextlib.contextmanager
 def running_rig() -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
-    """Run a rig in a process of its own; yield it with the ports of its doors."""
+    """Run a rig in a process of its own; yield it with the numbers of its ports."""
     with tempfile.TemporaryDirectory() as directory, socket.create_server(("127.0.0.1", 0)) as free:
         file, capture = Path(directory) / "rig.toml", free.getsockname()[1]
         file.write_text(RIG)
@@ -39,20 +39,20 @@ def running_rig() -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
                 assert rig.stdout
                 assert select.select([rig.stdout], [], [], _PATIENCE)[0], "the rig does not start"
                 parts = dict(part.split("=", 1) for part in rig.stdout.readline().split()[1:])
-                ports = {door: int(parts[door].rpartition(":")[2]) for door in ("can", "modbus")}
+                ports = {port: int(parts[port].rpartition(":")[2]) for port in ("can", "modbus")}
                 yield rig, ports | {"capture": capture}
             finally:
                 rig.kill()
 
 
-class Door:
-    """One door: how a connection begins, what is sent through it, and how many in one piece.
+class Port:
+    """One port: how a connection begins, what is sent through it, and how many in one piece.
 
     What lies behind the input for which a client is sent away is not read: hence pieces of the right size.
     """
 
-    def __init__(self, port: str, seeds_of: str, batch: int, greeting: bytes = b"") -> None:
-        self.port, self.seeds_of, self.batch, self.greeting = port, seeds_of, batch, greeting
+    def __init__(self, wire: str, seeds_of: str, batch: int, greeting: bytes = b"") -> None:
+        self.wire, self.seeds_of, self.batch, self.greeting = wire, seeds_of, batch, greeting
 
     def flood(self, port: int, mutator: Mutator, count: int, seconds: float) -> int:
         """Send inputs until ``count`` have gone or the time is over; connect anew when sent away. Return how many."""
@@ -80,22 +80,22 @@ class Door:
         return line
 
 
-DOORS = {
-    "can-door": Door("can", "socketcand", 80, b"< open vcan0 >< rawmode >"),
-    "modbus-door": Door("modbus", "modbus", 4),
-    "capture-door": Door("capture", "socketcand", 400),
+PORTS = {
+    "can-port": Port("can", "socketcand", 80, b"< open vcan0 >< rawmode >"),
+    "modbus-port": Port("modbus", "modbus", 4),
+    "capture-port": Port("capture", "socketcand", 400),
 }
-assert {door.seeds_of for door in DOORS.values()} <= {make.name for make in DECODERS}
+assert {port.seeds_of for port in PORTS.values()} <= {make.name for make in DECODERS}
 
 
 def flood(name: str, count: int, seed: int, minutes: float) -> str:
-    """Return what became of a rig one of whose doors was sent ``count`` inputs."""
-    door = DOORS[name]
+    """Return what became of a rig one of whose ports was sent ``count`` inputs."""
+    port = PORTS[name]
     with running_rig() as (rig, ports):
         before = _memory(rig.pid)
         start = time.monotonic()
-        mutator = Mutator(seeds(door.seeds_of), seed, text=door.seeds_of == "socketcand")
-        done = door.flood(ports[door.port], mutator, count, 60 * minutes)
+        mutator = Mutator(seeds(port.seeds_of), seed, text=port.seeds_of == "socketcand")
+        done = port.flood(ports[port.wire], mutator, count, 60 * minutes)
         took = time.monotonic() - start
         time.sleep(1.0)
         grown = _memory(rig.pid) - before
