@@ -226,7 +226,7 @@ class Watch:
         return Status(
             link=silent,
             state=state,
-            at_rest=state in listening.wiring.conduct.at_rest,
+            at_rest=state in listening.wiring.sequences.at_rest,
             reason=_choice(readings, "rig.reason") if state in FAULT_STATES else "",
             first_out=first_out(readings),
             tripped=getattr(TABLE.tripped(readings.glimpse("rig.tripped")), "name", ""),

@@ -183,7 +183,7 @@ class Bench(Link):
         takes longer than ``within`` s. It stops at the state ``to``, which is one on the way up.
         """
         left = self._countdown(within)
-        steps = self.wiring.conduct.up
+        steps = self.wiring.sequences.up
         if not any(to in step.end for step in steps):
             ends = " or ".join(dict.fromkeys(state for step in steps for state in step.end))
             raise Misuse(f"the way up of {self.wiring.rig} does not lead to {to}, it leads to {ends}")
@@ -198,24 +198,24 @@ class Bench(Link):
 
     def disarm(self, within: float = 10 * s) -> None:
         """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault stays latched."""
-        conduct = self.wiring.conduct
+        sequences = self.wiring.sequences
         self._armed = False
         self.commander.freeze()
         with self.despite_faults():
             refused: list[Refused] = []
-            for order in conduct.rest:
+            for order in sequences.rest:
                 try:
                     self._give(order)
                 except Refused as one:  # the others may still bring it to rest
                     refused.append(one)
             what = "; ".join(("the bench at rest", *map(str, refused)))
-            self._until(lambda: self.state in conduct.at_rest, within, what)
+            self._until(lambda: self.state in sequences.at_rest, within, what)
 
     def reset(self, within: float = 5 * s) -> None:
         """Clear a latched fault, if there is one: to HOLD or DISABLED. RigFault if the emergency stop is pressed."""
         if self.state not in FAULT_STATES:
             return
-        steps = self.wiring.conduct.reset
+        steps = self.wiring.sequences.reset
         ready = {state for step in steps for state in step.start}
         with self.despite_faults():
             self._until(
@@ -258,7 +258,7 @@ class Bench(Link):
         return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 
     def _take(self, step: Step, left: Callable[[], float]) -> None:
-        """Take one step of the rig's conduct, in what is left of the time (s)."""
+        """Take one step of a sequence of the rig, in what is left of the time (s)."""
         for order in step.prepare:
             self._give(order)
         if step.bumpless:

@@ -98,7 +98,7 @@ def _becomes(bench: Bench, known: _Known) -> str:
     """Return in words what the bench does with the air of the springs in the state it is known to be in."""
     if not known.state:
         return f"it is not known what the bench does with the air: {known.why}"
-    fate = bench.wiring.conduct.air.get(known.state)
+    fate = bench.wiring.sequences.air.get(known.state)
     alone = _ALONE if bench.lost and fate == "as ordered" else ""
     return _BECOMES[fate].format(state=known.state) + alone
 

@@ -17,7 +17,7 @@ from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
 from drivers.errors import BenchError
 from drivers.receiver import Capture
-from drivers.wiring.leading import READ
+from drivers.wiring.sequences import READ
 
 #: How long a rig is listened to, and how long it may be silent first.
 LISTEN: Final = 2 * s
@@ -59,7 +59,7 @@ class _Examination:
         ]
         lines |= {one.name: self._asked(one) for one in asked}
         state = self._state(lines)
-        lines = self._judged(lines, at_rest=state in (*wiring.conduct.at_rest, "unknown"))
+        lines = self._judged(lines, at_rest=state in (*wiring.sequences.at_rest, "unknown"))
         for one in self.table.signals:
             if one.name in wiring.absent and (
                 one.name in _EXPECTED or not one.name.startswith(_OURS) or self._reasoned(one.name)

@@ -47,7 +47,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
     try:
         bench.arm()
         book.note(
-            "the way up", bench.state == "ACTIVE", f"from rest to {bench.state}", "ACTIVE by the conduct"
+            "the way up", bench.state == "ACTIVE", f"from rest to {bench.state}", "ACTIVE by its sequences"
         )
         for part in (_lift, _hanging, _sides, _platform, _sideways, _push, _pressed):
             try:
@@ -62,7 +62,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
 
 
 def _not_now(bench: Bench) -> str:
-    if bench.state not in bench.wiring.conduct.at_rest:
+    if bench.state not in bench.wiring.sequences.at_rest:
         return f"the bench is {bench.state}, and not at rest"
     for side in SIDES:
         name = f"{side}.bellows_pressure"
@@ -76,7 +76,7 @@ def _back(bench: Bench, book: _Moves) -> None:
         bench.disarm()
         book.note("the way to rest", True, f"state {bench.state}")
     except BenchError as error:
-        book.note("the way to rest", False, str(error), f"one of {', '.join(bench.wiring.conduct.at_rest)}")
+        book.note("the way to rest", False, str(error), f"one of {', '.join(bench.wiring.sequences.at_rest)}")
 
 
 class _Moves:

@@ -141,7 +141,7 @@ def _arm(bench: "Bench", book: Notebook) -> float:
 def _hold(bench: "Bench", book: Notebook) -> None:
     """Lead the bench at rest up to HOLD, ask its platform to be elsewhere, and bring it to rest again."""
     what, moved = "HOLD, whatever set-point comes", "platform.vertical"
-    if not any("HOLD" in step.end for step in bench.wiring.conduct.up):
+    if not any("HOLD" in step.end for step in bench.wiring.sequences.up):
         book.skip(what, "the rig has no HOLD on its way up")
         return
     with _watched(bench, book, what):

@@ -51,29 +51,29 @@ word_order = "high"
 every = "50 ms"
 
 """
-_CONDUCT: Final = """\
+_SEQUENCES: Final = """\
 # Where several bits tell the state, each has a weight, and all that can be together gets a number:
 # "rig.state" = { from = ["plc.ready", "plc.runs", "plc.fault"], value = "ready + 2 * runs + 4 * fault",
 #     choices = { DISABLED = 0, HOLD = 1, ACTIVE = 3, FAULT_DISABLED = [4, 5, 7] } }    (in one line)
 #
 # How the rig is led, once "rig.state" is known:
-# [[conduct.up]]
+# [[sequences.up]]
 # start = ["DISABLED"]
 # orders = [{ "TRANSPORT.POINT" = 1 }]
 # end = ["HOLD"]
 #
-# [[conduct.up]]
+# [[sequences.up]]
 # start = ["HOLD"]
 # bumpless = true
 # orders = [{ "TRANSPORT.POINT" = 2 }]
 # end = ["ACTIVE"]
 #
-# [[conduct.reset]]
+# [[sequences.reset]]
 # start = ["FAULT_HOLD", "FAULT_DISABLED", "ESTOP"]
 # orders = [{ "TRANSPORT.POINT" = 3 }]
 # end = ["DISABLED"]
 #
-# [conduct]
+# [sequences]
 # rest = [{ "TRANSPORT.POINT" = 0 }]
 # at_rest = ["DISABLED", "FAULT_DISABLED", "ESTOP"]
 """
@@ -117,7 +117,7 @@ def skeleton(
         text += f"# -- {group}\n"
         for name in names:
             text += _entry(TABLE[name], written[name], told.get(name), needed.get(name, ""))
-    return text + "\n" + _CONDUCT
+    return text + "\n" + _SEQUENCES
 
 
 def _line(row: Point, written: Mapping[str, Match]) -> str:

@@ -64,8 +64,8 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Conduct:
-    """How a rig is led: up to ACTIVE, out of a fault, and to rest from anywhere. States are those of the table."""
+class Sequences:
+    """Start-up to ACTIVE, reset of a fault, shut-down from anywhere, step by step. States are those of the table."""
 
     up: tuple[Step, ...]
     reset: tuple[Step, ...]
@@ -201,7 +201,7 @@ class Wiring(Protocol):
     def capabilities(self) -> Capabilities: ...
 
     @property
-    def conduct(self) -> Conduct: ...
+    def sequences(self) -> Sequences: ...
 
     @property
     def outlet(self) -> Outlet: ...
@@ -248,7 +248,7 @@ class Wiring(Protocol):
         """Trigger an action of the table. Refused if the rig does not."""
 
     def say(self, points: Mapping[str, float]) -> None:
-        """Write points of the rig's own that no signal stands for, as its `Conduct` names them."""
+        """Write points of the rig's own that no signal stands for, as its `Sequences` names them."""
 
     @property
     def commanded(self) -> bool:

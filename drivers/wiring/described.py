@@ -21,7 +21,6 @@ from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, W
 from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.contract import (
     Capabilities,
-    Conduct,
     Floats,
     Ints,
     OnLost,
@@ -30,6 +29,7 @@ from drivers.wiring.contract import (
     Outlet,
     Remark,
     Remarking,
+    Sequences,
     Stamp,
     Stamping,
     Transport,
@@ -110,7 +110,7 @@ class DescribedWiring:
             latency=can.latency,
             notes=can.notes,
         )
-        self.conduct: Conduct = description.conduct
+        self.sequences: Sequences = description.sequences
         self.played: Collection[str] = description.played
         self.remembered: Collection[str] = description.remembered
         self.given: Mapping[str, float] = {}

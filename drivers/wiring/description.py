@@ -24,8 +24,8 @@ from drivers.wiring.conversion import Conversion, Line, conversion, quantity
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
-from drivers.wiring.leading import READ, Leading
 from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.sequences import READ, SequenceReader
 from drivers.wiring.transports import open_all
 from drivers.wiring.user_functions import functions_file, user_function
 from drivers.wiring.written import order_names, plain_number, si_value
@@ -34,6 +34,8 @@ from drivers.wiring.written import order_names, plain_number, si_value
 PACKAGE: Final = "wirings"
 #: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
 _ROUNDED: Final = 0.001
+#: What the table ``[sequences]`` is called in files of version 0.1.
+_EARLIER: Final = "conduct"
 _NOT_MENTIONED: Final = "the wiring does not mention it"
 
 
@@ -56,8 +58,13 @@ def describe(
     What is wrong is told at once; if it is to be the ``whole``, with what its transports cannot be and do not have.
     """
     head = f"{where}: {under}." if under else f"{where}: "
+    called = _EARLIER if _EARLIER in content else "sequences"
+    if called == _EARLIER:
+        if "sequences" in content:
+            raise WiringError(f"{head}{_EARLIER} is the earlier name of sequences; right is one of them")
+        content = {"sequences" if key == _EARLIER else key: given for key, given in content.items()}
     keys = convert(head.rstrip(".: "), content, WiringFile)
-    reader = _Reader(keys, where, head, table)
+    reader = _Reader(keys, where, head, table, called)
     with AllAtOnce() as wrong:
         with wrong.next():
             return reader.read()
@@ -70,8 +77,8 @@ def describe(
 class _Reader:
     """Reads one description."""
 
-    def __init__(self, keys: WiringFile, where: Path, head: str, table: Table) -> None:
-        self._keys, self._where, self._head, self._table = keys, where, head, table
+    def __init__(self, keys: WiringFile, where: Path, head: str, table: Table, called: str) -> None:
+        self._keys, self._where, self._head, self._table, self._called = keys, where, head, table, called
         self.points: list[tuple[str, str, bool]] = []
         self._written: dict[str, str] = {}
         self.functions = functions_file(f"{head}functions", keys.functions, where.parent)
@@ -107,13 +114,13 @@ class _Reader:
                 identity = self._identity()
             with wrong.next():
                 latency = duration(f"{head}latency", keys.latency) if keys.latency else 0.0
-            leading = Leading(
-                head, keys.conduct, self._table, keys.transports, self._readings, self._absent, self._point
+            reader = SequenceReader(
+                f"{head}{self._called}", keys, self._table, self._readings, self._absent, self._point
             )
             with wrong.next():
-                conduct = leading.conduct()
+                sequences = reader.sequences()
             with wrong.next():
-                greetings = leading.greetings()
+                greetings = reader.greetings()
         capabilities = Capabilities(
             generator=keys.capabilities.generator,
             pace={"m": player.speed, "rad": player.roll_rate, "N": player.force_rate} if player else {},
@@ -127,7 +134,7 @@ class _Reader:
             keys.description,
             keys.transports,
             capabilities,
-            conduct,
+            sequences,
             greetings,
             player,
             identity,
@@ -174,7 +181,9 @@ class _Reader:
         return {"settings": f"taken to be what was last written: {', '.join(names)}"} if names else {}
 
     def _digest(self) -> str:
-        digest = sha256(msgspec.json.encode(msgspec.to_builtins(self._keys), order="deterministic"))
+        keys = msgspec.to_builtins(self._keys)
+        keys[_EARLIER] = keys.pop("sequences")  # a file keeps its digest
+        digest = sha256(msgspec.json.encode(keys, order="deterministic"))
         if self.functions is not None:
             digest.update(self.functions.read_bytes())
         return digest.hexdigest()

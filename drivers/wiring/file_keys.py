@@ -48,7 +48,7 @@ class PlayerTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class StepTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """One ``[[conduct.up]]`` or ``[[conduct.reset]]``."""
+    """One ``[[sequences.up]]`` or ``[[sequences.reset]]``."""
 
     start: list[str]  #: states in which the step is taken
     end: list[str]  #: states that it must lead to
@@ -59,8 +59,8 @@ class StepTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     within: str = ""  #: how long it may take, where that is less than the whole way may
 
 
-class ConductTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The table ``[conduct]``."""
+class SequencesTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """The table ``[sequences]``."""
 
     up: list[dict[str, Any]] = []  #: steps to ACTIVE
     reset: list[dict[str, Any]] = []  #: steps out of a fault
@@ -85,4 +85,6 @@ class WiringFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     identity: dict[str, Any] = {}  #: points that tell that this is the rig that is meant, and what they read
     capabilities: CapabilitiesTable = CapabilitiesTable()  #: what the rig does by itself
     player: PlayerTable = PlayerTable()  #: what the bench may do for it
-    conduct: ConductTable = ConductTable()  #: how it is led from state to state
+    sequences: SequencesTable = (
+        SequencesTable()
+    )  #: how it is led from state to state: start-up, reset, shut-down

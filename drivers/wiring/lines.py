@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.wires import Table
-from drivers.wiring.contract import Capabilities, Conduct, Order
+from drivers.wiring.contract import Capabilities, Order, Sequences
 from drivers.wiring.conversion import Conversion
 from drivers.wiring.expression import Combine
 
@@ -92,7 +92,7 @@ class Description:
     text: str
     transports: Mapping[str, Mapping[str, Any]]
     capabilities: Capabilities
-    conduct: Conduct
+    sequences: Sequences
     greetings: Greetings
     player: PlayerLimits | None  #: None where the rig has a generator
     identity: Mapping[str, float]

@@ -121,9 +121,9 @@ def depressurise(run: Run) -> None:
             return
         if not springs_are_empty(bench):
             with bench.despite_faults(), suppress(BenchTimeout):
-                if bench.wiring.conduct.air.get(bench.state) == "shut in":
+                if bench.wiring.sequences.air.get(bench.state) == "shut in":
                     bench.disarm()  # a fault that holds ends in the safe position
-                if bench.wiring.conduct.air.get(bench.state) == "let off":
+                if bench.wiring.sequences.air.get(bench.state) == "let off":
                     bench.wait_for(
                         lambda: springs_are_empty(bench),
                         within=LET_OFF_WITHIN,
@@ -183,7 +183,7 @@ def once_let_go(run: Run, change: Callable[[], None]) -> None:
         try:
             change()
         except Refused as refused:
-            if bench.state not in bench.wiring.conduct.at_rest or bench.now >= deadline:
+            if bench.state not in bench.wiring.sequences.at_rest or bench.now >= deadline:
                 raise
             if not said:
                 run.say(f"waiting until the springs are empty and the actuators have let go: {refused}")

@@ -34,7 +34,7 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
 
     Without ``generator`` the rig's is not mentioned, and the bench plays its waves.
     """
-    conduct = own.own_description().conduct
+    sequences = own.own_description().sequences
     (directory / "astb.dbc").write_text(dbc())
     (directory / "own.py").write_text(FUNCTIONS)
     bus = {
@@ -59,12 +59,12 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
             if signal.kind is not Kind.FURTHER and (generator or not signal.name.startswith(PLAYED))
         },
         "capabilities": {"generator": generator},
-        "conduct": {
-            "up": [_step(step) for step in conduct.up],
-            "reset": [_step(step) for step in conduct.reset],
-            "rest": [_order(order) for order in conduct.rest],
-            "at_rest": list(conduct.at_rest),
-            "air": dict(conduct.air),
+        "sequences": {
+            "up": [_step(step) for step in sequences.up],
+            "reset": [_step(step) for step in sequences.reset],
+            "rest": [_order(order) for order in sequences.rest],
+            "at_rest": list(sequences.at_rest),
+            "air": dict(sequences.air),
             "open": [{"plc.modbus.lease": 1}],
             "close": [{"plc.modbus.lease": 0}],
             "apply": [{"action.apply": 1}],

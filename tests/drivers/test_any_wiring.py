@@ -13,7 +13,7 @@ from bench_protocol.words import STATES
 from drivers.bench import Bench
 from drivers.commander import CYCLE
 from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault, WiringError
-from drivers.wiring.contract import Capabilities, Conduct, Order, Step
+from drivers.wiring.contract import Capabilities, Order, Sequences, Step
 from drivers.wiring.transports import open_transport
 
 ABSENT = {
@@ -35,7 +35,7 @@ class Tiny:
     """A rig of two words, STOP and RUN, that measures whatever it is told; it and its wiring in one."""
 
     rig, table, given, commanded = "plant T", TABLE, {}, True
-    conduct = Conduct(
+    sequences = Sequences(
         up=(
             Step(("DISABLED",), (Order({"key": 1}), Order({"key": 2})), ("HOLD",), within=1 * s),
             Step(("HOLD",), (Order({"key": 3, "air.left_mode": 0}),), ("ACTIVE",), bumpless=True),
@@ -233,7 +233,7 @@ def test_a_wiring_is_closed_though_the_plan_failed(tiny):
 
 def test_an_order_that_is_refused_keeps_the_others_from_nothing(tiny):
     """On the way to rest what comes after it may still do it."""
-    tiny.conduct = Conduct(tiny.conduct.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
+    tiny.sequences = Sequences(tiny.sequences.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
     say = tiny.say
 
     def refuse(points):

@@ -80,16 +80,16 @@ enable = { table = "holding", address = 2 }
 "vertical_left.displacement_setpoint" = { to = "bus.Set.SetLeft", unit = "mm" }
 "vertical_right.displacement_setpoint" = { to = "bus.Set.SetRight", unit = "mm" }
 "control.enable" = { to = "plc.enable" }
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLED"]
 orders = [{ "bus.Order.Request" = 1 }]
 end = ["HOLD"]
-[[conduct.up]]
+[[sequences.up]]
 start = ["HOLD"]
 bumpless = true
 orders = [{ "bus.Order.Request" = 2 }]
 end = ["ACTIVE"]
-[conduct]
+[sequences]
 rest = [{ "bus.Order.Request" = 0 }]
 at_rest = ["DISABLED"]
 """

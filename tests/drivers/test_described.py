@@ -253,7 +253,7 @@ def test_a_rig_that_tells_who_it_is_in_its_turn(stand):
 
 
 def test_words_on_parting_that_do_not_fit_keep_no_connection_open(tmp_path):
-    stand = Stand(tmp_path, TEXT + '[conduct]\nclose = [{ "plc.command" = 70000 }]\n').open()
+    stand = Stand(tmp_path, TEXT + '[sequences]\nclose = [{ "plc.command" = 70000 }]\n').open()
 
     def refuse(points):
         raise ValueError("plc.command = 70000 does not fit")
@@ -265,7 +265,7 @@ def test_words_on_parting_that_do_not_fit_keep_no_connection_open(tmp_path):
 
 def test_who_only_listens_says_nothing(tmp_path):
     stand = Stand(
-        tmp_path, TEXT + '[conduct]\nopen = [{ "plc.command" = 1 }]\nclose = [{ "plc.command" = 2 }]\n'
+        tmp_path, TEXT + '[sequences]\nopen = [{ "plc.command" = 1 }]\nclose = [{ "plc.command" = 2 }]\n'
     )
     for description, words in ((stand.description, [1, 2]), (listening(stand.description), [])):
         stand.plc.writes.clear()

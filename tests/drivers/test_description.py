@@ -38,15 +38,15 @@ kind = "can"
 "action.power_off" = { to = "plc.command", value = [7, 0] }
 load_cell.1 = { from = "bus.Cells.Cell1", unit = "kg", calibration = { gain = "9.80665 N/kg" }, sign = -1 }
 
-[conduct]
+[sequences]
 rest = [{ "plc.command" = 0 }]
 at_rest = ["DISABLED", "ESTOP"]
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLED"]
 orders = [{ plc.command = 1 }, { "plc.command" = 2, "air.left_mode" = "hold" }]
 end = ["HOLD"]
 within = "5 s"
-[[conduct.up]]
+[[sequences.up]]
 start = ["HOLD"]
 bumpless = true
 end = ["ACTIVE"]
@@ -94,11 +94,21 @@ def test_the_rest_of_the_file(good):
     assert good.settings["air.dpv"].fixed == 1
     assert good.settings["lateral.control"].initial == 0
     assert good.actions["action.power_off"] == ("plc.command", (7, 0))
-    up, active = good.conduct.up
+    up, active = good.sequences.up
     assert up.orders == (Order({"plc.command": 1}), Order({"plc.command": 2, "air.left_mode": 0}))
     assert (up.start, up.end, up.within, up.bumpless) == (("DISABLED",), ("HOLD",), 5 * s, False)
     assert active.bumpless
-    assert good.conduct.at_rest == ("DISABLED", "ESTOP")
+    assert good.sequences.at_rest == ("DISABLED", "ESTOP")
+
+
+def test_a_file_of_version_0_1_calls_the_sequences_conduct(good):
+    earlier = GOOD.replace("sequences", "conduct")
+    assert described(earlier).sequences == good.sequences
+    assert described(earlier).digest == good.digest
+    with pytest.raises(WiringError, match=r"hall\.toml: conduct is the earlier name of sequences"):
+        described(f"{earlier}\n[sequences]\n")
+    with pytest.raises(WiringError, match=r"conduct\.at_rest: the rig never reports OFF"):
+        described(earlier.replace('"DISABLED", "ESTOP"', '"OFF"'))
 
 
 def test_without_a_generator_the_bench_answers_for_it(good):
@@ -272,60 +282,60 @@ height = { from = "plc.h", unit = "mm" }
 "generator.axis" = { to = "plc.axis", choices = { vertical = 1 } }
 -> the bench answers for it, as the rig has no generator
 
-[conduct]
+[sequences]
 rest = [{ "plc.c" = 0 }]
 -> signals."rig.state" is missing or absent; right is where the rig tells its state
 """
-BAD_CONDUCT = r"""
-[[conduct.up]]
+BAD_SEQUENCES = r"""
+[[sequences.up]]
 start = ["DISABLED"]
 end = ["HOLD"]
--> conduct.up[1].end: the rig never reports HOLD: signals."rig.state".choices has DISABLED, ACTIVE
+-> sequences.up[1].end: the rig never reports HOLD: signals."rig.state".choices has DISABLED, ACTIVE
 
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLD"]
 end = ["ACTIVE"]
 -> 'DISABLD' is no state of a bench; did you mean 'DISABLED'?
 
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLED"]
 end = []
--> conduct.up[1].end is empty
+-> sequences.up[1].end is empty
 
-[conduct]
+[sequences]
 rest = [{ "plk.c" = 0 }]
--> conduct.rest[1]: 'plk.c' is neither a signal nor a point
+-> sequences.rest[1]: 'plk.c' is neither a signal nor a point
 
-[conduct]
+[sequences]
 rest = [{ "plc.c" = "off" }]
--> conduct.rest[1].plc.c = 'off' is no number of the rig's
+-> sequences.rest[1].plc.c = 'off' is no number of the rig's
 
-[conduct]
+[sequences]
 rest = [{ "left.height" = 0 }]
 -> left.height is a measurement and cannot be ordered
 
-[conduct]
+[sequences]
 rest = [{ "air.left_mode" = "vent" }]
 -> the rig has no air.left_mode: the wiring does not mention it
 
-[conduct]
+[sequences]
 open = [{ "lease.nonce" = 1 }]
 -> the rig has no lease.nonce: the wiring does not mention it
 
 "air.dpv" = { to = "plc.dpv" }
-[conduct]
+[sequences]
 apply = [{ "plc.apply" = 1, "air.dpv" = "on" }]
--> conduct.apply: air.dpv is a setting; right are points and actions
+-> sequences.apply: air.dpv is a setting; right are points and actions
 
-[conduct]
+[sequences]
 at_rest = ["OFF"]
--> conduct.at_rest: the rig never reports OFF
+-> sequences.at_rest: the rig never reports OFF
 """
 
 
 def _cases():
     """Yield files that cannot be right, each with what is to be said of it."""
-    for texts, head in ((BAD_FILES, ""), (BAD_SIGNALS, SIGNAL), (BAD_CONDUCT, SIGNAL + STATE)):
+    for texts, head in ((BAD_FILES, ""), (BAD_SIGNALS, SIGNAL), (BAD_SEQUENCES, SIGNAL + STATE)):
         for case in texts.strip().split("\n\n"):
             lines, message = case.split("\n-> ")
             yield head + lines.replace("SIGNALS", SIGNAL), message

@@ -124,7 +124,7 @@ def test_who_only_listens_is_nobodys_commander():
 
 def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
     told = own_description()
-    assert told.conduct.air == AIR_BY_STATE
+    assert told.sequences.air == AIR_BY_STATE
     further = {signal.name for signal in TABLE.of_kind(Kind.FURTHER)}
     assert told.carried == set(TABLE.index) - further
     assert told.absent.keys() == further
@@ -159,14 +159,14 @@ def test_keys_of_the_transport_that_cannot_be(keys, words):
 @pytest.mark.parametrize(
     ("air", "words"),
     [
-        ({"ACTIVE": "let of"}, r"conduct\.air\.ACTIVE = 'let of' is none of it; did you mean .let off."),
-        ({"AKTIVE": "let off"}, r"conduct\.air: 'AKTIVE' is no state of a bench"),
+        ({"ACTIVE": "let of"}, r"sequences\.air\.ACTIVE = 'let of' is none of it; did you mean .let off."),
+        ({"AKTIVE": "let off"}, r"sequences\.air: 'AKTIVE' is no state of a bench"),
     ],
 )
 def test_what_becomes_of_the_air_is_one_of_three_things(air, words):
     keys = read_toml(FILE)
     with pytest.raises(WiringError, match=words):
-        describe(keys | {"conduct": {"air": air}}, FILE, TABLE)
+        describe(keys | {"sequences": {"air": air}}, FILE, TABLE)
 
 
 def test_a_rig_that_is_not_there_is_told_and_nothing_stays_open():

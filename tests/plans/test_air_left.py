@@ -43,7 +43,7 @@ def made(state, reason, pressures, *, stale=False, air=AIR_BY_STATE):
         lost=False,
         table=TABLE,
         lacks=lambda name: "",
-        wiring=SimpleNamespace(conduct=SimpleNamespace(air=air)),
+        wiring=SimpleNamespace(sequences=SimpleNamespace(air=air)),
         describe=lambda: f"state {state}, reason: {reason}",
         despite_faults=nullcontext,
         wait_for=wait_for,
@@ -95,7 +95,7 @@ def test_no_sentence_contradicts_what_is_known(pressures, stale):
         assert air_at_risk(bench) == ("" if springs_are_empty(bench) else told)
 
 
-def test_of_a_rig_whose_conduct_is_not_known_nothing_is_promised():
+def test_of_a_rig_whose_sequences_are_not_known_nothing_is_promised():
     told = air_left(made("DISABLED", "none", PRESSURES["full on the left"], air={}))
     assert told.endswith("it is not known what this rig does with the air in DISABLED")
 

@@ -35,10 +35,9 @@ class FakeBench:
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
         self.settings = SimpleNamespace(readings=self.account, in_force=dict)
-        conduct = SimpleNamespace(air=AIR_BY_STATE)
-        can = Capabilities(files=True)
-        self.wiring = SimpleNamespace(rig="fake", capabilities=can, conduct=conduct, stamp=lambda name: None)
-        self.wiring.read_file = self.read_file
+        self.wiring = SimpleNamespace(rig="fake", stamp=lambda name: None, read_file=self.read_file)
+        self.wiring.capabilities = Capabilities(files=True)
+        self.wiring.sequences = SimpleNamespace(air=AIR_BY_STATE)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.hand = self.instruments = self.dimensions = None

@@ -23,7 +23,7 @@ state = { table = "input", address = 1, group = "fast" }
 command = { table = "holding", address = 0 }
 [signals]
 "rig.state" = { from = "plc.state", choices = { DISABLED = 0, ACTIVE = 3 } }
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLED"]
 orders = [{ "plc.command" = 3 }]
 end = ["ACTIVE"]

@@ -16,8 +16,8 @@ from drivers.wiring.can import transport as can
 from drivers.wiring.conversion import Calibration
 from drivers.wiring.file_keys import (
     CapabilitiesTable,
-    ConductTable,
     PlayerTable,
+    SequencesTable,
     SignalEntry,
     StepTable,
     WiringFile,
@@ -86,21 +86,21 @@ place = { table = "holding", address = 20, type = "int32" }
 "air.left_mode" = { to = "plc.valve", read = "plc.valve_active", choices = { hold = 0, level = 1, fill = 2, vent = 4 } }
 "action.power_off" = { to = "plc.command", value = [7, 0] }
 
-[[conduct.up]]
+[[sequences.up]]
 start = ["DISABLED"]
 orders = [{ "plc.command" = 1 }, { "plc.command" = 2 }]
 end = ["HOLD"]
 within = "5 s"
-[[conduct.up]]
+[[sequences.up]]
 start = ["HOLD"]
 bumpless = true
 orders = [{ "plc.command" = 3 }]
 end = ["ACTIVE"]
-[[conduct.reset]]
+[[sequences.reset]]
 start = ["FAULT_HOLD"]
 orders = [{ "plc.command" = 9 }]
 end = ["HOLD"]
-[conduct]
+[sequences]
 rest = [{ "plc.command" = 0 }]
 at_rest = ["DISABLED"]
 ```
@@ -113,7 +113,7 @@ come, and not available if one of them is stale by then. A number that is no cho
 
 **A set-point** goes the same way backwards, 50 times a second, to a point that its transport streams. It exists once a
 plan gives it: start values, as a DBC may have them, never go out in its place. Nothing at all goes out before somebody
-commands, but for what `conduct.open` says; signs of life then begin, three of them before the first command.
+commands, but for what `sequences.open` says; signs of life then begin, three of them before the first command.
 
 **A setting** is written at once with all that is set with it, and awaited: when `read` does not tell it `within` its
 time, what was there before is written again, and the plan hears which setting was never acknowledged. Without `read` it
@@ -139,8 +139,8 @@ is one of the Python file `functions`, called with the numbers of the points in 
 **Orders** set signals (`"air.left_mode" = "hold"`, `"air.left_target" = "3 bar"`) or points (`"plc.command" = 2`), each
 table at once and one after the other, with time in between for the rig's latency.
 
-What the wiring itself says is `conduct.open` (a remote mode, a lease), `conduct.close`, and `conduct.apply` where a rig
-stages settings: orders of points and actions. A set-point with `given` is told by the rig on connecting.
+What the wiring itself says is `sequences.open` (a remote mode, a lease), `sequences.close`, and `sequences.apply`
+where a rig stages settings: orders of points and actions. A set-point with `given` is told by the rig on connecting.
 
 **Without a generator** (`capabilities.generator`) the bench adds the waves to the set-points that it streams: the same
 waves, several at once too, up to 10 Hz, by the same commands. `generator.*`, `action.program_*`, `rig.program`
@@ -155,8 +155,8 @@ _TABLES: Final = (
     ("`calibration`", Calibration),
     ("`[capabilities]`", CapabilitiesTable),
     ("`[player]`", PlayerTable),
-    ("`[conduct]`", ConductTable),
-    ("`[[conduct.up]]` and `[[conduct.reset]]`", StepTable),
+    ("`[sequences]`", SequencesTable),
+    ("`[[sequences.up]]` and `[[sequences.reset]]`", StepTable),
 )
 _TRANSPORTS: Final = (
     ("Modbus/TCP", modbus),

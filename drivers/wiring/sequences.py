@@ -1,17 +1,17 @@
-"""How a rig is led, of the lines of its wiring: steps, orders, and what is said on coming and going."""
+"""The sequences of a rig, read from its wiring: start-up, reset and shut-down, and what is said on coming and going."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol, get_args
 
 from bench_protocol.signals import MEASURED, Kind
 from bench_protocol.wires import Table
 from bench_protocol.words import STATES, AirFate
 from drivers.errors import WiringError
-from drivers.wiring.contract import Conduct, Order, Step
+from drivers.wiring.contract import Order, Sequences, Step
 from drivers.wiring.conversion import Choices
-from drivers.wiring.file_keys import ConductTable, StepTable
+from drivers.wiring.file_keys import StepTable, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
 from drivers.wiring.lines import Greetings, Reading
 from drivers.wiring.written import order_names, plain_number, si_value
@@ -27,25 +27,25 @@ class NotePoint(Protocol):
     def __call__(self, key: str, point: str, *, written: bool) -> None: ...
 
 
-class Leading:
-    """Reads ``[conduct]``: its ``keys``, in the file that ``head`` names, of a rig with these readings."""
+class SequenceReader:
+    """Reads the table ``[sequences]`` of a ``file``, which stands at ``where``, of a rig with these readings."""
 
     def __init__(
         self,
-        head: str,
-        keys: ConductTable,
+        where: str,
+        file: WiringFile,
         table: Table,
-        transports: Collection[str],
         readings: Mapping[str, Reading],
         absent: Mapping[str, str],
         point: NotePoint,
     ) -> None:
-        self._head, self._keys, self._table, self._transports = head, keys, table, transports
+        self._where, self._table = where, table
+        self._keys, self._transports = file.sequences, file.transports
         self._readings, self._absent, self._point = readings, absent, point
 
-    def conduct(self) -> Conduct:
-        """Return how the rig is led; WiringError for all steps and orders that cannot be."""
-        where, table = f"{self._head}conduct", self._keys
+    def sequences(self) -> Sequences:
+        """Return them; WiringError for all steps and orders that cannot be."""
+        where, table = self._where, self._keys
         states = self._states()
         with AllAtOnce() as wrong:
             for state in table.at_rest:
@@ -61,13 +61,13 @@ class Leading:
             for state, given in table.air.items():
                 with wrong.next():
                     air[state] = self._fate(f"{where}.air", state, given, states)
-        return Conduct(up, reset, rest, tuple(table.at_rest), air)
+        return Sequences(up, reset, rest, tuple(table.at_rest), air)
 
     def greetings(self) -> Greetings:
         """Return what the wiring says by itself: points, and actions of the table."""
         found = []
         for key in ("open", "close", "apply"):
-            where, tables = f"{self._head}conduct.{key}", getattr(self._keys, key)
+            where, tables = f"{self._where}.{key}", getattr(self._keys, key)
             orders = self._orders(where, tables)
             for name in (name for order in orders for name in order.values):
                 if name in self._table.index and self._table[name].kind is not Kind.ACTION:
@@ -83,10 +83,9 @@ class Leading:
         if reading is None and "rig.state" not in self._absent:
             return STATES
         if reading is None:
-            conduct = self._keys
-            if conduct.up or conduct.reset or conduct.rest:
+            if self._keys.up or self._keys.reset or self._keys.rest:
                 raise WiringError(
-                    f'{self._head}conduct leads the rig from state to state, and signals."rig.state" is missing or '
+                    f'{self._where} lead the rig from state to state, and signals."rig.state" is missing or '
                     "absent; right is where the rig tells its state"
                 )
             return ()
