@@ -6,10 +6,10 @@
 
     def test_my_transport():
         subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})
-        assert [str(finding) for finding in check_transport(subject) if finding.breach] == []
+        assert [str(result) for result in check_transport(subject) if result.breach] == []
 
 It needs a rig that answers, real or simulated, and writes only the points it is given. What a subject does not offer (a
-point without a value, a way to cut the connection) is not checked, and the finding says so.
+point without a value, a way to cut the connection) is not checked, and the result says so.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Subject:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class RuleResult:
     """One rule, and how it was broken; an empty ``breach`` is none."""
 
     rule: str
@@ -126,9 +126,9 @@ class _Bench:
             self.wait(_POLL)
 
 
-def check_transport(subject: Subject, only: str = "") -> list[Finding]:
+def check_transport(subject: Subject, only: str = "") -> list[RuleResult]:
     """Return what became of every rule, or of ``only`` those that begin so; with a ``breach`` it is broken."""
-    findings = []
+    results = []
     for rule in _RULES:
         name = (rule.__doc__ or "").rstrip(".")
         if not name.startswith(only):
@@ -136,14 +136,14 @@ def check_transport(subject: Subject, only: str = "") -> list[Finding]:
         try:
             rule(subject)
         except Breach as breach:
-            findings.append(Finding(name, breach=str(breach)))
+            results.append(RuleResult(name, breach=str(breach)))
         except _Skipped as skipped:
-            findings.append(Finding(name, skipped=f"not checked: {skipped}"))
+            results.append(RuleResult(name, skipped=f"not checked: {skipped}"))
         except Exception as error:
-            findings.append(Finding(name, breach=f"{type(error).__name__}: {error}"))
+            results.append(RuleResult(name, breach=f"{type(error).__name__}: {error}"))
         else:
-            findings.append(Finding(name))
-    return findings
+            results.append(RuleResult(name))
+    return results
 
 
 def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Exception:

@@ -52,7 +52,7 @@ def incident_of(record: Record) -> IncidentTold | None:
     import pyarrow.parquet as pq
 
     from bench_records.layout import as_array
-    from bench_records.report_plots import Line, time_panel
+    from bench_records.report_plots import Series, time_panel
 
     directory = record.path.parent
     if not (directory / STORY).exists():
@@ -66,7 +66,9 @@ def incident_of(record: Record) -> IncidentTold | None:
     if not names:
         return IncidentTold(story, "")
     signal, times = record.signals[names[0]], as_array(table[_TIME])
-    lines = [Line(record.signals[name].title, times, as_array(table[name]) / signal.scale) for name in names]
+    lines = [
+        Series(record.signals[name].title, times, as_array(table[name]) / signal.scale) for name in names
+    ]
     span = (float(times[0]), float(times[-1]))
     title = f"{signal.quantity} around the incident"
     return IncidentTold(story, time_panel("black-box", title, signal.unit, lines, [], span, [0.0]))

@@ -51,7 +51,7 @@ CURVE = Margins(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
 NUMBER_WIDTH = 5.0
 
 
-class Line(NamedTuple):
+class Series(NamedTuple):
     """One signal as drawn: label, times in s, values in display units."""
 
     label: str
@@ -91,7 +91,7 @@ def time_panel(
     name: str,
     title: str,
     measured_in: str,
-    lines: Sequence[Line],
+    lines: Sequence[Series],
     phases: Sequence[Phase],
     span: tuple[float, float],
     marks: Sequence[float] = (),

@@ -13,7 +13,7 @@ from bench_records.record import Record
 from bench_records.typography import fixed, primed, scientific, unit
 
 if TYPE_CHECKING:
-    from bench_records.report_plots import Line
+    from bench_records.report_plots import Series
 
 STRIP_STRETCHES = 400
 #: Beside the first: more are no longer read on paper.
@@ -56,7 +56,7 @@ def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) 
     ]
 
 
-def _fine(lines: list[Line]) -> list[Trace]:
+def _fine(lines: list[Series]) -> list[Trace]:
     from bench_records.report_plots import envelope, look
 
     return [
@@ -65,11 +65,11 @@ def _fine(lines: list[Line]) -> list[Trace]:
     ]
 
 
-def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Line]]]:
+def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Series]]]:
     """Drawn signals by quantity, in the order of the table of signals; one unit to a panel."""
-    from bench_records.report_plots import Line
+    from bench_records.report_plots import Series
 
-    panels: dict[tuple[str, str], list[Line]] = {}
+    panels: dict[tuple[str, str], list[Series]] = {}
     for name in names:
         signal = record.signals[name]
         if not signal.quantity or signal.names:
@@ -77,7 +77,7 @@ def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, 
         times, values = record.series(name)
         if times.size:
             lines = panels.setdefault((signal.quantity, signal.shown_unit), [])
-            lines.append(Line(signal.title, times, signal.shown(values)))
+            lines.append(Series(signal.title, times, signal.shown(values)))
     return [(quantity, unit, lines) for (quantity, unit), lines in panels.items()]
 
 

@@ -47,7 +47,7 @@ _HABIT: Final = 2
 _PAUSE: Final = round(20 * ms * NS)
 
 
-class Line:
+class SharedClient:
     """A pymodbus client and its connection, for one port or several that take turns.
 
     ``each``: the connection is opened for each request; so it is too with a device that is seen to close it after each
@@ -178,7 +178,7 @@ class ModbusPort:
     can carry.
     """
 
-    def __init__(self, line: Line, unit: int = 1) -> None:
+    def __init__(self, line: SharedClient, unit: int = 1) -> None:
         self.line, self._unit = line, unit
         self._client: Any = line.client
         self._where = line.where
@@ -335,7 +335,7 @@ class ModbusPort:
         return list(registers)
 
 
-_shared: dict[object, Line] = {}
+_shared: dict[object, SharedClient] = {}
 _sharing: Final = threading.Lock()
 
 
@@ -359,12 +359,12 @@ def open_modbus(
     """
     where = f"{host}:{port}"
 
-    def connect() -> Line:
+    def connect() -> SharedClient:
         framer = FramerType.RTU if rtu else FramerType.SOCKET
         client = ModbusTcpClient(host, port=port, framer=framer, timeout=min(timeout, within), retries=0)
         if not client.connect():
             raise LinkLost(f"no Modbus device answers at {where}; is the rig running?")
-        return _timed(Line(client, where, each=each, echo=echo), timeout)
+        return _timed(SharedClient(client, where, each=each, echo=echo), timeout)
 
     return ModbusPort(_one_line((host, port, rtu), connect) if shared else connect(), unit)
 
@@ -372,7 +372,7 @@ def open_modbus(
 def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> ModbusPort:
     """Open a serial line, which all ports on it share; LinkLost if there is none, or somebody else has it."""
 
-    def connect() -> Line:
+    def connect() -> SharedClient:
         client = ModbusSerialClient(
             serial.device,
             baudrate=serial.baudrate,
@@ -387,19 +387,19 @@ def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> M
                 f"the serial line {serial.device} cannot be opened: is it there, may this user read and write it, has "
                 f"nobody else opened it, and can it do {serial.baudrate} Bd with parity {serial.parity}?"
             )
-        return Line(client, serial.device)
+        return SharedClient(client, serial.device)
 
     return ModbusPort(_one_line(serial.device, connect), unit)
 
 
-def _timed(line: Line, timeout: float) -> Line:
+def _timed(line: SharedClient, timeout: float) -> SharedClient:
     """Let every answer take ``timeout`` s, whatever the first connection was given."""
     for params in (line.client.comm_params, line.client.transaction.comm_params):
         params.timeout_connect = timeout
     return line
 
 
-def _one_line(address: object, connect: Callable[[], Line]) -> Line:
+def _one_line(address: object, connect: Callable[[], SharedClient]) -> SharedClient:
     """Return the line at ``address`` that somebody has already, or a new one."""
     with _sharing:
         found = _shared.get(address)
@@ -415,7 +415,7 @@ class InMemoryModbus(ModbusPort):
     """
 
     def __init__(self, answer: Callable[[bytes], bytes], unit: int = 1) -> None:
-        super().__init__(Line(_FunctionClient(answer), "the device in memory"), unit)
+        super().__init__(SharedClient(_FunctionClient(answer), "the device in memory"), unit)
 
 
 class _FunctionClient(ModbusTcpClient):

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from acceptance.checking.consequences import checks_without, plans_without
-from acceptance.checking.report import CheckReport, ConnectionLine, SignalLine, Verdict
+from acceptance.checking.report import CheckReport, ConnectionLine, Plausibility, SignalLine
 from acceptance.checking.rest import doubts
 from astb.listening import Listening
 from bench_protocol.signals import Kind, Signal
@@ -65,13 +65,13 @@ class _Examination:
                 one.name in _EXPECTED or not one.name.startswith(_OURS) or self._reasoned(one.name)
             ):
                 lines[one.name] = SignalLine(
-                    name=one.name, verdict=Verdict.ABSENT, remark=wiring.absent[one.name]
+                    name=one.name, verdict=Plausibility.ABSENT, remark=wiring.absent[one.name]
                 )
         for one in self.table.of_kind(Kind.SETPOINT):
             if one.name not in wiring.absent and not one.name.startswith(_OURS):
                 lines[one.name] = SignalLine(
                     name=one.name,
-                    verdict=Verdict.UNTOLD,
+                    verdict=Plausibility.UNTOLD,
                     source=self.wiring.source(one.name),
                     remark="only written",
                 )
@@ -102,7 +102,9 @@ class _Examination:
                 return self._line(signal, last, source, age=(now - time) / NS)
             return SignalLine(
                 name=signal.name,
-                verdict=Verdict.UNTOLD if signal.name.startswith("emergency.") else Verdict.DOUBTFUL,
+                verdict=Plausibility.UNTOLD
+                if signal.name.startswith("emergency.")
+                else Plausibility.DOUBTFUL,
                 source=source,
                 rate=0.0,
                 remark=f"nothing came in {LISTEN:g} s",
@@ -117,11 +119,13 @@ class _Examination:
         try:
             value = self.wiring.read([signal.name])[signal.name]
         except BenchError as error:
-            return SignalLine(name=signal.name, verdict=Verdict.DOUBTFUL, source=source, remark=str(error))
+            return SignalLine(
+                name=signal.name, verdict=Plausibility.DOUBTFUL, source=source, remark=str(error)
+            )
         if math.isnan(value) and signal.name in self.wiring.remembered:
             return SignalLine(
                 name=signal.name,
-                verdict=Verdict.UNTOLD,
+                verdict=Plausibility.UNTOLD,
                 source=source,
                 remark="no point reads it back: remembered as last written",
             )
@@ -139,7 +143,7 @@ class _Examination:
         known = not math.isnan(value)
         return SignalLine(
             name=signal.name,
-            verdict=Verdict.FINE,
+            verdict=Plausibility.FINE,
             source=source,
             shown=signal.show(value) if known else "",
             value=value if known else None,
@@ -151,11 +155,11 @@ class _Examination:
         means = {
             name: math.nan if line.value is None else line.value
             for name, line in lines.items()
-            if line.verdict is Verdict.FINE
+            if line.verdict is Plausibility.FINE
         }
         found = doubts(means, {name: self.table[name] for name in means}, at_rest=at_rest)
         return lines | {
-            name: replace(lines[name], verdict=Verdict.DOUBTFUL, remark=doubt)
+            name: replace(lines[name], verdict=Plausibility.DOUBTFUL, remark=doubt)
             for name, doubt in found.items()
         }
 
@@ -169,7 +173,9 @@ class _Examination:
     def _connections(self) -> list[ConnectionLine]:
         return [
             ConnectionLine(
-                name=name, verdict=Verdict.DOUBTFUL if one.doubtful else Verdict.FINE, remark=one.text
+                name=name,
+                verdict=Plausibility.DOUBTFUL if one.doubtful else Plausibility.FINE,
+                remark=one.text,
             )
             for name, remarks in self.wiring.remarks().items()
             for one in remarks

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from acceptance.checking.report import MoveLine, Verdict
+from acceptance.checking.report import MoveLine, Plausibility
 from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
@@ -186,10 +186,10 @@ class Measuring:
 
         one = self._measured(place, values)
         u = one.expanded if one.expanded is not None else UNSURE * abs(one.value)
-        verdict = Verdict.FINE if abs(one.value) <= u + CENTRED else Verdict.DOUBTFUL
+        verdict = Plausibility.FINE if abs(one.value) <= u + CENTRED else Plausibility.DOUBTFUL
         more = (
             ""
-            if verdict is Verdict.FINE
+            if verdict is Plausibility.FINE
             else ": a seat or an actuator stands off the middle, or a cell elsewhere"
         )
         self._lines.append(
@@ -208,7 +208,9 @@ class Measuring:
         self._lines.append(
             MoveLine(
                 what="forces and moments that the load cells tell",
-                verdict=Verdict.DOUBTFUL if {"force upward", "roll moment"} & set(blind) else Verdict.FINE,
+                verdict=Plausibility.DOUBTFUL
+                if {"force upward", "roll moment"} & set(blind)
+                else Plausibility.FINE,
                 found=f"all but {', '.join(blind)}" if blind else "all six",
                 right="force upward and roll moment at least",
             )
@@ -271,7 +273,9 @@ class Measuring:
         lacking = self._bench.lacks(*signals) or self._rig.lacks(*dimensions)
         if lacking:
             self._lines.append(
-                MoveLine(what=_words(name), verdict=Verdict.UNTOLD, found=f"cannot be measured: {lacking}")
+                MoveLine(
+                    what=_words(name), verdict=Plausibility.UNTOLD, found=f"cannot be measured: {lacking}"
+                )
             )
         return not lacking
 
@@ -300,7 +304,10 @@ class Measuring:
         if stated is None:
             self._lines.append(
                 MoveLine(
-                    what=f"{_words(name)}, {how}", verdict=Verdict.UNTOLD, found=found, right="not stated"
+                    what=f"{_words(name)}, {how}",
+                    verdict=Plausibility.UNTOLD,
+                    found=found,
+                    right="not stated",
                 )
             )
             return
@@ -311,7 +318,7 @@ class Measuring:
         self._note(f"{_words(name)}, {how}", good, found, _shown(stated.value, stated.uncertainty, si))
 
     def _note(self, what: str, good: bool, found: str, right: str) -> None:
-        verdict = Verdict.FINE if good else Verdict.DOUBTFUL
+        verdict = Plausibility.FINE if good else Plausibility.DOUBTFUL
         more = "" if good else ": what is stated is wrong"
         self._lines.append(MoveLine(what=what, verdict=verdict, found=found + more, right=right))
 

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from acceptance.checking.measuring import Measuring
-from acceptance.checking.report import MoveLine, Verdict
+from acceptance.checking.report import MoveLine, Plausibility
 from bench_protocol.units import N, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import PLATFORM_AXES, SIDES
 from drivers.bench import Bench
@@ -91,11 +91,11 @@ class _Moves:
         self.lifts: dict[str, dict[str, float]] = {}
 
     def note(self, what: str, good: bool, found: str, right: str = "") -> None:
-        verdict = Verdict.FINE if good else Verdict.DOUBTFUL
+        verdict = Plausibility.FINE if good else Plausibility.DOUBTFUL
         self.lines.append(MoveLine(what=what, verdict=verdict, found=found, right=right))
 
     def skip(self, what: str, why: str) -> None:
-        self.lines.append(MoveLine(what=what, verdict=Verdict.UNTOLD, found=why))
+        self.lines.append(MoveLine(what=what, verdict=Plausibility.UNTOLD, found=why))
 
     def by(self, targets: Mapping[str, float], rate: float, *also: str) -> dict[str, float]:
         """Change readings ``targets`` by so much (SI); return by how much they and ``also`` have changed.

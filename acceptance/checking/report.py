@@ -7,7 +7,7 @@ from enum import StrEnum
 import msgspec
 
 
-class Verdict(StrEnum):
+class Plausibility(StrEnum):
     """What is to be thought of a signal or of a move."""
 
     FINE = "fine"
@@ -20,7 +20,7 @@ class SignalLine(msgspec.Struct, frozen=True, kw_only=True):
     """One signal: where it comes from, what it reads, and whether that can be."""
 
     name: str
-    verdict: Verdict
+    verdict: Plausibility
     source: str = ""
     shown: str = ""  #: its mean, as people read it
     value: float | None = None  #: the same, SI
@@ -33,7 +33,7 @@ class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that a move has shown."""
 
     what: str
-    verdict: Verdict
+    verdict: Plausibility
     found: str
     right: str = ""
 
@@ -42,7 +42,7 @@ class ConnectionLine(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was noticed of a connection to the rig."""
 
     name: str  #: of the transport
-    verdict: Verdict  #: doubtful where readings are lost by it
+    verdict: Plausibility  #: doubtful where readings are lost by it
     remark: str
 
 
@@ -64,9 +64,9 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     def doubtful(self) -> list[str]:
         """What is doubted, by name."""
         return [
-            *(one.name for one in self.signals if one.verdict is Verdict.DOUBTFUL),
-            *(f"transport {one.name}" for one in self.connections if one.verdict is Verdict.DOUBTFUL),
-            *(one.what for one in self.moves if one.verdict is Verdict.DOUBTFUL),
+            *(one.name for one in self.signals if one.verdict is Plausibility.DOUBTFUL),
+            *(f"transport {one.name}" for one in self.connections if one.verdict is Plausibility.DOUBTFUL),
+            *(one.what for one in self.moves if one.verdict is Plausibility.DOUBTFUL),
         ]
 
     def to_json(self) -> bytes:

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from acceptance.conformance.finding import Report, ReportError, differences, read_report
+from acceptance.conformance.report import Report, ReportError, differences, read_report
 from astb.exit_codes import FAIL, PASS, blocked, misuse
 from astb.rig_file import RigFileError, find_rig
 from astb.tables import open_console, open_table, styled
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from acceptance.conformance.finding import Difference
+    from acceptance.conformance.report import Difference
 
 
 @click.command("conform")

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import leave, note_rest, take
 from acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from acceptance.conformance.report import Notebook
 from bench_protocol.can_codec import Encoder
 from bench_protocol.clock import Task
 from bench_protocol.frames import Block

@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 
 from acceptance.conformance.commanding import READY_WITHIN, Stream
-from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import give_back, leave, note_rest, take
 from acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from acceptance.conformance.report import Notebook
 from acceptance.conformance.stillness import WATCH
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
 from bench_protocol.table import TABLE

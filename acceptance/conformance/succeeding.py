@@ -3,10 +3,10 @@
 from typing import Final
 
 from acceptance.conformance.commanding import Stream
-from acceptance.conformance.finding import Notebook
 from acceptance.conformance.leaving import give_back, leave, note_rest, take
 from acceptance.conformance.moving import STEP_WITHIN, reset, way_up
 from acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from acceptance.conformance.report import Notebook
 from acceptance.conformance.stillness import (
     OVER,
     PLACES,

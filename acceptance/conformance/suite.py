@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from acceptance.conformance import signals
 from acceptance.conformance.asking import ask
 from acceptance.conformance.commanding import command
-from acceptance.conformance.finding import Finding, Notebook, joined
 from acceptance.conformance.listening import listen
 from acceptance.conformance.moving import move
 from acceptance.conformance.raw_access import RawAccess, open_access
+from acceptance.conformance.report import Notebook, Observation, joined
 from acceptance.conformance.succeeding import succeed
 from astb.api import open_bench
 from drivers.errors import BenchError
@@ -26,7 +26,7 @@ _MOVING: Final = (("moving", move), ("succeeding", succeed))
 Subject = TypeVar("Subject")
 
 
-def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return all that is found of ``rig``, whose file is ``path``; nothing moves without ``motion``.
 
     Over the wires if it speaks our table, else by the signals of its wiring. BenchError if there is no rig.
@@ -38,12 +38,12 @@ def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str]
         return examine(access, motion=motion, say=say)
 
 
-def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return all that is found of the rig behind ``access``; nothing moves without ``motion``."""
     return _findings(access, (*_AT_REST, *(_MOVING if motion else ())), motion, say)
 
 
-def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Finding]:
+def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return what can be found of a rig that speaks otherwise, by the signals of a connected ``bench``."""
     return _findings(bench, (*signals.AT_REST, *(signals.MOVING if motion else ())), motion, say)
 
@@ -53,7 +53,7 @@ def _findings(
     parts: Sequence[tuple[str, Callable[[Subject], list[Notebook]]]],
     motion: bool,
     say: Callable[[str], None],
-) -> list[Finding]:
+) -> list[Observation]:
     books: list[Notebook] = []
     for name, part in parts:
         say(name)

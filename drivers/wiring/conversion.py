@@ -40,7 +40,7 @@ class Conversion(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class Linear:
     """SI = gain · number + offset."""
 
     gain: float
@@ -59,7 +59,7 @@ class Curve:
 
     numbers: tuple[float, ...]  #: rising
     meanings: tuple[float, ...]  #: rising or falling
-    line: Line
+    line: Linear
 
     def si(self, number: float) -> float:
         return self.line.si(_between(self.numbers, self.meanings, number))
@@ -97,7 +97,7 @@ def _between(xs: Sequence[float], ys: Sequence[float], x: float) -> float:
 
 ChoiceNumbers = Number | list[Number]
 Sign = Annotated[Literal[1, -1], msgspec.Meta(description="1 or -1")]
-_IDENTITY: Final = Line(1.0, 0.0)
+_IDENTITY: Final = Linear(1.0, 0.0)
 
 
 def conversion(
@@ -158,7 +158,7 @@ def _example(si: str) -> str:
     return {"m": "mm", "Pa": "bar", "N": "kN", "s": "ms"}.get(si, si)
 
 
-def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Line:
+def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Linear:
     """Return unit, calibration and sign of a straight line as one."""
     gain, of, into = _gain(where, calibration.gain)
     if not unit and signal.unit != "1":
@@ -181,7 +181,7 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
         added = offset * after.factor
     if not math.isfinite(added):
         raise WiringError(f"{where}.calibration.offset = {offset!r} is no number to add")
-    return Line(sign * gain * after.factor, sign * (added + after.zero))
+    return Linear(sign * gain * after.factor, sign * (added + after.zero))
 
 
 def _unit(where: str, signal: Signal, unit: str) -> Unit:
@@ -225,7 +225,7 @@ def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibr
             f"{where}.calibration.table: what the numbers mean must rise, or fall, from row to row"
         )
     found = unit_of(f"{where}.calibration.unit", calibration.unit or unit or "1", signal.si)
-    return Curve(numbers, meanings, Line(sign * found.factor, sign * found.zero))
+    return Curve(numbers, meanings, Linear(sign * found.factor, sign * found.zero))
 
 
 def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -> Conversion:

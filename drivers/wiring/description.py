@@ -20,7 +20,7 @@ from bench_protocol.wires import Table
 from drivers.errors import WiringError
 from drivers.wiring.astb.keys import KIND
 from drivers.wiring.contract import Capabilities
-from drivers.wiring.conversion import Conversion, Line, conversion, quantity
+from drivers.wiring.conversion import Conversion, Linear, conversion, quantity
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
@@ -274,7 +274,7 @@ class _Reader:
             if entry.target or entry.read or entry.initial != "":
                 raise WiringError(f"{where} is fixed, and nothing is written or read; right is fixed alone")
             fixed = si_value(f"{where}.fixed", signal, entry.fixed)
-            return SettingTarget("", "", Line(1.0, 0.0), 0.0, 0.0, fixed, fixed)
+            return SettingTarget("", "", Linear(1.0, 0.0), 0.0, 0.0, fixed, fixed)
         point = self._target(where, signal, entry.target)
         if entry.read:
             self._point(f"{where}.read", entry.read, written=False)

@@ -3,7 +3,7 @@
 import pytest
 
 from acceptance.checking.moving import move_each
-from acceptance.checking.report import Verdict
+from acceptance.checking.report import Plausibility
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, across, ordinary
 from bench_sim.parameters import load
@@ -37,7 +37,7 @@ def doubts(described: Dimensions, **built: float) -> dict[str, str]:
         lines = move_each(bench)
         assert bench.state == "DISABLED"
     assert sum(" ± " in one.found for one in lines) > 12
-    return {one.what: one.found for one in lines if one.verdict is Verdict.DOUBTFUL}
+    return {one.what: one.found for one in lines if one.verdict is Plausibility.DOUBTFUL}
 
 
 @slow
@@ -83,6 +83,6 @@ def test_a_rig_of_which_nothing_is_stated_is_measured_all_the_same():
         bench.instruments, bench.dimensions = instruments(), Dimensions("mine.toml", "", known)
         lines = {one.what: one for one in move_each(bench)}
     laser = lines["left.height across, by the roll of the platform"]
-    assert (laser.verdict, laser.right) == (Verdict.UNTOLD, "not stated")
+    assert (laser.verdict, laser.right) == (Plausibility.UNTOLD, "not stated")
     assert float(laser.found.partition(" ± ")[0]) == pytest.approx(1.0, rel=0.01)
     assert across("vertical_left") in lines

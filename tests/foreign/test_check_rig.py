@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from acceptance.checking.examining import WITHIN, examine
 from acceptance.checking.moving import move_each
-from acceptance.checking.report import Verdict
+from acceptance.checking.report import Plausibility
 from astb.cli import commands
 from astb.listening import Listening
 from astb.rig_in_memory import RigInMemory
@@ -51,7 +51,7 @@ def moves_of(virtual, description) -> list[str]:
     with Bench(wiring, virtual.clock) as bench:
         lines = move_each(bench)
         assert bench.state == "DISABLED"
-    return [f"{one.what}: {one.found}" for one in lines if one.verdict is Verdict.DOUBTFUL]
+    return [f"{one.what}: {one.found}" for one in lines if one.verdict is Plausibility.DOUBTFUL]
 
 
 def test_our_rig_is_sound_and_its_commander_notices_nothing():
@@ -71,7 +71,7 @@ def test_our_rig_moves_as_it_says():
     memory = RigInMemory(Rig(load(), seed=1))
     with memory.bench() as bench:
         lines = move_each(bench)
-    assert [one.what for one in lines if one.verdict is not Verdict.FINE] == []
+    assert [one.what for one in lines if one.verdict is not Plausibility.FINE] == []
     assert "a push to the left moves to the left" in {one.what for one in lines}
 
 
@@ -83,7 +83,7 @@ def test_a_strange_rig_is_sound_and_tells_what_it_lacks(rig, absent, tmp_path):
     report = report_of(virtual, wired(virtual, tmp_path))
     assert report.doubtful == []
     lines = {one.name: one for one in report.signals}
-    assert lines[absent].verdict is Verdict.ABSENT
+    assert lines[absent].verdict is Plausibility.ABSENT
     assert lines[absent].remark.startswith("no ")
     assert lines["left.height"].rate == pytest.approx(20 if rig is VirtualPlc else 100, rel=0.03)
 
@@ -183,7 +183,7 @@ def test_a_bench_that_cannot_be_moved_now_is_not_called_fine(tmp_path):
     with Bench(wiring, virtual.clock) as bench:
         bench.arm()
         (line,) = move_each(bench)
-    assert (line.verdict, line.found) == (Verdict.DOUBTFUL, "the bench is ACTIVE, and not at rest")
+    assert (line.verdict, line.found) == (Plausibility.DOUBTFUL, "the bench is ACTIVE, and not at rest")
 
 
 def test_the_command_prints_a_table_and_json():

@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from acceptance.conformance.finding import Outcome
+from acceptance.conformance.report import Outcome
 from acceptance.conformance.suite import examine_bench
 from tests.foreign.machine import Valve
 from tests.foreign.plc_rig import PlcRig, State

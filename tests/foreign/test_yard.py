@@ -11,7 +11,7 @@ import pytest
 
 from acceptance.checking.examining import examine
 from acceptance.checking.moving import move_each
-from acceptance.checking.report import Verdict
+from acceptance.checking.report import Plausibility
 from acceptance.skeleton.writing import skeleton
 from astb.listening import Listening
 from bench_protocol.dimensions import read_dimensions
@@ -132,7 +132,7 @@ def test_what_nobody_has_set_since_power_up_is_no_doubt(tmp_path):
 @pytest.mark.slow
 def test_each_axis_moves_as_the_list_says_and_it_is_built_as_its_file_says(bench):
     lines = move_each(bench)
-    assert [f"{one.what}: {one.found}" for one in lines if one.verdict is not Verdict.FINE] == []
+    assert [f"{one.what}: {one.found}" for one in lines if one.verdict is not Plausibility.FINE] == []
     assert {"bolster mass, by its inertia", "spring half spacing, by rolling on the stops"} <= {
         one.what for one in lines
     }

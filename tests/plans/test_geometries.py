@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from acceptance.checking.moving import move_each
-from acceptance.checking.report import Verdict
+from acceptance.checking.report import Plausibility
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, ordinary
 from bench_records.result import CheckVerdict
@@ -86,7 +86,7 @@ def doubted(parameters) -> list[str]:
     memory = RigInMemory(Rig(parameters, seed=1))
     with memory.bench() as bench:
         bench.instruments = instruments()
-        return [one.what for one in move_each(bench) if one.verdict is Verdict.DOUBTFUL]
+        return [one.what for one in move_each(bench) if one.verdict is Plausibility.DOUBTFUL]
 
 
 def judged(seed: int, directory) -> Counter:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from acceptance.conformance.finding import Finding, Outcome, Report, ReportError, differences, read_report
 from acceptance.conformance.raw_access import Cable, RawAccess
+from acceptance.conformance.report import Observation, Outcome, Report, ReportError, differences, read_report
 from acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
@@ -44,7 +44,7 @@ class Stand:
         self.rig, self.memory = rig, memory
         self.access = RawAccess(memory.clock, memory.can, line)
 
-    def examine(self, motion=False) -> dict[str, Finding]:
+    def examine(self, motion=False) -> dict[str, Observation]:
         found = examine(self.access, motion=motion, say=lambda text: None)
         self.report = Report(rig="test", time="virtual", motion=motion, findings=found)
         return {one.what: one for one in found}
@@ -192,7 +192,7 @@ def test_the_command_tells_people_and_programs(astb_here, tmp_path):
     assert code == 0
     assert "do the same" in out
     report = read_report(tmp_path / "one.json")
-    spoilt = [Finding(group=f.group, what=f.what, outcome=f.outcome, found="?") for f in report.findings]
+    spoilt = [Observation(group=f.group, what=f.what, outcome=f.outcome, found="?") for f in report.findings]
     changed = Report(rig="other", time="real", motion=False, findings=spoilt)
     (tmp_path / "two.json").write_bytes(changed.to_json())
     code, out, _ = astb_here(tmp_path, "conform", "virtual", "--against", "two.json")

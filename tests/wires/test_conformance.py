@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from acceptance.transports import Finding, Subject, check_transport
+from acceptance.transports import RuleResult, Subject, check_transport
 from drivers.errors import LinkLost, Refused
 from drivers.wiring.transports import open_transport
 
@@ -307,7 +307,7 @@ BAD = {
 }
 
 
-def broken(kind: type, rule: str, rig: Controller, dead_port: int) -> list[Finding]:
+def broken(kind: type, rule: str, rig: Controller, dead_port: int) -> list[RuleResult]:
     rig.values.update(height="12.5", target="0.0", broken="none")
     subject = Subject(
         make=lambda: kind("press", "127.0.0.1", rig.port, POINTS),

@@ -22,7 +22,7 @@ class Outcome(StrEnum):
     SKIPPED = "not asked"
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was asked of a rig, what it answered, and what would be right."""
 
     group: str
@@ -40,10 +40,10 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     rig: str
     time: str  #: real | virtual
     motion: bool  #: whether it was allowed to move
-    findings: list[Finding]
+    findings: list[Observation]
 
     @property
-    def wrong(self) -> list[Finding]:
+    def wrong(self) -> list[Observation]:
         """What is not as it should be."""
         return [one for one in self.findings if one.outcome is Outcome.WRONG]
 
@@ -86,7 +86,7 @@ def differences(here: Report, there: Report) -> list[Difference]:
     return found
 
 
-def _alike(one: Finding, other: Finding) -> bool:
+def _alike(one: Observation, other: Observation) -> bool:
     if one.value is None or other.value is None:
         return one.found == other.found
     return abs(one.value - other.value) <= max(one.apart, other.apart)
@@ -97,7 +97,7 @@ class Notebook:
 
     def __init__(self, group: str) -> None:
         self.group = group
-        self.findings: list[Finding] = []
+        self.findings: list[Observation] = []
 
     def note(
         self,
@@ -112,7 +112,7 @@ class Notebook:
         """Write down what was ``found`` of ``what``, and whether it is ``good``."""
         outcome = Outcome.RIGHT if good else Outcome.WRONG
         self.findings.append(
-            Finding(
+            Observation(
                 group=self.group,
                 what=what,
                 outcome=outcome,
@@ -125,7 +125,7 @@ class Notebook:
 
     def skip(self, what: str, why: str) -> None:
         """Write down that something was not asked, and why."""
-        self.findings.append(Finding(group=self.group, what=what, outcome=Outcome.SKIPPED, found=why))
+        self.findings.append(Observation(group=self.group, what=what, outcome=Outcome.SKIPPED, found=why))
 
     def refusal(self, what: str, code: int, right: int) -> None:
         """Write down with which Modbus exception a request was refused, 0 for none."""
@@ -136,6 +136,6 @@ def _refused(code: int) -> str:
     return f"exception {code}" if code else "accepted"
 
 
-def joined(notebooks: Iterable[Notebook]) -> list[Finding]:
+def joined(notebooks: Iterable[Notebook]) -> list[Observation]:
     """Return the findings of all ``notebooks`` in their order."""
     return [one for notebook in notebooks for one in notebook.findings]
