@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import ndtri
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
 from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVELS, EXPLAINABLE, LEAST_RUNS
@@ -147,8 +148,6 @@ def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[floa
 
 def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]:
     """How many samples of all channels lie within the noise around the prediction."""
-    from scipy.special import ndtri
-
     sizes = [np.abs(np.concatenate([(e / noise)[np.isfinite(e)] for e in arm])) for arm in errors]
     if not sizes[0].size:
         return []

@@ -37,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import stdtrit
 
 from diagnosis.contracts import Array
 from diagnosis.engine.config import (
@@ -159,8 +160,6 @@ def _of_repeats(model: FittedModel) -> Array | None:
     gradients = np.zeros((len(names), len(linearisation.point.numbers)))
     for group, block in zip(groups, linearisation.blocks, strict=True):
         gradients[names.index(group), block.places] += block.times(block.residual)
-    from scipy.special import stdtrit
-
     count = len(names)
     away = gradients - gradients.mean(axis=0)
     moved = away @ inverse(linearisation.information)

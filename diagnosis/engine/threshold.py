@@ -21,6 +21,7 @@ begins just below it.
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from diagnosis.contracts import Array
 from diagnosis.engine.columns import Mask
@@ -29,8 +30,6 @@ from diagnosis.engine.config import THRESHOLD_DRAWS, THRESHOLD_MARGIN
 
 def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float:
     """Return the score that the largest of N(0, cosines) exceeds with probability alpha; two-sided ones by size."""
-    from scipy.special import ndtri
-
     if len(cosines) == 0:
         return float("inf")
     values, vectors = np.linalg.eigh(cosines)
@@ -45,8 +44,6 @@ def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float
 
 def _quantile(root: Array, one_sided: Mask, alpha: float, level: float, rng: np.random.Generator) -> float:
     """Return the quantile from draws of which each exceeds a ``level``; scores are ``root`` (m, r) times N(0, 1)."""
-    from scipy.special import ndtr, ndtri
-
     sides = np.concatenate((np.arange(len(root)), np.flatnonzero(~one_sided)))
     chance = float(ndtr(-level))
     side = rng.integers(len(sides), size=THRESHOLD_DRAWS)

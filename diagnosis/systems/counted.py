@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from bench_protocol.table import TABLE
 from diagnosis.contracts import Array, Channel, Experiment
@@ -117,8 +118,6 @@ def at_its_steps(values: Array) -> Array:
     a wave is not half-way between their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a
     second.
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-
     result = np.full(len(values), np.nan)
     known = np.flatnonzero(np.isfinite(values))
     moved = np.abs(np.diff(values[known]))

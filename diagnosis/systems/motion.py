@@ -21,6 +21,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
+from scipy.signal import lfilter
 
 from bench_protocol.table import TABLE
 from bench_sim.model.layout import LATERAL
@@ -139,8 +143,6 @@ def smooth(values: Array, noise: float) -> Array:
     Readings that show nothing but noise give their mean. Raises DiagnosisError where fewer than eight samples were
     measured.
     """
-    from scipy.ndimage import uniform_filter1d
-
     known = np.isfinite(values)
     if known.sum() < LEAST:
         raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {LEAST} are needed")
@@ -161,9 +163,6 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
     no more than chance has, all where it is much larger. What is left may scatter more than the ``noise`` of the data
     sheet: then χ² counts in that.
     """
-    from scipy.interpolate import CubicSpline
-    from scipy.ndimage import gaussian_filter1d
-
     time = step * np.arange(len(motion))
     spline = CubicSpline(time, motion)
     speed, acceleration = spline(time, 1), spline(time, 2)
@@ -194,8 +193,6 @@ def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
     There its third difference exceeds a tenth of the ``noise`` of the sensor: what was smoothed passed 13 Hz, and what
     of 10 µm of noise passed with it makes accelerations of 10 mm/s², or a quarter of the noise of a load cell.
     """
-    from scipy.ndimage import maximum_filter1d
-
     third = np.pad(np.abs(np.diff(motion, 3)), (1, 2), mode="edge")
     return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.1 * noise)
 
@@ -206,16 +203,12 @@ def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
     There a cubic through four samples is off by more than the ``noise`` of the sensor half-way between two of them: by
     3/128 of the fourth difference. The spline of a replay is better in waves, and no better in corners.
     """
-    from scipy.ndimage import maximum_filter1d
-
     fourth = np.pad(np.abs(np.diff(acceleration, 4)), 2, mode="edge")
     return np.asarray(maximum_filter1d(fourth, 2 * _REACH + 1, mode="nearest") > _CUBIC * noise)
 
 
 def without_lag(values: Array, lag: float, step: float) -> Array:
     """Return x = y + τ dy/dt, what a sensor of first-order ``lag`` τ (s) measured, from its smooth signal y (n,)."""
-    from scipy.interpolate import CubicSpline
-
     time = step * np.arange(len(values))
     return values + lag * CubicSpline(time, values)(time, 1)
 
@@ -226,9 +219,6 @@ def with_lag(values: Array, lag: float, step: float) -> Array:
     Exact for the cubic spline through x: a cubic p is followed by p − τ p′ + τ² p″ − τ³ p‴, and what is left of the
     difference to it fades as e^{−t/τ}. At the first sample y is x.
     """
-    from scipy.interpolate import CubicSpline
-    from scipy.signal import lfilter
-
     if lag == 0.0:
         return values
     time = step * np.arange(len(values))
@@ -258,8 +248,6 @@ def _is_noise_alone(seen: Array, noise: float) -> bool:
 
 def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
     """Solve (W + Δ³ᵀ diag(σ²/q) Δ³) x = W y, a band of seven diagonals; ``ratio`` (n−3,) is q/σ²."""
-    from scipy.linalg import solveh_banded
-
     band = np.zeros((4, len(values)))
     band[0] = known
     for i, first in enumerate(_THIRD):

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from diagnosis.contracts import Array, Channel, Dataset, Effects, Experiment, MeasuredRun, Role
 from diagnosis.systems.oscillator import Oscillator
@@ -81,8 +82,6 @@ class Laboratory:
 
 def ar1_noise(rng: np.random.Generator, n: int, coefficient: float) -> Array:
     """Return AR(1) noise (n,) of unit variance: each value remembers the one before by ``coefficient``."""
-    from scipy.signal import lfilter
-
     innovations = rng.standard_normal(n + _FORGOTTEN) * np.sqrt(1.0 - coefficient**2)
     noise: Array = lfilter([1.0], [1.0, -coefficient], innovations)[_FORGOTTEN:]
     return noise

@@ -16,6 +16,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import lfilter, savgol_filter
 
 from diagnosis.contracts import (
     Array,
@@ -111,8 +113,6 @@ def lagged(signal: Array, lag: float, step: float) -> Array:
 
     It starts settled, and is linear in the lag at 0, where exp(−step/lag) alone would have no slope.
     """
-    from scipy.signal import lfilter
-
     if lag <= 0.0:
         return signal
     a = np.exp(-step / lag)
@@ -123,9 +123,6 @@ def lagged(signal: Array, lag: float, step: float) -> Array:
 
 def _smooth(step: float, values: Array, derivative: int) -> Array:
     """Return ``values`` (n,) or their derivative by local parabolas (Savitzky-Golay), without single outliers."""
-    from scipy.ndimage import median_filter
-    from scipy.signal import savgol_filter
-
     window = min(2 * max(round(0.5 * _SMOOTHING / step), 2) + 1, (len(values) - 1) // 2 * 2 + 1)
     return savgol_filter(median_filter(values, 3, mode="nearest"), window, 2, deriv=derivative, delta=step)
 

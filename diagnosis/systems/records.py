@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_opening
 
 from bench_protocol.rates import FAST_RATE, TICK
 from bench_protocol.words import AIR_MODES, PIPE_LENGTH, SIDES
@@ -217,8 +218,6 @@ def _lateral_acceleration_is_unknown(
 
     In its gaps nobody tells. One that shows nothing but noise may be dead, while the bolster moves.
     """
-    from scipy.ndimage import binary_opening
-
     name = "lateral.acceleration"
     if name not in inputs:
         return None

@@ -20,6 +20,7 @@ from fractions import Fraction
 from typing import Final
 
 import numpy as np
+from scipy.special import ndtr
 
 from diagnosis.contracts import Array
 
@@ -92,8 +93,6 @@ def _codes(converter: float, wire: float) -> int:
 
 def _chances(converter: float, wire: float, noise: float, codes: int) -> tuple[Array, Array]:
     """Return the chance of each code (f, codes) at signals (f,) over one period, and what their mean is wrong by."""
-    from scipy.special import ndtr
-
     signal = wire * np.arange(codes * _SIGNALS) / _SIGNALS
     reach = _REACH * noise + wire
     number = np.arange(np.floor(-reach / converter), np.ceil((codes * wire + reach) / converter) + 1)

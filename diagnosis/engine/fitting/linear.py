@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns, Packing
@@ -201,8 +202,6 @@ class Linearisation:
         step = solve(damped, self.gradient)
         if ((step >= low) & (step <= high)).all():
             return step
-        from scipy.optimize import lsq_linear
-
         scale, values, vectors = _spectrum(damped)
         keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
         root = vectors[:, keep] * np.sqrt(values[keep])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from scipy.signal import lfilter
+from scipy.special import fdtrc
 
 from diagnosis.contracts import Array, CompleteSimulator
 from diagnosis.engine.config import PARITY_BLOCKS, PARITY_BURN_IN, PARITY_DRAWS
@@ -41,8 +43,6 @@ def parities(
 def _against_chance(
     residuals: Residuals, name: str, means: tuple[Array, Array], floor: Array
 ) -> Evidence | NotApplicable:
-    from scipy.special import fdtrc
-
     seen, time = means
     if seen.size < 4 or not np.any(floor):
         return NotApplicable("too few samples in which every channel of the combination was measured")
@@ -79,8 +79,6 @@ def draw(noise: Noise, n: int, rng: np.random.Generator) -> Array:
 
 
 def _draw(noise: ChannelNoise, n: int, rng: np.random.Generator) -> Array:
-    from scipy.signal import lfilter
-
     weights, variance = noise.predictor(np.ones(noise.order, dtype=bool))
     driven = np.sqrt(variance) * rng.standard_normal(n + PARITY_BURN_IN)
     drawn: Array = lfilter([1.0], np.concatenate(([1.0], -weights)), driven)[PARITY_BURN_IN:]

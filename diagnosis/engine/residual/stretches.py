@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import find_peaks
 
 from diagnosis.contracts import Array, Experiment
 from diagnosis.engine.config import LEAST_CYCLES, LEAST_HOLD_S, SAME_CYCLE, SINE_SHARE, STILL_SHARE
@@ -91,8 +93,6 @@ def _risings(u: Array) -> Samples:
 
     Crests and troughs that stand out by less than 2 % of the range are noise.
     """
-    from scipy.signal import find_peaks
-
     least = 0.02 * float(np.ptp(u))
     crests, troughs = (find_peaks(side, prominence=least)[0] for side in (u, -u))
     edges = []
@@ -145,8 +145,6 @@ def holds(experiment: Experiment) -> list[Hold]:
 
 
 def _local_range(u: Array, window: int) -> Array:
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     difference: Array = maximum_filter1d(u, window, mode="nearest") - minimum_filter1d(
         u, window, mode="nearest"
     )

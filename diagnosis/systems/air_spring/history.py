@@ -23,6 +23,7 @@ from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from bench_protocol.words import SIDES
 from bench_records.record import Record
@@ -176,7 +177,5 @@ def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
 @lru_cache(maxsize=4096)
 def _between(memories: tuple[float, ...], values: tuple[float, ...], memory: float) -> float:
     """Return what is told of some memories at another one, smooth in its logarithm; beyond the ends as at them."""
-    from scipy.interpolate import PchipInterpolator
-
     place = np.log(np.clip(memory, memories[0], memories[-1]))
     return float(PchipInterpolator(np.log(memories), values)(place))
