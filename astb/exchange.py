@@ -131,7 +131,7 @@ def _import_frames(
     log = read_frames_of(source, keys, account)
     with Recorder(directory, log.signals, meta, start_ns=log.start, in_background=False) as recorder:
         for times, rows, values in log.samples():
-            recorder.append(times, rows, values)
+            recorder.receive(times, rows, values)
         count = recorder.samples
         recorder.close(**account.as_meta())
     if not count:

@@ -82,13 +82,13 @@ class RigInMemory:
     def publish(self, block: Block) -> None:
         """Deliver frames of the rig to every port."""
         for port in self._ports:
-            port.deliver(block)
+            port.receive(block)
 
     def relay(self, block: Block, peer: str) -> None:
         """Deliver frames to every port but that of their sender."""
         for port in self._ports:
             if port.name != peer:
-                port.deliver(block)
+                port.receive(block)
 
     def send(self, block: Block, port: "_CanPort") -> None:
         """Take frames from a port, stamped with the time, to all other ports and to the rig."""

@@ -263,5 +263,5 @@ def _write(
     with Recorder(into, signals, told, start_ns=start + begins, in_background=False) as recorder:
         for event in events:
             recorder.event(event.time_ns, event.kind, event.text, **event.data)
-        recorder.append(instants, np.concatenate(places)[order], values[order])
+        recorder.receive(instants, np.concatenate(places)[order], values[order])
     return int(times.size)

@@ -1,6 +1,6 @@
 """The writer of a record: takes samples from the receiver's thread, and keeps them even if the process is killed.
 
-Two moments matter.  During the run, nothing may wait for the disk: ``append`` only copies into memory, a thread
+Two moments matter.  During the run, nothing may wait for the disk: ``receive`` only copies into memory, a thread
 of the recorder writes a batch every half second, of the run's clock or of the wall's, whichever comes first.
 (In virtual time everything may wait: there each batch is written at once, which spares two changes of thread.)
 At the end the stream becomes a Parquet file whose bytes do not depend on how the batches happened to fall.
@@ -56,9 +56,9 @@ _TAKEN: Final = (
 class Recorder:
     """Writes one record into a directory, which is made if need be.
 
-    ``append`` may be called from one thread and ``event`` from another.  ``limit`` bounds the samples of the record;
+    ``receive`` may be called from one thread and ``event`` from another.  ``limit`` bounds the samples of the record;
     what comes after is counted, not kept, and the record says so.  ``start_ns`` is the instant that readers
-    will call 0 s; without it, the first sample or event.  Not ``in_background``, ``append`` itself writes each batch:
+    will call 0 s; without it, the first sample or event.  Not ``in_background``, ``receive`` itself writes each batch:
     for virtual time, in which nothing is late.
 
     Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or
@@ -122,7 +122,7 @@ class Recorder:
         if in_background:
             self._thread.start()
 
-    def append(
+    def receive(
         self,
         times_ns: npt.ArrayLike,
         signal: npt.ArrayLike,
@@ -257,7 +257,7 @@ class Recorder:
             try:
                 self._drain()
             except RecordError:
-                return  # the thread has nobody to tell: append, event, flush and close will
+                return  # the thread has nobody to tell: receive, event, flush and close will
 
     def _finish_stream(self) -> None:
         import pyarrow as pa

@@ -57,7 +57,7 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
         if meter:
             rig.run = meter.of("rig: ticks", rig.run)
             rig.receive = meter.of("rig: commands", rig.receive)
-            stack.enter_context(metered(meter, "drivers: frames", InMemoryCan, "deliver"))
+            stack.enter_context(metered(meter, "drivers: frames", InMemoryCan, "receive"))
             stack.enter_context(metered(meter, "record", Recording, "take"))
         session = stack.enter_context(virtual_session(rig, Simulation()))
         session.bench.connect()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class InMemoryCan:
-    """A ``CanPort`` whose far end is two functions: ``send`` calls the one given, ``deliver`` plays the bus."""
+    """A ``CanPort`` whose far end is two functions: ``send`` calls the one given, ``receive`` plays the bus."""
 
     wire: Wire | None = None
 
@@ -34,7 +34,7 @@ class InMemoryCan:
             raise LinkLost(self._lost)
         self._send(block)
 
-    def deliver(self, block: Block) -> None:
+    def receive(self, block: Block) -> None:
         """Hand frames of the far end to the subscribers."""
         if block.size and not self._lost:
             for callback in self._subscribers:
@@ -50,7 +50,7 @@ class InMemoryCan:
             callback(reason)
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with everything delivered from now on."""
+        """Call ``callback(block)`` with everything received from now on."""
         self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:

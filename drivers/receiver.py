@@ -46,7 +46,7 @@ class Receiver:
             self._latest[rows] = values
             self._fresh[rows] = fresh
             for capture in self._captures:
-                capture.append(times, rows, values)
+                capture.receive(times, rows, values)
         if self.sink is not None and times.size:
             try:
                 self.sink(times, rows, values)
@@ -104,7 +104,7 @@ class Capture:
     ) -> None:
         self._receiver.stop(self)
 
-    def append(self, times: Ints, rows: Ints, values: Floats) -> None:
+    def receive(self, times: Ints, rows: Ints, values: Floats) -> None:
         """Take samples of any signals; the receiver calls this."""
         self._size += times.size
         if self._size <= CAPTURE_SAMPLES_MAX:

@@ -105,7 +105,7 @@ class Recording:
             times, rows, values = (np.concatenate(column) for column in zip(*held, strict=True))
             column = self._column[rows]
             reported = column >= 0  # with a lease, the rig's answer says again what the asker said
-            self._recorder.append(times[reported], column[reported], values[reported])
+            self._recorder.receive(times[reported], column[reported], values[reported])
             places = self._watched[rows].nonzero()[0]
             if (values[places] != self._last[rows[places]]).any():
                 self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())

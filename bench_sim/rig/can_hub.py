@@ -103,7 +103,7 @@ class _CanClient(Connection):
         if self.transport is not None and not self.transport.is_closing():
             self.transport.write(data)
 
-    def deliver(self, count: int, lines: bytes) -> None:
+    def send(self, count: int, lines: bytes) -> None:
         """Send ``count`` frames now, or keep them, at the price of the oldest if the queue is full."""
         if not self._raw:
             return
@@ -276,4 +276,4 @@ class CanHub:
             part = block[start : start + _FRAMES_PER_WRITE]
             lines = socketcand.frame_bytes(part)
             for client in receivers:
-                client.deliver(len(part), lines)
+                client.send(len(part), lines)

@@ -167,7 +167,7 @@ class DescribedWiring:
             self.given = {**self.given, **self._read_given(clock, deadline)}
             self.direct.subscribe(self._watching(receive), self.table.index.keys() - self._carried)
             for name, transport in self._transports.items():
-                transport.subscribe(partial(self._accept, f"{name}."))
+                transport.subscribe(partial(self._receive_points, f"{name}."))
             self._points.await_news(self.rig, clock, deadline, within)
             self._settings.await_told(clock, deadline)
             self._tell_player(clock.now())
@@ -235,7 +235,7 @@ class DescribedWiring:
 
     # -- what comes ----------------------------------------------------------------------------------------------
 
-    def _accept(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
+    def _receive_points(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
         """Take points of one transport that came at ``time`` (ns)."""
         with self._lock:
             try:
@@ -249,9 +249,9 @@ class DescribedWiring:
             state = samples.get(self.table.index["rig.state"], math.nan)
             if not math.isnan(state):
                 self._active = state == _ACTIVE
-            self._tell(time, samples)
+            self._publish(time, samples)
 
-    def _tell(self, time: int, samples: Mapping[int, float]) -> None:
+    def _publish(self, time: int, samples: Mapping[int, float]) -> None:
         receive = self._receive
         if receive is not None and samples:
             rows = np.fromiter(samples.keys(), np.int64, len(samples))
@@ -261,7 +261,7 @@ class DescribedWiring:
     def _tell_player(self, time: int) -> None:
         if self._player is not None:
             told = self._player.told()
-            self._tell(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
+            self._publish(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
 
     # -- what goes -----------------------------------------------------------------------------------------------
 

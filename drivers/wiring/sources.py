@@ -18,7 +18,7 @@ class _Source:
         self._last: dict[str, tuple[int, float]] = {}
         self._news: set[str] = set()
 
-    def accept(self, point: str, time: int, number: float) -> None:
+    def receive(self, point: str, time: int, number: float) -> None:
         """Take news of one of the points."""
         self._last[point] = time, number
         self._news.add(point)
@@ -61,7 +61,7 @@ class Sources:
         touched: dict[int, _Source] = {}
         for point, number in points.items():
             for source in self._by_point.get(prefix + point, ()):
-                source.accept(prefix + point, time, number)
+                source.receive(prefix + point, time, number)
                 touched[source.row] = source
         values = {row: source.value(time) for row, source in touched.items()}
         return {row: value for row, value in values.items() if value is not None}

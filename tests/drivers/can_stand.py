@@ -152,7 +152,7 @@ class InMemory:
             block = self.change(self.far.frames())
             block["time"] = self._time
             if self.ports and not self.silent:
-                self.ports[-1].deliver(block)
+                self.ports[-1].receive(block)
 
     def port(self) -> InMemoryCan:
         self.ports.append(InMemoryCan(self.far.receive))

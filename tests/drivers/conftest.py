@@ -251,7 +251,7 @@ class World:
     def __init__(self, faults: Faults | None = None, seed: int = 0) -> None:
         self.peer, self.clock = Peer(), VirtualClock()
         self.can = InMemoryCan(self.peer.receive)
-        self.clock.attach(lambda until: self.can.deliver(self.peer.advance(until)))
+        self.clock.attach(lambda until: self.can.receive(self.peer.advance(until)))
         port = self.can if faults is None else FaultyCan(self.can, faults, seed)
         self.modbus = InMemoryModbus(self.peer.answer)
         self.bench = Bench(own_wiring(port, self.modbus), self.clock)

@@ -123,7 +123,7 @@ class Stranger:
         while self._time + 10 * MS <= until:
             self._time += 10 * MS
             values = {"State": self.state, "Left": self.left, "Right": self.right}
-            self._port.deliver(frame(512, DATABASE.encode_message("Status", values), self._time))
+            self._port.receive(frame(512, DATABASE.encode_message("Status", values), self._time))
 
     def _take(self, block: Block) -> None:
         for record in block:

@@ -80,7 +80,7 @@ def test_own_bits_are_coded_as_cantools_codes_them(
     assert told == {name[2:]: raw for name, raw in raws.items()}
     reader.connect(VirtualClock(), pytest.fail, within=1.0)
     data_bytes = foreign.encode({name[2:]: raw for name, raw in raws.items()}, scaling=False)
-    ports[-1].deliver(frame(identifier, data_bytes, extended=identifier > 0x7FF))
+    ports[-1].receive(frame(identifier, data_bytes, extended=identifier > 0x7FF))
     assert reader.read(list(values)) == pytest.approx(values)
 
 
@@ -286,8 +286,8 @@ def test_signals_that_share_bits_are_read_each_as_it_is_described(tmp_path: Path
     )
     clock = VirtualClock()
     transport.connect(clock, pytest.fail, within=1.0)
-    port.deliver(frame(512, b"\x03" + bytes(7), clock.now()))
-    port.deliver(frame(516, b"\x07", clock.now()))
+    port.receive(frame(512, b"\x03" + bytes(7), clock.now()))
+    port.receive(frame(516, b"\x07", clock.now()))
     names = ["Faults.Code", "Faults.Pump", "Wide.In"]
     assert transport.read(names) == dict(zip(names, (3.0, 1.0, 7.0), strict=True))
 

@@ -26,7 +26,7 @@ def through(faults, seed, block):
     link = FaultyCan(inner, faults, seed)
     link.subscribe(heard.append)
     for k in range(0, block.size, 32):
-        inner.deliver(block[k : k + 32])
+        inner.receive(block[k : k + 32])
     inward = join(heard)
     heard.clear()
     for k in range(0, block.size, 32):
@@ -66,7 +66,7 @@ def test_each_direction_can_have_faults_of_its_own():
     inner = InMemoryCan(sent.append)
     link = FaultyCan(inner, Faults(lose=0.5), 3, outward=Faults())
     link.subscribe(heard.append)
-    inner.deliver(block)
+    inner.receive(block)
     link.send(block)
     assert 200 < join(heard).size < 300
     assert np.array_equal(join(sent), block)

@@ -92,7 +92,7 @@ class Bus:
         while self._time + 10 * MS <= until:
             self._time += 10 * MS
             for identifier, extended, data in self.frames:
-                self._port.deliver(frame(identifier, data, self._time, extended=extended))
+                self._port.receive(frame(identifier, data, self._time, extended=extended))
 
     def comes(self, *frames: tuple[int, bytes], extended: bool = False) -> None:
         self.frames = [(identifier, extended, data) for identifier, data in frames]
@@ -297,7 +297,7 @@ def test_every_reading_is_in_the_bits_or_is_none(tmp_path_factory, frames):
         guarded = mended and len(drawn) == 8 and identifier == 513
         data = drawn[:7] + bytes([_xor(drawn[:7])]) if guarded else drawn
         heard.clear()
-        port.deliver(join([frame(identifier, data, extended=extended)]))
+        port.receive(join([frame(identifier, data, extended=extended)]))
         told = {name: value for points in heard for name, value in points.items()}
         assert told.keys() <= _bits(identifier, extended, data).keys()
         for name, value in told.items():

@@ -186,7 +186,7 @@ def test_a_burst_has_one_time(memory: InMemory, connected: Callable, begins: dic
     for times in sent:
         block = memory.far.frames()[[0, 1, 2]]
         block["time"] = [began + round(one * MS) for one in times]
-        port.deliver(block)
+        port.receive(block)
     found = [(heard - began) / MS for heard, _ in transport.heard]
     first = [1] * 3 + [11] * 3 + [21] * 2
     if begins:
@@ -290,7 +290,7 @@ def test_whatever_comes_is_heard_as_numbers_or_counted(
     transport.subscribe(lambda time, points: heard.append(points))
     transport.connect(VirtualClock(), pytest.fail, within=1.0)
     for (identifier, extended), data in frames:
-        port.deliver(frame(identifier, data, extended=extended))
+        port.receive(frame(identifier, data, extended=extended))
     assert all(type(value) is float for points in heard for value in points.values())
     refused = sum(
         tally.get(what, 0)

@@ -117,7 +117,7 @@ class VirtualHall(_Paced):
             record["id"], record["extended"], record["length"] = identifier, 1, len(data)
             record["data"][: len(data)] = np.frombuffer(data, np.uint8)
         for port in () if self.silent else self._ports:
-            port.deliver(block)
+            port.receive(block)
 
     def port(self) -> InMemoryCan:
         """Return a new port of the bus."""

@@ -195,7 +195,7 @@ def keep() -> Callable:
         with Recorder(
             directory, [SignalInfo("x", "mm", 1e-3, quantity="Ways")], FACTS, start_ns=0
         ) as recorder:
-            recorder.append([0, NS], [0, 0], [0.0, 1.0])
+            recorder.receive([0, NS], [0, 0], [0.0, 1.0])
         names = ("height", *more)
         made = [check(one, value, "mm", 1e-3, low=0.0, high=0.01, phase="main") for one in names]
         sample = SpecimenFacts(type="a", serial_number=serial)

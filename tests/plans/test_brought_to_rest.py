@@ -92,7 +92,7 @@ def test_a_disk_that_is_full_leaves_no_air_in_the_springs(filled, monkeypatch):
     def full(*_, **__):
         raise RecordError("no space left")
 
-    result, pressure = filled(lambda run: monkeypatch.setattr(Recorder, "append", full))
+    result, pressure = filled(lambda run: monkeypatch.setattr(Recorder, "receive", full))
     assert result.verdict is Outcome.BLOCKED
     assert result.reason == "the record: no space left"
     assert pressure < 0.2 * bar

@@ -265,7 +265,7 @@ def write_run(directory: Path, failing: bool = False, seconds: float = 100.0) ->
     for first in range(0, t.size, 50):
         part = slice(first, first + 50)
         rows = times[part].size
-        recorder.append(np.repeat(times[part], index.size), np.tile(index, rows), table[part].ravel())
+        recorder.receive(np.repeat(times[part], index.size), np.tile(index, rows), table[part].ravel())
     recorder.close(lateness={"late": 0, "max_us": 412.0})
     edges = [10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3]
     result = conclude(

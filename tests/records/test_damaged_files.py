@@ -18,7 +18,7 @@ def files(tmp_path_factory) -> dict[str, bytes]:
     """The files of a small run, those that it has while it goes on included."""
     folder = tmp_path_factory.mktemp("run")
     recorder = Recorder(folder, [SignalInfo("a", "mm", 1e-3), SignalInfo("b")], {"plan": "x"}, start_ns=0)
-    recorder.append([1, 2, 3], [0, 1, 0], [1.0, 2.0, 3.0])
+    recorder.receive([1, 2, 3], [0, 1, 0], [1.0, 2.0, 3.0])
     recorder.event(2, "note", "something")
     recorder.flush()
     found = {STREAM: (folder / STREAM).read_bytes()}

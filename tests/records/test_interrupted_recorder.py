@@ -41,7 +41,7 @@ def test_whoever_is_interrupted_in_the_middle_of_a_batch_leaves_a_record_that_is
             seconds = 2.0 * batch + np.linspace(0.0, 1.9, 2000)
             try:
                 appending.set()
-                recorder.append(np.rint(1000 * MS * seconds), np.arange(2000) % 3, seconds)
+                recorder.receive(np.rint(1000 * MS * seconds), np.arange(2000) % 3, seconds)
                 appending.clear()
             except KeyboardInterrupt:
                 interrupted += 1

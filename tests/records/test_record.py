@@ -20,7 +20,7 @@ def make(directory: Path, **series: tuple[list[float], list[float]]) -> Record:
     signals = [SignalInfo(name, names={0: "OFF", 1: "ON"} if name == "state" else {}) for name in series]
     with Recorder(directory, signals, {"plan": "x"}, start_ns=100 * SECOND) as recorder:
         for index, (times, values) in enumerate(series.values()):
-            recorder.append([100 * SECOND + round(t * SECOND) for t in times], [index] * len(times), values)
+            recorder.receive([100 * SECOND + round(t * SECOND) for t in times], [index] * len(times), values)
     return read(directory)
 
 
@@ -67,7 +67,7 @@ def test_series_are_in_order_of_time_even_if_frames_were_not(tmp_path: Path) -> 
 
 def test_wrong_questions(tmp_path: Path) -> None:
     with Recorder(tmp_path, [SignalInfo("left.height")], start_ns=0) as recorder:
-        recorder.append([0, 10 * SECOND], [0, 0], [1.0, 2.0])
+        recorder.receive([0, 10 * SECOND], [0, 0], [1.0, 2.0])
     record = read(tmp_path)
     with pytest.raises(RecordError, match=r"no signal 'left\.hight'; did you mean 'left\.height'\?"):
         record.series("left.hight")

@@ -41,7 +41,7 @@ def write(
     with Recorder(directory, SIGNALS, {"plan": "x", "seed": 3}, start_ns=0, **options) as recorder:
         edges = sorted({0, len(rows), *(cut for cut in cuts if cut < len(rows))})
         for first, last in pairwise(edges):
-            recorder.append(*zip(*rows[first:last], strict=True))
+            recorder.receive(*zip(*rows[first:last], strict=True))
             recorder.flush()
     return directory / PARQUET
 
@@ -83,7 +83,7 @@ def test_bytes_do_not_depend_on_batches_of_a_long_record(tmp_path: Path) -> None
         with Recorder(tmp_path / name, SIGNALS, start_ns=0) as recorder:
             for first in range(0, rows, size):
                 part = slice(first, first + size)
-                recorder.append(times[part], index[part], values[part])
+                recorder.receive(times[part], index[part], values[part])
                 if size > 1000:
                     recorder.flush()
         made.append((tmp_path / name / PARQUET).read_bytes())
@@ -125,7 +125,7 @@ end = time.monotonic() + float(sys.argv[2])
 count = 0
 while time.monotonic() < end:
     now = time.monotonic_ns()
-    recorder.append([now], [0], [float(count)])
+    recorder.receive([now], [0], [float(count)])
     count += 1
     print("at", count, now, flush=True)
     time.sleep(0.002)
@@ -180,7 +180,7 @@ def test_in_virtual_time_the_last_second_at_most_is_unwritten_at_any_moment(tmp_
     recorder = Recorder(tmp_path / "run", SIGNALS, start_ns=0, in_background=False)
     assert threading.active_count() == before
     for cycle in range(500):  # 10 s in an instant
-        recorder.append([cycle * 20 * MS], [0], [float(cycle)])
+        recorder.receive([cycle * 20 * MS], [0], [float(cycle)])
         if cycle % 99 == 98:
             copy = tmp_path / f"killed at {cycle}"
             copy.mkdir()
@@ -199,7 +199,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     recorder = Recorder(directory, SIGNALS, {"plan": "cut"}, start_ns=0)
     for batch in range(50):
         index = np.arange(20 * batch, 20 * batch + 20)
-        recorder.append(index * MS, index % 3, index)
+        recorder.receive(index * MS, index % 3, index)
         if batch % 10 == 0:
             recorder.event(batch * 20 * MS, "state", f"batch {batch}")
         recorder.flush()
@@ -273,7 +273,7 @@ def test_a_left_over_stream_is_never_overwritten(tmp_path: Path, stream: bytes) 
 def test_an_older_record_gives_way_only_to_a_finished_one(tmp_path: Path) -> None:
     write(tmp_path, [(1, 0, 1.0)])
     recorder = Recorder(tmp_path, SIGNALS, start_ns=0)
-    recorder.append([1, 2], [0, 0], [7.0, 8.0])
+    recorder.receive([1, 2], [0, 0], [7.0, 8.0])
     with pytest.raises(RecordError, match="the run goes on"):
         read(tmp_path)
     recorder.close()
@@ -292,7 +292,7 @@ def test_samples_and_events_from_several_threads(tmp_path: Path) -> None:
 
     def feed(index: int) -> None:
         for i in range(400):
-            recorder.append([i * MS, i * MS], [index, index], [i, i + 0.5])
+            recorder.receive([i * MS, i * MS], [index, index], [i, i + 0.5])
 
     threads = [threading.Thread(target=feed, args=(index,)) for index in range(3)]
     for thread in threads:
@@ -312,7 +312,7 @@ def test_samples_and_events_from_several_threads(tmp_path: Path) -> None:
 def test_the_callers_arrays_are_copied(tmp_path: Path) -> None:
     buffer = np.array([1.0, 2.0])
     with Recorder(tmp_path, SIGNALS, start_ns=0) as recorder:
-        recorder.append(np.array([1, 2]), np.array([0, 0], np.int16), buffer)
+        recorder.receive(np.array([1, 2]), np.array([0, 0], np.int16), buffer)
         buffer[:] = -1.0
     np.testing.assert_array_equal(read(tmp_path).series("left.height")[1], [1.0, 2.0])
 
@@ -327,7 +327,7 @@ def test_phases_nest_and_end_with_what_encloses_them(tmp_path: Path) -> None:
         recorder.phase_ends(14 * second, "main")
         recorder.phase_ends(15 * second, "never begun")
         recorder.phase_begins(15 * second, "teardown")
-        recorder.append([18 * second], [0], [0.0])
+        recorder.receive([18 * second], [0], [0.0])
     told = [(phase.name, phase.start, phase.end, phase.level) for phase in read(tmp_path).phases]
     assert told == [
         ("main", 0.0, 4.0, 0),
@@ -348,7 +348,7 @@ def test_phases_nest_and_end_with_what_encloses_them(tmp_path: Path) -> None:
 )
 def test_samples_that_do_not_fit(tmp_path: Path, arrays: tuple[list, list, list], complaint: str) -> None:
     with Recorder(tmp_path, SIGNALS) as recorder, pytest.raises(RecordError, match=complaint):
-        recorder.append(*arrays)
+        recorder.receive(*arrays)
     assert len(read(tmp_path)) == 0
 
 
@@ -371,7 +371,7 @@ def test_misuse_says_what_would_be_right(tmp_path: Path) -> None:
     recorder.close()
     recorder.close()
     for act in (
-        lambda: recorder.append([1], [0], [1.0]),
+        lambda: recorder.receive([1], [0], [1.0]),
         lambda: recorder.event(0, "a", "b"),
         recorder.flush,
     ):
@@ -383,7 +383,7 @@ def test_a_full_disk_is_reported_and_what_was_written_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder = Recorder(tmp_path, SIGNALS, start_ns=0)
-    recorder.append([1], [0], [1.0])
+    recorder.receive([1], [0], [1.0])
     recorder.flush()
     written = recorder._writer
 
@@ -392,11 +392,11 @@ def test_a_full_disk_is_reported_and_what_was_written_stays(
             raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(recorder, "_writer", Full())
-    recorder.append([2], [0], [2.0])
+    recorder.receive([2], [0], [2.0])
     with pytest.raises(RecordError, match="the disk is full"):
         recorder.flush()
     with pytest.raises(RecordError, match="the disk is full"):
-        recorder.append([3], [0], [3.0])
+        recorder.receive([3], [0], [3.0])
     with pytest.raises(RecordError, match="the disk is full"):
         recorder.close()
     assert written is not None
@@ -415,7 +415,7 @@ def test_fast_enough_for_the_bus(tmp_path: Path) -> None:
     begun = time.perf_counter()
     for first in range(0, rows, 250):
         part = slice(first, first + 250)
-        recorder.append(times[part], index[part], values[part])
+        recorder.receive(times[part], index[part], values[part])
     appended = time.perf_counter() - begun
     recorder.close()
     closed = time.perf_counter() - begun - appended

@@ -31,7 +31,7 @@ def record(tmp_path):
             (1, np.arange(20.0), 293.15 + np.arange(20.0)),
             (2, np.array([0.0, 12.0]), np.array([0.0, 1.0])),
         ):
-            recorder.append(np.rint(times * NS).astype(np.int64), np.full(times.size, column), values)
+            recorder.receive(np.rint(times * NS).astype(np.int64), np.full(times.size, column), values)
         recorder.event(0, "setting", "", **{"air.left_mode": "hold", "rig.pipe": "off"})
         recorder.event(5 * NS, "setting", "", **{"air.left_mode": "fill"})
         recorder.event(12 * NS, "trip", "limit of left.height tripped", signal="left.height")
@@ -85,5 +85,5 @@ def test_a_long_run_has_no_more_pictures_than_an_eye_wants(record) -> None:
 
 def test_a_record_without_readings_of_the_bench_has_no_replay(tmp_path) -> None:
     with Recorder(tmp_path, [SignalInfo("x", "mm", 1e-3)], {"plan": "own"}, start_ns=0) as recorder:
-        recorder.append([0, NS], [0, 0], [0.0, 1.0])
+        recorder.receive([0, NS], [0, 0], [0.0, 1.0])
     assert replay_of(read(tmp_path), PlotData()) is None

@@ -80,7 +80,7 @@ def small_run(tmp_path: Path) -> Path:
     with Recorder(
         tmp_path, [SignalInfo("x", "mm", 1e-3, "way", "Ways")], {"plan": "small"}, start_ns=0
     ) as recorder:
-        recorder.append(np.arange(100) * 10_000_000, np.zeros(100, np.int16), np.arange(100) * 1e-3)
+        recorder.receive(np.arange(100) * 10_000_000, np.zeros(100, np.int16), np.arange(100) * 1e-3)
     return tmp_path
 
 
@@ -251,8 +251,8 @@ def test_texts_of_others_stay_texts(tmp_path: Path) -> None:
     signals = [SignalInfo("x", "<b>", 1.0, evil, evil), SignalInfo("s", label=evil, names={0: evil, 1: "ON"})]
     with Recorder(tmp_path, signals, {"plan": evil, evil: evil}, start_ns=0) as recorder:
         recorder.phase_begins(0, evil)
-        recorder.append([0, 1_000_000_000, 10_000_000_000], [0, 0, 0], [0.0, 1.0, 2.0])
-        recorder.append([0, 10_000_000_000], [1, 1], [0.0, 1.0])
+        recorder.receive([0, 1_000_000_000, 10_000_000_000], [0, 0, 0], [0.0, 1.0, 2.0])
+        recorder.receive([0, 10_000_000_000], [1, 1], [0.0, 1.0])
         recorder.event(5_000_000_000, "trip", evil, signal="x", why=evil)
     conclude(evil, evil, evil, [check(evil, 1.0, evil, low=0, note=evil)], rig=evil).write(tmp_path)
     source = write_report(tmp_path).read_text(encoding="utf-8")

@@ -53,7 +53,7 @@ def going_on(tmp_path: Path) -> Iterator[Recorder]:
             2 * SECOND, "check", str(one), verdict=one.verdict.value, whole=msgspec.structs.asdict(one)
         )
     recorder.event(3 * SECOND, "precondition", "cool: 20 °C", whole=msgspec.structs.asdict(CONDITION))
-    recorder.append([4 * SECOND], [0], [0.5])
+    recorder.receive([4 * SECOND], [0], [0.5])
     recorder.flush()
     yield recorder
     recorder.close()

@@ -173,14 +173,14 @@ def test_a_link_that_breaks_blocks(run_here, monkeypatch):
     """The bus in memory is cut after 20 s, in the midst of the plan."""
     from drivers.memory import InMemoryCan
 
-    delivered = InMemoryCan.deliver
+    received = InMemoryCan.receive
 
-    def deliver(self, block):
-        delivered(self, block)
+    def receive(self, block):
+        received(self, block)
         if block.size and block["time"][-1] > 20e9:
             self.lose("somebody cut the cable")
 
-    monkeypatch.setattr(InMemoryCan, "deliver", deliver)
+    monkeypatch.setattr(InMemoryCan, "receive", receive)
     run = run_here("aw0", rig=VIRTUAL)
     assert run.code == BLOCKED, run.said
     assert "aw0: BLOCKED: keep away from the springs until their gauges read zero" in run.said

@@ -296,7 +296,7 @@ class CanTransport:
             time = self._time(int(record["time"]))
             message = self._reception.message(int(record["id"]), bool(record["extended"]), time)
             if message is not None:
-                self._accept(message, payload(record), self._sampled(message, time))
+                self._decode(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
         """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other.
@@ -317,7 +317,7 @@ class CanTransport:
         now, time = self._clock.now(), stamp - self._epoch
         return min(now, time) if now - time < _LAG_MAX else now
 
-    def _accept(self, message: Message, data: bytes, time: int) -> None:
+    def _decode(self, message: Message, data: bytes, time: int) -> None:
         note = partial(self._reception.note, message)
         sound = message.sound(data)
         values = message.decode(data) if sound else {}
