@@ -1,47 +1,19 @@
 """The model description of the spring's FMU, in the words of FMI 2.0 or 3.0."""
 
-import re
 from collections.abc import Iterable, Sequence
 from math import isfinite
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from bench_fmu.variables import Kind, Variable
+from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
 from bench_protocol.units import WRITTEN_UNITS
 
 IDENTIFIER: Final = "springs"
 
-#: Exponents of kg, m, s, K and rad.
-_BASES: Final = ("kg", "m", "s", "K", "rad")
-_UNITS: Final = {
-    "1": (0, 0, 0, 0, 0),
-    "kg": (1, 0, 0, 0, 0),
-    "m": (0, 1, 0, 0, 0),
-    "s": (0, 0, 1, 0, 0),
-    "K": (0, 0, 0, 1, 0),
-    "rad": (0, 0, 0, 0, 1),
-    "N": (1, 1, -2, 0, 0),
-    "Pa": (1, -1, -2, 0, 0),
-    "J": (1, 2, -2, 0, 0),
-    "W": (1, 2, -3, 0, 0),
-}
 #: In which unit people read a quantity.
 _SHOWN: Final = {"m": "mm", "Pa": "bar", "N": "kN", "m3": "litre", "rad": "mrad"}
-
-
-def base_exponents(unit: str) -> dict[str, int]:
-    """Return the exponents of an SI unit as this project writes it, such as ``N*m/(rad*Pa)``."""
-    above, _, below = unit.partition("/")
-    total = [0] * len(_BASES)
-    for text, sign in ((above, 1), (below.strip("()"), -1)):
-        for part in filter(None, text.split("*")):
-            found = re.fullmatch(r"([A-Za-z]+|1)(\d*)", part)
-            if found is None or found[1] not in _UNITS:
-                raise ValueError(f"unit {unit!r} has a part {part!r} that is none of {', '.join(_UNITS)}")
-            power = sign * int(found[2] or 1)
-            total = [sum(pair) for pair in zip(total, (power * one for one in _UNITS[found[1]]), strict=True)]
-    return {base: power for base, power in zip(_BASES, total, strict=True) if power}
 
 
 def model_description(
