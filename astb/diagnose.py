@@ -21,6 +21,8 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Cause, Estimate, Finding, Provenance, decimals
 from diagnosis.report.page import write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.systems.fmu.simulator import FmuSimulator
+from diagnosis.systems.fmu.written import PARAMETERS, VALUES, write_found
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.records import dataset_of
 from test_plans.description import Description
@@ -91,7 +93,7 @@ def conclude(
     out: Path,
     progress: Progress,
 ) -> Finding:
-    """Diagnose, and write finding, report and, for the bench, the extended ``model`` into ``out``.
+    """Diagnose, and write finding and report into ``out``; of the bench the extended ``model``, of an FMU its values.
 
     Of a bench the finding ranks the menu of separating runs.
     """
@@ -102,6 +104,8 @@ def conclude(
     write_report(finding, out / REPORT)
     if bench and finding.models.effects:
         write_extended(out / EXTENDED, finding, model)
+    if isinstance(simulator, FmuSimulator):
+        write_found(out, finding, simulator)
     return finding
 
 
@@ -114,7 +118,7 @@ def clear_results(out: Path) -> None:
     """Make the directory of results, without those of an earlier diagnosis. DiagnosisError if it cannot be used."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for name in (FINDING, REPORT, EXTENDED):
+        for name in (FINDING, REPORT, EXTENDED, PARAMETERS, VALUES):
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise DiagnosisError(f"{out} cannot be used for the results: {error.strerror}") from None
@@ -253,7 +257,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")
     line(finding.sentence, "bold")
-    line(f"  model: {finding.provenance.simulator}")
+    line(f"  model: {finding.provenance.identity or finding.provenance.simulator}")
     line(f"  {_roles(finding.provenance)}")
     for cause in finding.causes:
         line(f"  {_cause(cause)}")
@@ -272,6 +276,8 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     if not finding.next_runs:
         for sensor in finding.next_sensors[:1]:
             line(f"  what would decide: {sensor.sentence}")
+    if (out / VALUES).exists():
+        line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")
 
 

@@ -241,6 +241,8 @@ class CompleteSimulator:
     catalogue: Mapping[str, Hypothesis]
     surfaces: tuple[Surface, ...]
 
+    #: Which one it is beyond doubt, such as the hash of its file; "": its name and the version of this project say it.
+    identity: str = ""
     #: Fewest jobs that are worth a call of `run_many`: fewer hardly have anything to share.
     least_batch: int = 1
     #: Names of nuisances and effects that rough outputs do not tell apart: differences in them are never rough.

@@ -329,6 +329,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
     """What is needed to come to the same finding again."""
 
     simulator: str
+    identity: str = ""  #: which file the simulator is, where it is one
     seed: int
     fit: list[str]
     select: list[str]
@@ -344,8 +345,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
-    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on how files
-    were taken and what was left out of them.
+    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
     """
 
     verdict: Verdict

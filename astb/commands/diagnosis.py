@@ -46,8 +46,8 @@ _RESULT_OPTION: Final = click.option(
 @_MAP_OPTION
 @click.option(
     "--simulator",
-    metavar="MODULE:FACTORY",
-    help="One of your own, such as my_oscillator:Oscillator, in place of the bench.",
+    metavar="MODULE:FACTORY|FMU",
+    help="One of your own, such as my_oscillator:Oscillator or my.fmu, in place of the bench.",
 )
 @_MODEL_OPTION
 @click.option("--effects", metavar="NAME,...", help="Only these of the catalogue.  [default: all]")
@@ -65,9 +65,9 @@ def diagnose_command(
     """Find what a model gets wrong, name the cause, add it, and measure the gain.
 
     DATA are directories that `astb run screening` has written, or any files that --map explains; files whose columns
-    are named like the signals of a --simulator need no map. Writes DIR/finding.json, report.html and, where something
-    was found on the bench, extended.toml: a model that `astb run --model` takes. Ends with 0 whatever the verdict, 2
-    for misuse.
+    are named like the signals of a --simulator need no map, unless it is an FMU. Writes DIR/finding.json, report.html
+    and, where something was found on the bench, extended.toml: a model that `astb run --model` takes; of an FMU
+    parameters.toml and parameters.ssv. Ends with 0 whatever the verdict, 2 for misuse.
     """
     _keep_algebra_to_one_core()
     from astb.diagnose import Request, diagnose_data, show

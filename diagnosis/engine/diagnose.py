@@ -251,6 +251,7 @@ def _provenance(data: Dataset, model: FittedModel, config: Config) -> Provenance
     settings = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(config).items()}
     return Provenance(
         simulator=model.replay.simulator.name,
+        identity=model.replay.simulator.identity,
         seed=config.seed,
         fit=names["fit"],
         select=names["select"],

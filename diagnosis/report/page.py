@@ -182,6 +182,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     source = finding.provenance
     facts: dict[str, Any] = {
         "simulator": source.simulator,
+        "which one": source.identity,
         "fitted on": ", ".join(source.fit),
         "chosen on": ", ".join(source.select),
         "reported on": ", ".join(source.report),

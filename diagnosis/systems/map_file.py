@@ -17,6 +17,8 @@ from bench_sim.parameters.dimensions import described
 from bench_sim.parameters.model_file import read_changes, with_changes
 from diagnosis.contracts import Channel, DiagnosisError, Role
 from diagnosis.systems.chamber import CHAMBER
+from diagnosis.systems.fmu.keys import FmuKeys
+from diagnosis.systems.fmu.system import fmu_system
 from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.piston import PISTON
 from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
@@ -98,6 +100,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     settings: dict[str, str] = {}
     file_settings: list[FileRule] = []
     runs: Runs = Runs()
+    fmu: FmuKeys | None = None  #: what of an FMU is believed, where the simulator is one
 
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
@@ -118,11 +121,16 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
             f"{map_path}: {' and '.join(named) or 'nothing'} is named to be diagnosed; right would be either "
             f"system = one of {_SYSTEMS}, or a simulator of your own"
         )
-    if simulator is not None:
-        return mapping, load_system(simulator, Path.cwd())
-    if mapping.simulator is not None:
-        return mapping, load_system(mapping.simulator, map_path.parent)
-    return mapping, _system(mapping, map_path)
+    own = simulator or mapping.simulator
+    folder = map_path.parent if simulator is None else Path.cwd()
+    if own is not None and own.lower().endswith(".fmu"):
+        units = {name: column.unit for name, column in mapping.columns.items()}
+        return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, mapping.time.step, map_path)
+    if mapping.fmu is not None:
+        raise DiagnosisError(
+            f'{map_path}: fmu: {own or mapping.system} is no FMU; right would be such as simulator = "my.fmu"'
+        )
+    return mapping, _system(mapping, map_path) if own is None else load_system(own, folder)
 
 
 def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
@@ -130,6 +138,11 @@ def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
 
     Outputs that the ``first`` of the files does not have were not measured.
     """
+    if simulator.lower().endswith(".fmu"):
+        raise DiagnosisError(
+            f"{simulator}: an FMU needs --map MAP, which says what columns are its variables, what of it is believed, "
+            "and what may be missing"
+        )
     system = load_system(simulator, Path.cwd())
     there = column_names(first, ["time", *system.signals])
     columns = {

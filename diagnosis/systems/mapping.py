@@ -91,7 +91,7 @@ def read_mapped(
     if own is not None or mapping.simulator is not None:
         check_contract(simulator, min(runs, key=lambda run: len(run.outputs)).experiment)
     digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
-    for path in paths:
+    for path in (*paths, *system.sources):
         digest.update(path.read_bytes())
     dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
     doubts = map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -74,6 +75,8 @@ class System:
     forgets: bool = False
     #: Pairs (force, displacement) whose work ∮ F dx is not negative, whatever the system lacks.
     passive: tuple[tuple[str, str], ...] = ()
+    #: Files that it is made of, beside its code: a finding holds for these.
+    sources: tuple[Path, ...] = ()
 
     @property
     def signals(self) -> Mapping[str, SystemSignal]:

@@ -19,7 +19,7 @@ INSIDE_FUNCTIONS = {
     "bench_protocol": 4,
     "bench_records": 111,
     "campaigns": 24,
-    "diagnosis": 7,
+    "diagnosis": 14,
     "drivers": 22,
     "paper_study": 5,
     "test_plans": 1,

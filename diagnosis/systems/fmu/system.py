@@ -1,0 +1,401 @@
+"""An FMU with the ``[fmu]`` of a map as a system that files can be mapped to."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.units import UNITS
+from diagnosis.contracts import Channel, DiagnosisError, Hypothesis, Nuisance, Parameter
+from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, read_fmu
+from diagnosis.systems.fmu.keys import BaseKeys, EffectKeys, FmuKeys, ShapeKeys, SurfaceKeys
+from diagnosis.systems.fmu.lane import Lanes
+from diagnosis.systems.fmu.simulator import Drive, FmuSimulator, OfVariable
+from diagnosis.systems.fmu.written import read_values
+from diagnosis.systems.measurement import KINDS, Measured, measurement_effects
+from diagnosis.systems.splines import SplineAxis, TensorSplines
+from diagnosis.systems.system import System, SystemSetting, SystemSignal, conversion, difference, quantity
+
+#: An ordinary delay of a measured signal, in s, where neither map nor grid says one.
+_DELAY: Final = 0.01
+#: An ordinary offset of a signal of which only the noise is known, in units of that.
+_OFFSET: Final = 20.0
+
+
+def fmu_system(
+    path: Path, keys: FmuKeys, units: Mapping[str, str], step: str | None, map_path: Path
+) -> System:
+    """Return the system of an FMU; ``units`` are those of the map's columns, ``step`` its grid.
+
+    DiagnosisError names the key of the map or what of the FMU is not right.
+    """
+    return _Maker(read_fmu(path), keys, units, map_path).system(step)
+
+
+class _Maker:
+    def __init__(self, fmu: Fmu, keys: FmuKeys, units: Mapping[str, str], map_path: Path) -> None:
+        self.keys, self.units, self.where = keys, units, str(map_path)
+        self.fmu = self._with_units(fmu)
+        self.preset: Mapping[str, float] = {}
+        if keys.parameters is not None:
+            file = map_path.parent / keys.parameters
+            self.preset = read_values(file, self.fmu, f"{self.where}: fmu.parameters")
+
+    def _with_units(self, fmu: Fmu) -> Fmu:
+        """Return the FMU with units where it has none, from those of the map."""
+        said = dict(self.units)
+        for name, text in self._texts():
+            if unit := text.strip().partition(" ")[2].strip():
+                said.setdefault(name, unit)
+        variables = dict(fmu.variables)
+        for name, unit in said.items():
+            one = variables.get(name)
+            if one is not None and not one.unit.si and unit in UNITS:
+                variables[name] = replace(one, unit=FmuUnit("", UNITS[unit].si))
+            elif one is not None and not one.unit.si:
+                variables[name] = replace(one, unit=FmuUnit("", unit))
+        for name, one in variables.items():
+            if not one.unit.si:
+                variables[name] = replace(one, unit=FmuUnit("", "1"))
+        return replace(fmu, variables=variables)
+
+    def _texts(self) -> list[tuple[str, str]]:
+        """Return the quantities that the map gives variables, each with the name of its variable."""
+        texts = [(name, one.value or one.spread) for name, one in self.keys.base.items()]
+        for effect in self.keys.effects.values():
+            texts.append((effect.variable, effect.typical))
+            texts += [(name, one.tried[0]) for name, one in effect.shapes.items() if one.tried]
+        return texts
+
+    def system(self, step: str | None) -> System:
+        fmu, keys = self.fmu, self.keys
+        fixed = {
+            *(name for name in keys.base if not _of_measurement(name)),
+            *(effect.variable for effect in keys.effects.values()),
+            *(name for effect in keys.effects.values() for name in effect.shapes),
+        }
+        inputs = [one for one in fmu.variables.values() if one.causality == "input"]
+        driven = [one for one in inputs if one.name in self.units]
+        outputs = [
+            one
+            for one in fmu.variables.values()
+            if one.causality == "output" or (one.name in self.units and one.causality != "input")
+        ]
+        for name in self.units:
+            fmu.variable(name, f"{self.where}: columns.{name}")
+        for name in keys.gauge:
+            if fmu.variable(name, f"{self.where}: fmu.gauge").unit.si != "Pa":
+                raise DiagnosisError(
+                    f"{self.where}: fmu.gauge: {name} is no pressure, so it is not read as one"
+                )
+        if not outputs:
+            raise DiagnosisError(f"{fmu.path} has no output that is a number: there is nothing to compare")
+        settings = tuple(
+            self._setting(one)
+            for one in fmu.variables.values()
+            if one.settable and one.name not in fixed and one not in driven
+            if one.start is not None or one.causality == "input"
+        )
+        delay = _DELAY if step is None else quantity(step, "s", f"{self.where}: time.step")
+        lanes = Lanes(fmu, quantity(keys.patience, "s", f"{self.where}: fmu.patience"))
+        return System(
+            name=fmu.path.name,
+            title=fmu.name,
+            inputs=tuple(self._signal(one) for one in driven),
+            outputs=tuple(self._signal(one) for one in outputs),
+            settings=settings,
+            simulator=lambda given, channels: self._simulator(lanes, driven, channels, given, delay),
+            sources=(fmu.path,),
+        )
+
+    def _signal(self, one: Variable) -> SystemSignal:
+        unit = self.units.get(one.name, "")
+        shown = unit if unit in UNITS and UNITS[unit].si == one.unit.si and UNITS[unit].zero == 0.0 else ""
+        return SystemSignal(
+            one.name,
+            one.unit.si,
+            one.said or one.name,
+            one.causality == "input",
+            one.unit.si == "Pa" and one.name in self.keys.gauge,
+            shown,
+            UNITS[shown].factor if shown else 1.0,
+        )
+
+    def _setting(self, one: Variable) -> SystemSetting:
+        """A value that holds for a whole file; of an input without a column the map must give it."""
+        default = self._own(one)
+        if one.causality == "input":
+            default = None
+        low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
+        about = f"{one.said or one.name}; a column or a value for whole files"
+        return SystemSetting(one.name, one.unit.si, about, low, high, default, per_file=True)
+
+    def _simulator(
+        self,
+        lanes: Lanes,
+        driven: Sequence[Variable],
+        channels: tuple[Channel, ...],
+        settings: Mapping[str, float],
+        delay: float,
+    ) -> FmuSimulator:
+        keys = self.keys
+        measured = self._measured(driven, channels, delay)
+        sensors = measurement_effects(measured)
+        sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
+        base = {name: self._base(name, one, sensors) for name, one in keys.base.items()}
+        own = {name: self._effect(name, one) for name, one in keys.effects.items()}
+        catalogue: dict[str, Hypothesis] = {name: one for name, (one, _) in own.items()}
+        catalogue |= {name: one for name, one in sensors.items() if name not in keys.base}
+        signals = [*(one.name for one in driven), *(channel.name for channel in channels)]
+        surfaces = tuple(self._surface(one, signals) for one in keys.surfaces)
+        where = self.where
+        drive = Drive(
+            tuple(driven),
+            None if keys.step is None else quantity(keys.step, "s", f"{where}: fmu.step"),
+            0.0 if keys.settle is None else quantity(keys.settle, "s", f"{where}: fmu.settle"),
+            keys.hold,
+        )
+        return FmuSimulator(
+            lanes=lanes,
+            drive=drive,
+            channels=channels,
+            nuisances=tuple(base.values()),
+            catalogue=catalogue,
+            effects={name: of for name, (_, of) in own.items()},
+            unnamed=surfaces,
+            preset=self.preset,
+        )
+
+    def _causes(self, name: str) -> Sequence[str]:
+        found = self.keys.measured.get(name.partition(".")[2])
+        return KINDS if found is None or found.causes is None else found.causes
+
+    def _measured(
+        self, driven: Sequence[Variable], channels: Sequence[Channel], delay: float
+    ) -> list[Measured]:
+        noise = {channel.name: channel.noise or channel.resolution for channel in channels}
+        every: list[tuple[Variable, Any]] = [(one, "input") for one in driven]
+        every += [(self.fmu.variables[one.name], "output") for one in channels]
+        names = {one.name for one, _ in every}
+        for name in self.keys.measured:
+            if name not in names:
+                raise DiagnosisError(
+                    f"{self.where}: fmu.measured.{name} is no signal with a column; right would be one of "
+                    + ", ".join(names)
+                )
+        measured = []
+        for one, kind in every:
+            if one.type not in REALS:
+                continue
+            said, key = self.keys.measured.get(one.name), f"{self.where}: fmu.measured.{one.name}"
+            size, late = self._size(one, noise.get(one.name, 0.0)), delay
+            if said is not None and said.offset is not None:
+                size = difference(said.offset, one.unit.si, f"{key}.offset")
+            if said is not None and said.delay is not None:
+                late = quantity(said.delay, "s", f"{key}.delay")
+            signal = self._signal(one)
+            measured.append(Measured(one.name, one.unit.si, kind, size, late, signal.display, signal.scale))
+        return measured
+
+    @staticmethod
+    def _size(one: Variable, noise: float) -> float:
+        """An ordinary offset: by the noise, else by what the FMU says of its range, else by the unit."""
+        if noise > 0.0:
+            return _OFFSET * noise
+        if isfinite(one.low) and isfinite(one.high) and one.high > one.low:
+            return 0.02 * abs(one.unit.factor) * (one.high - one.low)
+        if one.start:
+            return 0.02 * abs(one.unit.factor * one.start)
+        return 0.02 * abs(one.unit.factor)
+
+    def _base(self, name: str, keys: BaseKeys, sensors: Mapping[str, Hypothesis]) -> Nuisance:
+        where = f"{self.where}: fmu.base.{name}"
+        if name in sensors:
+            amplitude = sensors[name].amplitude
+            spread = difference(keys.spread, amplitude.unit, f"{where}.spread")
+            return Nuisance(
+                name, amplitude.unit, 0.0, spread, amplitude.low, amplitude.high,
+                display=amplitude.display, scale=amplitude.scale, per_run=keys.per_run,
+            )  # fmt: skip
+        one = self._settable(name, where)
+        value = self._value(one, keys.value, f"{where}.value")
+        if value is None:
+            raise DiagnosisError(
+                f"{where}.value is missing: the FMU says no value of {name}, in {one.unit.si}"
+            )
+        spread = self._spread(one, keys.spread, value, f"{where}.spread")
+        low, high = self._bounds(one, keys.low, keys.high, where)
+        if not low <= value <= high:
+            raise DiagnosisError(
+                f"{where}: the value {value:g} {one.unit.si} is outside of {low:g} to {high:g} {one.unit.si}; right "
+                "would be one inside, or other bounds"
+            )
+        display, scale = _shown(keys.value or keys.spread, one.unit.si)
+        return Nuisance(
+            name, one.unit.si, value, spread, low, high,
+            logarithmic=keys.logarithmic, display=display, scale=scale, per_run=keys.per_run,
+        )  # fmt: skip
+
+    def _settable(self, name: str, where: str) -> Variable:
+        one = self.fmu.variable(name, where)
+        if not one.settable or one.type not in REALS or one.causality == "input":
+            raise DiagnosisError(
+                f"{where}: {name} is {one.causality} ({one.variability}, {one.type}) in {self.fmu.path.name} and "
+                "cannot be set; right would be a real parameter or start value"
+            )
+        return one
+
+    def _own(self, one: Variable) -> float | None:
+        """Return the value (SI) that a variable has unless the map gives it one."""
+        own = None if one.start is None else one.unit.to_si(one.start)
+        return self.preset.get(one.name, own)
+
+    def _value(self, one: Variable, text: str | None, where: str) -> float | None:
+        return self._own(one) if text is None else quantity(text, one.unit.si, where)
+
+    @staticmethod
+    def _spread(one: Variable, text: str, value: float, where: str) -> float:
+        """A standard deviation: of the unit, or a percentage of the value."""
+        if text.strip().endswith("%") and one.unit.si != "1":
+            spread = abs(value) * quantity(text, "1", where)
+        else:
+            spread = difference(text, one.unit.si, where)
+        if not spread > 0.0:
+            raise DiagnosisError(f'{where} = "{text}" must be more than 0')
+        return spread
+
+    def _bounds(self, one: Variable, low: str | None, high: str | None, where: str) -> tuple[float, float]:
+        """Return the range in SI: that of the map, inside of that of the FMU."""
+        own = [one.unit.to_si(bound) for bound in (one.low, one.high)]
+        said = [
+            otherwise if text is None else quantity(text, one.unit.si, f"{where}.{key}")
+            for text, key, otherwise in ((low, "low", own[0]), (high, "high", own[1]))
+        ]
+        if said[0] < own[0] - 1e-12 * abs(own[0]) or said[1] > own[1] + 1e-12 * abs(own[1]):
+            raise DiagnosisError(
+                f"{where}: the range {said[0]:g} to {said[1]:g} {one.unit.si} is wider than that of the FMU, "
+                f"{own[0]:g} to {own[1]:g}"
+            )
+        return max(said[0], own[0]), min(said[1], own[1])
+
+    def _effect(self, name: str, keys: EffectKeys) -> tuple[Hypothesis, OfVariable]:
+        where = f"{self.where}: fmu.effects.{name}"
+        if name in {*self.keys.base} or name.partition(".")[0] in KINDS:
+            raise DiagnosisError(f"{where}: there is another {name}; right would be another name")
+        one = self._settable(keys.variable, where)
+        off = self._value(one, keys.off, f"{where}.off")
+        if off is None:
+            raise DiagnosisError(f"{where}.off is missing: the value of {one.name} at which {name} is absent")
+        low, high = self._bounds(one, keys.low, keys.high, where)
+        if not low <= off <= high:
+            raise DiagnosisError(
+                f"{where}: off = {off:g} {one.unit.si} is outside of {low:g} to {high:g}; right would be a value at "
+                "which the effect is absent, inside of the range"
+            )
+        typical = difference(keys.typical, one.unit.si, f"{where}.typical")
+        if not typical > 0.0:
+            raise DiagnosisError(f'{where}.typical = "{keys.typical}" must be more than 0: it is a size')
+        display, scale = _shown(keys.typical, one.unit.si)
+        amplitude = Parameter(
+            one.name, one.unit.si, 0.0, typical, low - off, high - off, display=display, scale=scale
+        )
+        shapes = tuple(self._shape(name, shape, said) for shape, said in keys.shapes.items())
+        grid = _grid([self._tried(shape, said, where) for shape, said in keys.shapes.items()])
+        hypothesis = Hypothesis(
+            name,
+            keys.family,
+            keys.title or name.replace("_", " "),
+            amplitude,
+            shapes,
+            grid,
+            frozenset({keys.family}),
+            tuple(keys.confusers),
+            equation=keys.equation,
+            source=f"{self.fmu.path.name}: {one.said or one.name}",
+            plain=keys.says,
+            phenomenon=keys.phenomenon,
+        )
+        return hypothesis, OfVariable(one, off)
+
+    def _tried(self, shape: str, keys: ShapeKeys, where: str) -> list[float]:
+        one = self._settable(shape, f"{where}.shapes.{shape}")
+        if not keys.tried:
+            raise DiagnosisError(
+                f"{where}.shapes.{shape}.tried is empty; right would be some values to begin with"
+            )
+        return [quantity(text, one.unit.si, f"{where}.shapes.{shape}.tried") for text in keys.tried]
+
+    def _shape(self, effect: str, shape: str, keys: ShapeKeys) -> Parameter:
+        where = f"{self.where}: fmu.effects.{effect}.shapes.{shape}"
+        one = self._settable(shape, where)
+        tried = sorted(self._tried(shape, keys, f"{self.where}: fmu.effects.{effect}"))
+        low, high = self._bounds(one, keys.low, keys.high, where)
+        middle = tried[len(tried) // 2]
+        spread = max(tried[-1] - tried[0], 0.5 * abs(middle)) or 1.0
+        if not low <= tried[0] <= tried[-1] <= high:
+            raise DiagnosisError(
+                f"{where}: not all that is tried lies inside of {low:g} to {high:g} {one.unit.si}"
+            )
+        display, scale = _shown(keys.tried[0], one.unit.si)
+        return Parameter(
+            shape, one.unit.si, middle, spread, low, high,
+            step=0.01 * spread, logarithmic=keys.logarithmic, display=display, scale=scale,
+        )  # fmt: skip
+
+    def _surface(self, keys: SurfaceKeys, signals: Collection[str]) -> tuple[str, TensorSplines]:
+        where = f"{self.where}: fmu.surfaces of {keys.signal}"
+        for name in (keys.signal, *keys.over):
+            if name not in signals:
+                self.fmu.variable(name, where)
+                raise DiagnosisError(f"{where}: {name} has no column; right would be of {', '.join(signals)}")
+        if len(keys.over) != 2 or keys.knots < 3:
+            raise DiagnosisError(
+                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; right would be two signals and at "
+                "least 3 knots"
+            )
+        axes = []
+        for name, ends in keys.over.items():
+            one = self.fmu.variable(name, f"{where}: over")
+            low, high = (quantity(text, one.unit.si, f"{where}: over.{name}") for text in ends)
+            if not low < high:
+                raise DiagnosisError(
+                    f"{where}: over.{name} goes from {ends[0]} to {ends[1]}; right would be upwards"
+                )
+            display, scale = _shown(ends[0], one.unit.si)
+            axes.append(
+                SplineAxis(
+                    name,
+                    f"{name} in {display or one.unit.si}",
+                    tuple(np.linspace(low, high, keys.knots)),
+                    scale,
+                )
+            )
+        unit = self.fmu.variables[keys.signal].unit.si
+        spread = difference(keys.typical, unit, f"{where}: typical")
+        names = " and ".join(keys.over)
+        return keys.signal, TensorSplines(
+            f"{keys.signal} over {names}", f"unknown part of {keys.signal} over {names}", axes[0], axes[1],
+            unit, spread, frozenset({"unknown"}),
+        )  # fmt: skip
+
+
+def _of_measurement(name: str) -> bool:
+    return name.partition(".")[0] in KINDS
+
+
+def _shown(text: str, si: str) -> tuple[str, float]:
+    """Return the unit in which a quantity was written, with SI per unit; ("", 1) where differences are not in it."""
+    unit = text.strip().partition(" ")[2].strip()
+    if unit in UNITS and UNITS[unit].si == si and UNITS[unit].zero == 0.0:
+        return unit, conversion(unit, si, "")[0]
+    return "", 1.0
+
+
+def _grid(tried: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    return tuple(product(*tried))

@@ -1,0 +1,281 @@
+"""The process in which an FMU runs: it takes requests from its standard input and answers on its standard output.
+
+A library of somebody else's may write where it likes, and may end its process. So what it prints goes to the log of
+this process, answers have a descriptor of their own, and before every call the time that it is for is noted where the
+asking process can read it after a crash.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+import sys
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_uint
+from dataclasses import dataclass
+from pathlib import Path
+from struct import pack_into
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.systems.fmu.calls import Fmi2, Fmi3, Opened, Refused
+
+if TYPE_CHECKING:
+    from diagnosis.systems.splines import SplineTable
+
+#: Starts of which the state is kept, where an FMU can save it.
+_KEPT: Final = 16
+#: The last lines of a log are told.
+_TOLD: Final = 6
+#: What is noted before a call, beside the time.
+INSTANTIATE, INITIALISE, STEP, DONE = 1.0, 2.0, 3.0, 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feedback:
+    """A surface over two signals that is added to an input: the term without a name inside of an FMU's equations.
+
+    ``over`` says of each signal whether it is an input, its column, and its unit (SI = factor · number + zero);
+    ``size`` is a number of the input's unit per SI.
+    """
+
+    column: int
+    over: tuple[tuple[bool, int, float, float], tuple[bool, int, float, float]]
+    table: SplineTable
+    size: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """One simulation: values before it begins, inputs, and which reals are asked for.
+
+    ``start`` has value references and values by type. ``inputs`` has value references and columns by type; of these,
+    ``at`` (n, m) are the inputs at the samples, and ``held`` ((n − 1)·parts, m) those of each communication step of
+    ``step`` s. Before the first sample inputs are held for ``settle`` communication steps. All numbers are in the units
+    of the FMU.
+    """
+
+    start: Mapping[str, tuple[Sequence[int], Sequence[float]]]
+    inputs: Mapping[str, tuple[Sequence[int], Sequence[int]]]
+    outputs: Mapping[str, Sequence[int]]
+    at: NDArray[np.float64]
+    held: NDArray[np.float64]
+    parts: int
+    step: float
+    settle: int
+    feedback: tuple[Feedback, ...] = ()
+
+
+class _Process:
+    """The FMU in this process; ``log`` is what it said since the last request."""
+
+    def __init__(self, opened: Opened) -> None:
+        self.opened, self.log = opened, list[str]()
+        with Path(opened.mark).open("r+b") as file:
+            self.mark = mmap.mmap(file.fileno(), 16)
+        self.fmi: Any = (Fmi2 if opened.version == 2 else Fmi3)(opened, self.log)
+        self.kept: OrderedDict[Any, tuple[Any, Any]] = OrderedDict()
+
+    def note(self, what: float, time: float) -> None:
+        pack_into("dd", self.mark, 0, what, time)
+
+    def answer(self, request: Request) -> NDArray[np.float64]:
+        """Return the outputs (n, k) of a simulation. `Refused` says what the FMU did not do."""
+        self.log.clear()
+        self.note(INSTANTIATE, 0.0)
+        keeps = self.opened.keeps_state and request.settle > 0
+        begin = -request.settle * request.step
+        try:
+            if keeps:
+                self._restore(request, begin)
+            else:
+                self._start(request, begin)
+            outputs = self._simulate(request)
+            self.note(DONE, 0.0)
+        except Exception as error:
+            self.fmi.fmu.component = None  # an FMU that failed is not asked again
+            raise Refused(self._told(error)) from error
+        if not keeps:
+            self._free(self.fmi.fmu.component)
+        return outputs
+
+    def _told(self, error: Exception) -> str:
+        said = "; ".join(self.log[-_TOLD:])
+        return f"{error}{f' It says: {said}' if said else ''}"
+
+    def _free(self, component: Any) -> None:
+        if component is not None:
+            self.fmi.free(component)
+        self.fmi.fmu.component = None
+
+    def _start(self, request: Request, begin: float) -> None:
+        """Make an instance, and go to the first sample."""
+        self.fmi.instantiate()
+        for kind, (references, values) in request.start.items():
+            self.fmi.put(kind, references, values)
+        self.note(INITIALISE, begin)
+        self.fmi.begin(begin)
+        inputs = _Inputs(self.fmi, request)
+        inputs.put(request.at, 0)
+        self.fmi.begun()
+        for k in range(request.settle):
+            time = begin + k * request.step
+            self.note(STEP, time)
+            self.fmi.do_step(time, request.step)
+
+    def _restore(self, request: Request, begin: float) -> None:
+        """Go to the first sample, by the state that was saved there if one was."""
+        key = (str(request.start), request.at[0].tobytes(), request.step, request.settle)
+        if key in self.kept:
+            self.kept.move_to_end(key)
+            self.fmi.fmu.component, state = self.kept[key]
+            self.fmi.fmu.setFMUState(state)
+            return
+        while self.kept and len(self.kept) >= (1 if self.opened.once else _KEPT):
+            _, (component, state) = self.kept.popitem(last=False)
+            self.fmi.fmu.component = component
+            self.fmi.fmu.freeFMUState(state)
+            self._free(component)
+        self._start(request, begin)
+        self.kept[key] = self.fmi.fmu.component, self.fmi.fmu.getFMUState()
+
+    def _simulate(self, request: Request) -> NDArray[np.float64]:
+        n = len(request.at)
+        inputs, outputs = _Inputs(self.fmi, request), _Outputs(self.fmi, request, n)
+        if request.feedback:
+            return self._simulate_fed_back(request, inputs, outputs)
+        k = 0
+        for i in range(n):
+            inputs.put(request.at, i)
+            outputs.get(i)
+            if i + 1 == n:
+                break
+            for _ in range(request.parts):
+                inputs.put(request.held, k)
+                self.note(STEP, k * request.step)
+                self.fmi.do_step(k * request.step, request.step)
+                k += 1
+        return outputs.values
+
+    def _simulate_fed_back(self, request: Request, inputs: _Inputs, outputs: _Outputs) -> NDArray[np.float64]:
+        """As `_simulate`; the outputs in the middle of a communication step follow from the last two of them."""
+        from diagnosis.systems.splines import spline_value
+
+        def with_terms(row: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+            row = row.copy()
+            for one in request.feedback:
+                first, second = (
+                    factor * float((row if of_input else seen)[place]) + zero
+                    for of_input, place, factor, zero in one.over
+                )
+                row[one.column] += one.size * spline_value(one.table, first, second)
+            return row
+
+        inputs.put(request.at, 0)
+        previous = seen = outputs.read()
+        k = 0
+        for i in range(len(request.at)):
+            inputs.put(with_terms(request.at[i], seen)[np.newaxis], 0)
+            outputs.get(i)
+            seen = outputs.values[i]
+            if i + 1 == len(request.at):
+                break
+            for _ in range(request.parts):
+                middle = seen + 0.5 * (seen - previous)
+                inputs.put(with_terms(request.held[k], middle)[np.newaxis], 0)
+                self.note(STEP, k * request.step)
+                self.fmi.do_step(k * request.step, request.step)
+                previous, seen = seen, outputs.read()
+                k += 1
+        return outputs.values
+
+
+def _reals(kind: str) -> bool:
+    return kind in {"Real", "Float64"}
+
+
+class _Inputs:
+    """Sets rows of inputs; reals without a copy."""
+
+    def __init__(self, fmi: Any, request: Request) -> None:
+        self.fmi = fmi
+        self.groups = [
+            (kind, (c_uint * len(references))(*references), list(references), list(columns))
+            for kind, (references, columns) in request.inputs.items()
+        ]
+
+    def put(self, rows: NDArray[np.float64], row: int) -> None:
+        for kind, array, references, columns in self.groups:
+            if _reals(kind):
+                values = (c_double * len(columns))(*rows[row, columns])
+                self.fmi.real_input(array, len(columns), values)
+            elif kind == "Float32":
+                self.fmi.put(kind, references, rows[row, columns].tolist())
+            elif kind == "Boolean":
+                self.fmi.put(kind, references, [bool(one > 0.5) for one in rows[row, columns]])
+            else:
+                self.fmi.put(kind, references, [round(one) for one in rows[row, columns]])
+
+
+class _Outputs:
+    """Collects rows of outputs, in the order in which they are asked for by type."""
+
+    def __init__(self, fmi: Any, request: Request, rows: int) -> None:
+        self.fmi = fmi
+        self.groups, first = [], 0
+        for kind, references in request.outputs.items():
+            count = len(references)
+            into = (c_double * count)()
+            self.groups.append((kind, (c_uint * count)(*references), list(references), first, into))
+            first += count
+        self.values = np.empty((rows, first))
+
+    def get(self, row: int) -> None:
+        self._into(self.values[row])
+
+    def read(self) -> NDArray[np.float64]:
+        """Return the outputs (k,) as they are."""
+        seen = np.empty(self.values.shape[1])
+        self._into(seen)
+        return seen
+
+    def _into(self, seen: NDArray[np.float64]) -> None:
+        for kind, array, references, first, into in self.groups:
+            if _reals(kind):
+                self.fmi.real_output(array, len(references), into)
+                seen[first : first + len(references)] = into
+            else:
+                seen[first : first + len(references)] = self.fmi.get(kind, references)
+
+
+def main() -> None:
+    """Answer requests until there are no more."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever the library prints
+    requests = sys.stdin.buffer
+    try:
+        process: Any = _Process(pickle.load(requests))
+        answer: Any = (True, None)
+    except Exception as error:
+        process, answer = None, (False, str(error))
+    while True:
+        pickle.dump(answer, answers, protocol=5)
+        answers.flush()
+        if process is None:
+            return
+        try:
+            request = pickle.load(requests)
+        except EOFError:
+            os._exit(0)  # no library gets the last word
+        try:
+            answer = True, process.answer(request)
+        except Refused as error:
+            answer = False, str(error)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""What was found of an FMU, as files: parameters with their intervals for people, and a parameter set (SSV) for tools.
+
+SSV is the format of System Structure Parameter Values 1.0 (Modelica Association, SSP): whatever simulates the FMU reads
+it. It has what variables of the FMU hold; what sensors do, and terms without a name, stand in the other file alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+
+import msgspec
+
+from diagnosis.contracts import DiagnosisError
+from diagnosis.finding import Finding
+from diagnosis.systems.fmu.description import REALS, Fmu, fmpy_or_refuse
+from diagnosis.systems.fmu.simulator import FmuSimulator
+
+PARAMETERS: Final = "parameters.toml"
+VALUES: Final = "parameters.ssv"
+_SSV: Final = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+_SSC: Final = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_DIGITS: Final = 9
+
+
+def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None:
+    """Write both files into a folder. Raises OSError."""
+    values = simulator.starts(None, finding.models.after, finding.models.effects)
+    per_run = {one.name for one in simulator.nuisances if one.per_run}
+    values = {name: value for name, value in values.items() if name not in per_run}
+    (folder / VALUES).write_bytes(_ssv(simulator.fmu, values))
+    (folder / PARAMETERS).write_text("\n".join(_lines(finding, simulator, values)) + "\n", "utf-8")
+
+
+def _lines(finding: Finding, simulator: FmuSimulator, values: Mapping[str, float]) -> Iterator[str]:
+    variables = simulator.fmu.variables
+    yield f"# {simulator.identity}"
+    yield f"# {finding.sentence}"
+    yield ""
+    yield "[parameters]  # variables of the FMU, in SI"
+    intervals = dict(_intervals(finding))
+    for name, value in values.items():
+        row = f"{_text(name)} = {_text(f'{value:.{_DIGITS}g} {variables[name].unit.si}')}"
+        yield f"{row}  # {intervals[name]}" if name in intervals else row
+    beside = {name: one for name, one in finding.models.effects.items() if name not in simulator.effects}
+    beside |= {
+        name: {"": value} for name, value in finding.models.after.items() if name not in variables and value
+    }
+    if beside:
+        yield ""
+        yield "[beside]  # what no variable of the FMU says: sensors, and terms without a name; in SI"
+        for name, found in beside.items():
+            inside = ", ".join(f"{_text(key)} = {value:.{_DIGITS}g}" for key, value in found.items() if key)
+            yield f"{_text(name)} = {{ {inside} }}" if inside else f"{_text(name)} = {found['']:.{_DIGITS}g}"
+
+
+def _intervals(finding: Finding) -> Iterator[tuple[str, str]]:
+    for cause in finding.causes:
+        for one in cause.parameters:
+            if one.low is not None and one.high is not None:
+                yield one.name, f"{cause.effect}; 95 %: {one.low:.6g} to {one.high:.6g} {one.unit}"
+    for shift in finding.shifts:
+        if not shift.run and shift.sd_after is not None:
+            yield shift.name, f"± {shift.sd_after:.3g} {shift.unit} (one standard deviation)"
+
+
+def _text(text: str) -> str:
+    return msgspec.json.encode(text).decode()
+
+
+def _ssv(fmu: Fmu, values: Mapping[str, float]) -> bytes:
+    register_namespace("ssv", _SSV)
+    register_namespace("ssc", _SSC)
+    root = Element(f"{{{_SSV}}}ParameterSet", version="1.0", name=fmu.name, description=fmu.identity)
+    listed = SubElement(root, f"{{{_SSV}}}Parameters")
+    units = {}
+    for name, value in values.items():
+        one = fmu.variables[name]
+        parameter = SubElement(listed, f"{{{_SSV}}}Parameter", name=name)
+        number = one.unit.from_si(value)
+        if one.type not in REALS:
+            kind = "Boolean" if one.type == "Boolean" else "Integer"
+            text = str(bool(number)).lower() if kind == "Boolean" else str(round(number))
+            SubElement(parameter, f"{{{_SSV}}}{kind}", value=text)
+            continue
+        real = SubElement(parameter, f"{{{_SSV}}}Real", value=repr(float(number)))
+        if one.unit.name:
+            real.set("unit", one.unit.name)
+            units[one.unit.name] = one.unit
+    if units:
+        defined = SubElement(root, f"{{{_SSV}}}Units")
+        for name, unit in units.items():
+            attributes = {base: str(power) for base, power in unit.exponents.items()}
+            attributes |= {"factor": repr(unit.factor)} if unit.factor != 1.0 else {}
+            attributes |= {"offset": repr(unit.zero)} if unit.zero else {}
+            SubElement(SubElement(defined, f"{{{_SSC}}}Unit", name=name), f"{{{_SSC}}}BaseUnit", attributes)
+    indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"
+
+
+def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
+    """Return the values (SI) that a parameter set (SSV) gives variables of an FMU.
+
+    DiagnosisError for what is no such file, for variables that the FMU does not have, and for other units than its own.
+    """
+    fmpy_or_refuse()
+    from fmpy.ssp.ssd import read_ssv
+
+    try:
+        found: Any = read_ssv(str(path))
+    except Exception as error:  # whatever the reader stumbles over
+        raise DiagnosisError(f"{where}: {path} is no parameter set (SSV) that can be read: {error}") from None
+    values = {}
+    for parameter in found.parameters:
+        one = fmu.variable(parameter.name, f"{where}: {path.name}")
+        unit = getattr(parameter, "unit", None)
+        if unit and one.unit.name and unit != one.unit.name:
+            raise DiagnosisError(
+                f'{where}: {path.name} has {parameter.name} in "{unit}", and the FMU in "{one.unit.name}"; right would '
+                "be the unit of the FMU"
+            )
+        text = str(parameter.value)
+        values[parameter.name] = one.unit.to_si(
+            float(text == "true") if text in {"true", "false"} else float(text)
+        )
+    return values

@@ -1,0 +1,225 @@
+"""FMUs of others, diagnosed: what they are called, what is found in them, and what they may do wrong."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.contracts import DiagnosisError
+from diagnosis.finding import Finding
+from diagnosis.systems.fmu.description import read_fmu
+from diagnosis.systems.fmu.simulator import FmuSimulator
+from diagnosis.systems.mapping import read_mapped
+from tests.fmu.asked import HERE, altered, build, page_files, save
+
+ROOT = HERE.parents[1]
+TIME = np.arange(0.0, 0.5, 0.01)
+BOMB = """
+[columns]
+u = { column = "u", unit = "N" }
+y = { column = "y", unit = "N", noise = "0.1 N" }
+[fmu]
+patience = "2 s"
+[fmu.base]
+gain = { spread = "0.1" }
+[settings]
+mood = "0"
+"""
+MASS = """
+[columns]
+drive = { column = "F", unit = "kN" }
+displacement = { column = "x", unit = "mm" }
+[fmu.base]
+mass = { spread = "0.1 kg" }
+"""
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with FMUs that are not ours."""
+    folder = tmp_path_factory.mktemp("strange")
+    page_files(folder)
+    build(folder / "ShakenMass.py", folder, fmi=3)
+    for name in ("Bomb", "TwoTanks"):
+        build(HERE / "models" / f"{name}.py", folder)
+    wave = np.sin(20.0 * TIME)
+    save(folder / "bomb.csv", time=TIME, u=wave, y=wave)
+    save(folder / "mass.csv", time=TIME, F=0.01 * wave, x=0.0 * wave)
+    return folder
+
+
+def mapped(folder: Path, data: str, text: str, fmu: str) -> FmuSimulator:
+    path = folder / "map.toml"
+    path.write_text(text)
+    simulator, _ = read_mapped([folder / data], path, str(folder / fmu))
+    assert isinstance(simulator, FmuSimulator)
+    return simulator
+
+
+# -- descriptions ------------------------------------------------------------------------------------------------------
+
+
+def test_an_fmu_is_known_by_its_token_and_its_hash(folder: Path) -> None:
+    import hashlib
+
+    fmu = read_fmu(folder / "ShakenMass.fmu")
+    assert fmu.version == 3 and fmu.token in fmu.identity
+    assert hashlib.sha256((folder / "ShakenMass.fmu").read_bytes()).hexdigest() in fmu.identity
+    assert fmu.variables["damping"].unit.si == "N*s/m"
+    assert read_fmu(folder / "TwoTanks.fmu").version == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "keep", "message"),
+    [
+        ({"CoSimulation ": "ModelExchange "}, "", r"for model exchange only: .* an export for co-simulation"),
+        ({'fmiVersion="3.0"': 'fmiVersion="1.0"'}, "", r"is of FMI 1.0; right would be|is no FMU that can be read"),
+        ({}, "linux", r"has no binaries/x86_64-linux/ShakenMass.so, .* it has x86_64-windows"),
+        ({'<BaseUnit m="1"/>': '<BaseUnit factor="0.01" m="1"/>'}, "", r'is in "m", which the FMU defines as 0.01 m'),
+        ({"<BaseUnit kg=\"1\" s=\"-2\"/>": '<BaseUnit kg="1" s="-1"/>'}, "", r'"N/m", which the FMU defines as 1 kg/s'),
+    ],
+)  # fmt: skip
+def test_a_description_that_cannot_be_used_is_refused_with_what_would_be_right(
+    folder: Path, tmp_path: Path, words: dict[str, str], keep: str, message: str
+) -> None:
+    bad = altered(
+        folder / "ShakenMass.fmu", tmp_path / "bad.fmu", words, lambda name: not keep or keep not in name
+    )
+    with pytest.raises(DiagnosisError, match=message):
+        read_fmu(bad)
+
+
+def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "no.fmu").write_text("nothing")
+    with pytest.raises(DiagnosisError, match="is no FMU: it is no zip archive"):
+        read_fmu(tmp_path / "no.fmu")
+    with pytest.raises(DiagnosisError, match=r"gone.fmu: cannot be read: No such file"):
+        read_fmu(tmp_path / "gone.fmu")
+
+
+def test_without_fmpy_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(DiagnosisError, match=r"FMUs need fmpy, which is not installed: pip install 'fmpy"):
+        read_fmu(tmp_path / "any.fmu")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("drive =", "drvie =", r"columns.drvie: ShakenMass.fmu has no variable drvie; right would be such as drive"),
+        ('unit = "kN"', 'unit = "bar"', r'columns.drive.unit: "bar" is no unit of this quantity; .* N, .*kN'),
+        ('drive = { column = "F", unit = "kN" }\n', "", r"settings.drive is missing: .* a column or a value"),
+        ("mass =", "maas =", r"fmu.base.maas: ShakenMass.fmu has no variable maas; right would be such as mass"),
+        ("mass =", "displacement =", r"base.displacement: displacement is output .* right would be a real parameter"),
+        ('"0.1 kg"', '"0.1 N"', r'fmu.base.mass.spread = "0.1 N": "N" is no unit of this quantity'),
+        ('"0.1 kg"', '"0 kg"', r'fmu.base.mass.spread = "0 kg" must be more than 0'),
+        ('"0.1 kg"', '"0.1 kg", low = "11 kg"', r"the value 10 kg is outside of 11 to inf kg"),
+        ("[fmu.base]", '[fmu.effects.e]\nvariable = "cubic"\ntypical = "1 N/m3"\nlow = "1 N/m3"\n[fmu.base]',
+         r"effects.e: off = 0 N/m3 is outside of 1 to inf"),
+        ("[fmu.base]", '[fmu]\ngauge = ["drive"]\n[fmu.base]', r"fmu.gauge: drive is no pressure"),
+        ("[fmu.base]", '[fmu.measured.mass]\n[fmu.base]', r"fmu.measured.mass is no signal with a column"),
+    ],
+)  # fmt: skip
+def test_a_map_that_does_not_suit_the_fmu_is_refused(
+    folder: Path, before: str, after: str, message: str
+) -> None:
+    assert before in MASS
+    with pytest.raises(DiagnosisError, match=message):
+        mapped(folder, "mass.csv", MASS.replace(before, after), "ShakenMass.fmu")
+
+
+def test_an_fmu_needs_a_map_and_its_keys_need_an_fmu(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(DiagnosisError, match=r"an FMU needs --map MAP"):
+        read_mapped([folder / "mass.csv"], None, str(folder / "ShakenMass.fmu"))
+    (tmp_path / "map.toml").write_text('system = "piston"\n' + MASS)
+    with pytest.raises(DiagnosisError, match=r"fmu: piston is no FMU; right would be such as simulator"):
+        read_mapped([folder / "mass.csv"], tmp_path / "map.toml")
+
+
+# -- simulations -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mood", "message"),
+    [
+        (1, r"crashed \(SIGSEGV\) in doStep at 0.15 s; it ran in a process of its own"),
+        (2, r"came no further for 2 s in doStep at 0.15 s"),
+        (3, r"Bomb.fmu failed in doStep at 0.15 s: fmi2DoStep failed with status"),
+        (4, r"gave other outputs when it was simulated again with the same inputs, by up to"),
+        (5, r"y is nan at 0.16 s of the run bomb, at gain"),
+    ],
+)  # fmt: skip
+def test_what_an_fmu_does_wrong_is_told_and_nothing_else_is_lost(
+    folder: Path, mood: int, message: str
+) -> None:
+    with pytest.raises(DiagnosisError, match=message):
+        mapped(folder, "bomb.csv", BOMB.replace('"0"', f'"{mood}"'), "Bomb.fmu")
+    mapped(folder, "bomb.csv", BOMB, "Bomb.fmu")
+
+
+@pytest.mark.slow
+def test_a_fixed_step_is_kept(folder: Path, tmp_path: Path) -> None:
+    words = {
+        'canHandleVariableCommunicationStepSize="true"': 'canHandleVariableCommunicationStepSize="false"',
+        "<ModelVariables>": '<DefaultExperiment stepSize="0.004"/><ModelVariables>',
+    }
+    altered(folder / "Bomb.fmu", folder / "Fixed.fmu", words)
+    with pytest.raises(DiagnosisError, match=r"fixed step of 0.004 s, and .* 0.01 s is no whole multiple"):
+        mapped(folder, "bomb.csv", BOMB, "Fixed.fmu")
+    mapped(folder, "bomb.csv", BOMB.replace("[fmu]", '[time]\nstep = "8 ms"\n[fmu]'), "Fixed.fmu")
+    with pytest.raises(DiagnosisError, match=r"step of 0.003 s does not divide the step of the grid, 0.01 s"):
+        mapped(folder, "bomb.csv", BOMB.replace("[fmu]", '[fmu]\nstep = "3 ms"'), "Bomb.fmu")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_page_does_what_it_says(folder: Path, tmp_path: Path) -> None:
+    page_files(tmp_path)
+    shutil.copy(folder / "ShakenMass.fmu", tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    names = [f"run{k}.csv" for k in range(5)]
+    for command in (
+        ["measure.py"],
+        ["-m", "astb", "diagnose", *names, "--simulator", "ShakenMass.fmu", "--map", "shaken.toml", "--out", "out"],
+    ):  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, *command],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("There is dry friction (1.49"), done.stdout
+    finding = Finding.from_json((tmp_path / "out" / "finding.json").read_bytes())
+    assert finding.names == ("friction",)
+    assert finding.provenance.identity == read_fmu(folder / "ShakenMass.fmu").identity
+    (gain,) = (one for one in finding.gains if one.channel == "all")
+    assert gain.noise_ratio is not None and 0.9 < gain.noise_ratio < 1.1
+    assert finding.provenance.identity in (tmp_path / "out" / "report.html").read_text()
+    _another_tool_reads(tmp_path, finding)
+
+
+def _another_tool_reads(folder: Path, finding: Finding) -> None:
+    """FMPy takes the parameter set, and simulates with it what was measured."""
+    from fmpy import simulate_fmu
+    from fmpy.ssp.ssd import read_ssv
+
+    found = {
+        one.name: float(one.value) for one in read_ssv(str(folder / "out" / "parameters.ssv")).parameters
+    }
+    assert found["friction"] == pytest.approx(finding.models.effects["friction"]["friction"])
+    table = np.genfromtxt(folder / "run4.csv", delimiter=",", names=True)
+    drive = np.rec.fromarrays((table["time"], table["F"]), names=("time", "drive"))
+    result = simulate_fmu(
+        str(folder / "ShakenMass.fmu"), stop_time=14.99, step_size=1e-3, output_interval=1e-2,
+        start_values=found, input=drive, output=["displacement"],
+    )  # fmt: skip
+    error = result["displacement"] - 1e-3 * table["laser"][: len(result)]
+    assert np.std(error) < 1.1 * 5e-5
