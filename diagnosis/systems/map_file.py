@@ -125,7 +125,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     folder = map_path.parent if simulator is None else Path.cwd()
     if own is not None and own.lower().endswith(".fmu"):
         units = {name: column.unit for name, column in mapping.columns.items()}
-        return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, mapping.time.step, map_path)
+        return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, map_path)
     if mapping.fmu is not None:
         raise DiagnosisError(
             f'{map_path}: fmu: {own or mapping.system} is no FMU; right would be such as simulator = "my.fmu"'

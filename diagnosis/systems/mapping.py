@@ -88,6 +88,7 @@ def read_mapped(
 
     runs = tuple(read(mapping.columns, [path.stem for path in paths]))
     _refuse_empty(runs, reader.channels, where)
+    simulator = system.sized(simulator, runs)
     if own is not None or mapping.simulator is not None:
         check_contract(simulator, min(runs, key=lambda run: len(run.outputs)).experiment)
     digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.units import UNITS
-from diagnosis.contracts import Array, Channel, DiagnosisError, Simulator
+from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun, Simulator
 
 #: What a channel measures, by its SI unit.
 KINDS: Final = {"N": "force", "Pa": "pressure", "K": "temperature", "m": "displacement"}
@@ -75,6 +75,8 @@ class System:
     forgets: bool = False
     #: Pairs (force, displacement) whose work ∮ F dx is not negative, whatever the system lacks.
     passive: tuple[tuple[str, str], ...] = ()
+    #: (simulator, runs as the map reads them) -> the simulator with the sizes that its effects may have in these
+    sized: Callable[[Simulator, Sequence[MeasuredRun]], Simulator] = lambda simulator, runs: simulator
     #: Files that it is made of, beside its code: a finding holds for these.
     sources: tuple[Path, ...] = ()
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from bench_protocol.units import UNITS
-from diagnosis.contracts import Channel, DiagnosisError, Hypothesis, Nuisance, Parameter
+from diagnosis.contracts import Channel, DiagnosisError, Hypothesis, MeasuredRun, Nuisance, Parameter
 from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, read_fmu
 from diagnosis.systems.fmu.keys import BaseKeys, EffectKeys, FmuKeys, ShapeKeys, SurfaceKeys
 from diagnosis.systems.fmu.lane import Lanes
@@ -22,20 +21,16 @@ from diagnosis.systems.measurement import KINDS, Measured, measurement_effects
 from diagnosis.systems.splines import SplineAxis, TensorSplines
 from diagnosis.systems.system import System, SystemSetting, SystemSignal, conversion, difference, quantity
 
-#: An ordinary delay of a measured signal, in s, where neither map nor grid says one.
-_DELAY: Final = 0.01
-#: An ordinary offset of a signal of which only the noise is known, in units of that.
-_OFFSET: Final = 20.0
+#: An ordinary offset of a signal, as a part of its range.
+_OFFSET: Final = 0.02
 
 
-def fmu_system(
-    path: Path, keys: FmuKeys, units: Mapping[str, str], step: str | None, map_path: Path
-) -> System:
-    """Return the system of an FMU; ``units`` are those of the map's columns, ``step`` its grid.
+def fmu_system(path: Path, keys: FmuKeys, units: Mapping[str, str], map_path: Path) -> System:
+    """Return the system of an FMU; ``units`` are those of the map's columns.
 
     DiagnosisError names the key of the map or what of the FMU is not right.
     """
-    return _Maker(read_fmu(path), keys, units, map_path).system(step)
+    return _Maker(read_fmu(path), keys, units, map_path).system()
 
 
 class _Maker:
@@ -67,13 +62,16 @@ class _Maker:
 
     def _texts(self) -> list[tuple[str, str]]:
         """Return the quantities that the map gives variables, each with the name of its variable."""
-        texts = [(name, one.value or one.spread) for name, one in self.keys.base.items()]
+        every: list[tuple[str, tuple[str | None, ...]]] = [
+            (name, (one.value, one.low, one.high, one.spread)) for name, one in self.keys.base.items()
+        ]
         for effect in self.keys.effects.values():
-            texts.append((effect.variable, effect.typical))
-            texts += [(name, one.tried[0]) for name, one in effect.shapes.items() if one.tried]
+            every.append((effect.variable, (effect.typical, effect.off, effect.low, effect.high)))
+            every += [(name, (*one.tried, one.low, one.high)) for name, one in effect.shapes.items()]
+        texts = [(name, text) for name, given in every for text in given if text and not text.endswith("%")]
         return texts
 
-    def system(self, step: str | None) -> System:
+    def system(self) -> System:
         fmu, keys = self.fmu, self.keys
         fixed = {
             *(name for name in keys.base if not _of_measurement(name)),
@@ -102,7 +100,6 @@ class _Maker:
             if one.settable and one.name not in fixed and one not in driven
             if one.start is not None or one.causality == "input"
         )
-        delay = _DELAY if step is None else quantity(step, "s", f"{self.where}: time.step")
         lanes = Lanes(fmu, quantity(keys.patience, "s", f"{self.where}: fmu.patience"))
         return System(
             name=fmu.path.name,
@@ -110,7 +107,14 @@ class _Maker:
             inputs=tuple(self._signal(one) for one in driven),
             outputs=tuple(self._signal(one) for one in outputs),
             settings=settings,
-            simulator=lambda given, channels: self._simulator(lanes, driven, channels, given, delay),
+            simulator=lambda given, channels: self._simulator(lanes, driven, channels, {}, 1.0),
+            sized=lambda simulator, runs: self._simulator(
+                lanes,
+                driven,
+                simulator.channels,
+                _ranges([one.name for one in simulator.channels], runs),
+                runs[0].experiment.step,
+            ),
             sources=(fmu.path,),
         )
 
@@ -141,11 +145,12 @@ class _Maker:
         lanes: Lanes,
         driven: Sequence[Variable],
         channels: tuple[Channel, ...],
-        settings: Mapping[str, float],
+        ranges: Mapping[str, float],
         delay: float,
     ) -> FmuSimulator:
+        """Return the simulator; ``ranges`` of the signals (SI), and the ``delay`` (s) that is ordinary for each."""
         keys = self.keys
-        measured = self._measured(driven, channels, delay)
+        measured = self._measured(driven, channels, ranges, delay)
         sensors = measurement_effects(measured)
         sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
         base = {name: self._base(name, one, sensors) for name, one in keys.base.items()}
@@ -177,9 +182,12 @@ class _Maker:
         return KINDS if found is None or found.causes is None else found.causes
 
     def _measured(
-        self, driven: Sequence[Variable], channels: Sequence[Channel], delay: float
+        self,
+        driven: Sequence[Variable],
+        channels: Sequence[Channel],
+        ranges: Mapping[str, float],
+        delay: float,
     ) -> list[Measured]:
-        noise = {channel.name: channel.noise or channel.resolution for channel in channels}
         every: list[tuple[Variable, Any]] = [(one, "input") for one in driven]
         every += [(self.fmu.variables[one.name], "output") for one in channels]
         names = {one.name for one, _ in every}
@@ -194,7 +202,7 @@ class _Maker:
             if one.type not in REALS:
                 continue
             said, key = self.keys.measured.get(one.name), f"{self.where}: fmu.measured.{one.name}"
-            size, late = self._size(one, noise.get(one.name, 0.0)), delay
+            size, late = _OFFSET * (ranges.get(one.name, 0.0) or abs(one.unit.factor)), delay
             if said is not None and said.offset is not None:
                 size = difference(said.offset, one.unit.si, f"{key}.offset")
             if said is not None and said.delay is not None:
@@ -202,17 +210,6 @@ class _Maker:
             signal = self._signal(one)
             measured.append(Measured(one.name, one.unit.si, kind, size, late, signal.display, signal.scale))
         return measured
-
-    @staticmethod
-    def _size(one: Variable, noise: float) -> float:
-        """An ordinary offset: by the noise, else by what the FMU says of its range, else by the unit."""
-        if noise > 0.0:
-            return _OFFSET * noise
-        if isfinite(one.low) and isfinite(one.high) and one.high > one.low:
-            return 0.02 * abs(one.unit.factor) * (one.high - one.low)
-        if one.start:
-            return 0.02 * abs(one.unit.factor * one.start)
-        return 0.02 * abs(one.unit.factor)
 
     def _base(self, name: str, keys: BaseKeys, sensors: Mapping[str, Hypothesis]) -> Nuisance:
         where = f"{self.where}: fmu.base.{name}"
@@ -383,6 +380,15 @@ class _Maker:
             f"{keys.signal} over {names}", f"unknown part of {keys.signal} over {names}", axes[0], axes[1],
             unit, spread, frozenset({"unknown"}),
         )  # fmt: skip
+
+
+def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, float]:
+    """Return from where to where each signal goes in all runs (SI)."""
+    names = [*runs[0].experiment.inputs, *outputs]
+    every = [np.vstack([*run.experiment.inputs.values(), *run.outputs.T]) for run in runs]
+    highest = np.max([np.nanmax(one, axis=1) for one in every], axis=0)
+    lowest = np.min([np.nanmin(one, axis=1) for one in every], axis=0)
+    return dict(zip(names, (highest - lowest).tolist(), strict=True))
 
 
 def _of_measurement(name: str) -> bool:
