@@ -91,6 +91,7 @@ LOAD_LIMITS: Final = {
     "plate_damping": "N*s/m",
 }
 _NAMES: Final = ("type", "serial_number", "drawing")
+MODEL: Final = "model"
 _ORIGIN: Final = {"unit", "provenance", "source"}
 _VALUE: Final = {"value"} | _ORIGIN
 #: What a limit may be stated over, and the SI value of one.
@@ -126,6 +127,9 @@ class Specimen:
     bench: Mapping[str, float] = field(
         default_factory=dict
     )  #: what limits of its own motion hold for; may be empty
+    model: str = (
+        ""  #: parameter set of a simulation of it: a name, or the path of a file; "" if none is known
+    )
 
     def load(self, name: str) -> Load:
         """Return a load case. SpecimenError if the file does not have it."""
@@ -181,7 +185,7 @@ def read_specimen(name: str | Path) -> Specimen:
     except Unfit as error:
         raise SpecimenError(f"specimen {path} {error}") from None
     try:
-        return _specimen(path.name, hashlib.sha256(text).hexdigest(), content)
+        return _specimen(path, hashlib.sha256(text).hexdigest(), content)
     except _Unfit as error:
         raise SpecimenError(f"specimen {path}: {error}") from None
 
@@ -190,8 +194,9 @@ class _Unfit(ValueError):
     """What is wrong in a file, without saying in which."""
 
 
-def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
-    _refuse_unknown("", content, (*_NAMES, "properties", "bench", "limits", "load_case"))
+def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
+    file = path.name
+    _refuse_unknown("", content, (*_NAMES, MODEL, "properties", "bench", "limits", "load_case"))
     cases = _table("load_case", content.get("load_case", {}))
     if not cases:
         raise _Unfit(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
@@ -205,6 +210,7 @@ def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
         limits=_limits(file, "limits", content.get("limits", {}), LIMITS),
         loads={name: _load(file, name, case) for name, case in cases.items()},
         bench=_values("bench", content["bench"], BENCH) if "bench" in content else {},
+        model=_model(path, content),
     )
     if found := list(_contradictions(specimen)):
         raise _Unfit("; ".join(found))
@@ -214,8 +220,16 @@ def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
 def _name(key: str, content: Mapping[str, Any]) -> str:
     name = _needed("", content, key)
     if not isinstance(name, str) or not name.strip():
-        raise _Unfit(f"{key} = {name!r} is no text that tells one spring from another")
+        raise _Unfit(f"{key} = {name!r} is no text that tells one from another")
     return name
+
+
+def _model(path: Path, content: Mapping[str, Any]) -> str:
+    """Return the parameter set that the file names: a path is one from the file."""
+    if MODEL not in content:
+        return ""
+    name = _name(MODEL, content)
+    return str(path.parent / name) if name.endswith(".toml") else name
 
 
 def _load(file: str, name: str, case: Any) -> Load:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 from math import pi
 from typing import Final
 
@@ -124,10 +125,11 @@ def margins(f: Floats, eigenvalues: Complex) -> Margins:
 
 def _sorted(eigenvalues: Complex) -> Complex:
     """Return loci (f, k) in which every column goes on from the nearest place of the frequency before."""
-    from scipy.optimize import linear_sum_assignment
-
     found = eigenvalues.copy()
+    each = range(found.shape[1])
+    orders = [list(order) for order in permutations(each)]
     for n in range(1, len(found)):
         far = np.abs(found[n - 1][:, None] - eigenvalues[n][None, :])
-        found[n] = eigenvalues[n][linear_sum_assignment(far)[1]]
+        ways = [float(far[each, order].sum()) for order in orders]
+        found[n] = eigenvalues[n][orders[int(np.argmin(ways))]]
     return found

@@ -1,5 +1,6 @@
 """The car in the loop: its equations and its margins by themselves, then on the virtual rig against the car alone."""
 
+from dataclasses import replace
 from math import exp, pi
 
 import numpy as np
@@ -7,14 +8,28 @@ import pytest
 
 from bench_protocol.units import mm, ms
 from bench_sim.model.bolster import bump_stop_force
+from bench_sim.model.car import RideChannel
+from bench_sim.model.vehicle import Vehicle
+from bench_sim.parameters import load as parameters
 from bench_sim.parameters.vehicle import load_vehicle
 from paper_study.hybrid import coupling
+from paper_study.hybrid.agreement import Agreement, followed
+from paper_study.hybrid.alone import NoModel, SimulatedSprings, ride_alone
 from paper_study.hybrid.car import STEP, Car, Place, Ride, Springs, linear
-from paper_study.hybrid.coupling import HOST_STEP, path_of, setpoints_of, springs_of
+from paper_study.hybrid.coupling import (
+    FORCES,
+    HOST_STEP,
+    STILL,
+    Course,
+    path_of,
+    setpoints_of,
+    springs_of,
+)
 from paper_study.hybrid.loop import FREQUENCIES, Path, loci, margins
-from paper_study.plans.ride import CAR, lateness, margins_of
+from paper_study.plans.ride import CAR, margins_of
 from test_plans.analysis import geometry
-from test_plans.description import ours
+from test_plans.analysis.geometry import POSE_SIGNALS
+from test_plans.description import lag_of, ours
 from test_plans.specimen import ordinary
 from test_plans.steps.poses import Home
 
@@ -151,6 +166,71 @@ def test_forces_come_from_the_cells():
     assert found == pytest.approx((F_y, F_left + F_right, F_left - F_right + M))
 
 
-def test_what_comes_later_is_seen_to():
+def test_what_comes_later_and_falls_short_is_seen_to():
     t = HOST_STEP * np.arange(4000)
-    assert lateness(np.sin(7 * t), np.sin(7 * (t - 3 * ms))) == pytest.approx(3 * ms, rel=0.01)
+    late = 3 * ms + lag_of(OURS, "left.height", "right.height") - lag_of(OURS, *FORCES) - 0.5 * HOST_STEP
+    asked = np.column_stack([np.sin(7 * t), np.sin(7 * t), np.cos(5 * t)])
+    moved = np.column_stack([np.sin(7 * t), 0.99 * np.sin(7 * (t - late)), np.cos(5 * t)])
+    found = followed(asked, moved, OURS)["up and down"]
+    assert found.late == pytest.approx(3 * ms, abs=0.05 * ms)
+    assert found.part == pytest.approx(0.99, abs=1e-3)
+
+
+def test_readings_that_are_held_lie_on_lines_between():
+    """A reading that comes every fourth step is no later for that."""
+    course = Course(0.0)
+    t = HOST_STEP * np.arange(400)
+    fast, slow = np.sin(7 * t), np.sin(7 * t)[np.arange(400) // 4 * 4]
+    course.asked = [Place(0.0, 0.0, 0.0)] * 400
+    course.read = [
+        [one if name == "platform.roll" else 0.0 for name in POSE_SIGNALS] for one in slow.tolist()
+    ]
+    _, moved = course.places(OURS, 0.0, 390 * HOST_STEP)
+    lever = OURS["centre_height"] + OURS["lateral_actuator_height"] + OURS["column_height"]
+    assert moved[:, 0] == pytest.approx(lever * fast[:390], abs=5e-3 * lever)
+
+
+def test_frames_give_way_to_the_springs_and_pistons_go_further():
+    """As forces and moments about the bolster's centre have it: pistons oppose the springs, frames give by F/k."""
+    F = Springs(-8e3, 3e3, 900.0)
+    still, loaded = (setpoints_of(Place(0, 0, 0), Home(0, 0), OURS, one) for one in (STILL, F))
+    more = {name: loaded[name] - still[name] for name in still}
+    k, h = OURS["vertical_frame_stiffness"], OURS["lateral_actuator_height"]
+    left, right = (k * more[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))
+    across = OURS["lateral_frame_stiffness"] * more["lateral.displacement_setpoint"]
+    a, e = OURS["vertical_left across"], OURS["centre_height"]
+    assert across + F.lateral == pytest.approx(0)
+    assert left + right + F.vertical == pytest.approx(0)
+    assert a * (left - right) - h * across + F.moment + e * F.lateral == pytest.approx(0)
+    assert more["platform.roll_setpoint"] == 0
+
+
+def test_a_car_alone_is_the_models_vehicle():
+    wind = 3e3 * np.sin(0.01 * np.arange(301))
+    vehicle = Vehicle(parameters("astb", "AW3").record, load_vehicle().record)
+    mass = vehicle.mass
+    carried = 0.5 * mass * G
+    found = ride_alone(CAR, mass, SimulatedSprings("astb", "AW3", carried, OURS), wind, 0.01, np.ones(301))
+    assert found.of("roll", 0.0, 3.0) == pytest.approx(
+        vehicle.ride(wind, 3.0, interval=0.01).of(RideChannel.ROLL), abs=1e-12
+    )
+
+
+def test_springs_that_carry_less_carry_the_car():
+    """Without wind and track it stands, whatever they carried before; what cannot be read is told."""
+    mass = 2 * 145e3 / G
+    quiet = np.zeros(101)
+    level = replace(CAR, track_lateral=0.0, track_vertical=0.0)
+    less = ride_alone(level, mass, SimulatedSprings("astb", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
+    assert np.abs(less.of("roll", 0.0, 1.0)).max() < 1e-9
+    assert np.abs(less.of("rising", 0.0, 1.0)).max() < 1e-6
+    with pytest.raises(NoModel, match="AW7"):
+        ride_alone(CAR, mass, SimulatedSprings("astb", "AW7", 140e3, OURS), quiet, 0.01, np.ones(101))
+    with pytest.raises(NoModel, match=r"nowhere\.toml"):
+        ride_alone(CAR, mass, SimulatedSprings("nowhere.toml", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
+
+
+def test_a_deviation_is_told_by_its_uncertainty():
+    both = Agreement(0.103, 0.100, {"one": 0.6e-3, "other": 0.8e-3})
+    assert both.expanded == pytest.approx(2e-3)
+    assert both.normalised == pytest.approx(1.5)

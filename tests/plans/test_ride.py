@@ -10,11 +10,12 @@ from bench_sim.parameters import load as parameters
 from bench_sim.parameters.vehicle import load_vehicle
 from paper_study.hybrid import coupling
 from paper_study.plans.ride import RUN_IN, WIND_STEP, wind_force
+from test_plans.instruments import ordinary
 from test_plans.steps.wind import RISE
 
-#: What the bench's springs differ by from the model's at their nominal preload: they stand at design height with 2 %
-#: less pressure, and have relaxed. Of a ride's acceleration that is 4 %, and so much again what is left of delays.
-AGREES = 0.08
+#: Of the acceleration; the plan's own uncertainty is smaller.
+AGREES = 0.03
+ACCELERATION = "acceleration against the simulation, E_n"
 
 
 def alone(load, wind, duration, draw=1):
@@ -30,14 +31,25 @@ def alone(load, wind, duration, draw=1):
 @pytest.mark.slow
 @pytest.mark.parametrize(("load", "wind"), [("AW0", 10.0), ("AW3", 25.0)])
 def test_it_rides_as_the_car_does_on_the_models_springs(judged, load, wind):
-    result, failed = judged("ride", given={"load": load, "wind": f"{wind} m/s", "duration": "20 s"})
+    given = {"load": load, "wind": f"{wind} m/s", "duration": "20 s"}
+    result, failed = judged("ride", given=given, instruments=ordinary())
+    found = {one.name: one for one in result.checks}
     assert not failed - {"comfort index N, lateral"}, result.reason
     assert result.verdict is Outcome.INCOMPLETE  # a comfort index wants five minutes
-    found = {one.name: one for one in result.checks}
     assert found["comfort index N, lateral"].verdict is CheckVerdict.NOT_AVAILABLE
     a, lean = alone(load, wind, 20.0)
     assert found["lateral acceleration of the floor, rms"].value == pytest.approx(a, rel=AGREES)
     assert found["mean lean"].value == pytest.approx(lean, rel=AGREES)
+    assert abs(found[ACCELERATION].value) <= 1.0
+    assert {one.name for one in result.curves} == {"bench", "simulation"}
+
+
+@pytest.mark.slow
+def test_springs_that_are_not_the_models_are_told(judged):
+    """Ten percent less of the lateral law, which no limit of the specimen's file is asked about here."""
+    given = {"load": "AW3", "wind": "25 m/s", "duration": "20 s"}
+    _, failed = judged("ride", given=given, instruments=ordinary(), membrane_length=0.31)
+    assert "mean lean against the simulation, E_n" in failed or ACCELERATION in failed
 
 
 def test_a_loop_without_margins_is_refused_before_anything_moves(judged, monkeypatch):

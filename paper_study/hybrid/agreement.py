@@ -1,0 +1,203 @@
+"""How a ride on measured springs compares with the same car alone: what makes them differ, and by how much it may."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import hypot
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import ms
+from paper_study.hybrid.car import STEP, Ride, Springs
+from paper_study.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
+from test_plans.description import lag_of
+
+if TYPE_CHECKING:
+    from test_plans.analysis.geometry import Rig
+    from test_plans.instruments import Instruments
+
+Floats = npt.NDArray[np.float64]
+#: The three ways in which springs are moved, in the order of a `Place`, with the readings that tell of each.
+WAYS: Final = {
+    "sideways": ("lateral.displacement",),
+    "up and down": ("left.height", "right.height"),
+    "in roll": ("left.height", "right.height"),
+}
+#: How well lags are known, and the sum of six load cells (standard uncertainties).
+LAGS_U: Final = 0.5 * ms
+CELLS_U: Final = 0.003
+#: Load on the springs at rest, as a part of it: friction that was not shaken out, and the cells' zero, 0.4 % of 53 kN.
+CARRIED_U: Final = 0.005
+#: By how much the gas of one spring may be warmer than its walls as a ride begins (K): it cools, and the car leans.
+WARM_U: Final = 0.05
+WARM: Final = "warmth of the gas on one side"
+CELLS_TELL: Final = "gain of the load cells"
+NOISE: Final = "noise of the load cells"
+SCATTER: Final = "finite time"
+CARRIED: Final = "load on the springs"
+#: Of the difference between both rides so many pieces tell how much it scatters.
+PIECES: Final = 5
+#: E_n compares a deviation with its expanded uncertainty.
+COVERAGE: Final = 2.0
+
+
+class Rode(Protocol):
+    """What came of a ride."""
+
+    def of(self, name: str, since: float, until: float) -> Floats:
+        """Return one column between two times (s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """How the springs followed the car one way: so large a part of its motion, and so late (s)."""
+
+    part: float
+    late: float
+
+    @property
+    def unsure(self) -> float:
+        """How late they may have been, either way (s): what is left of the delay, and what lags leave open."""
+        return hypot(self.late, LAGS_U)
+
+
+def followed(asked: Floats, moved: Floats, rig: Rig) -> dict[str, Followed]:
+    """Return by way how springs that were ``asked`` to stand so ``moved``, both (n, 3) of the host's steps.
+
+    moved = part · asked − late · d(asked)/dt, by least squares. What the car is told of it is as late as load cells
+    and its own step have it, and not as the readings of the motion.
+    """
+    found = {}
+    told = lag_of(rig, *FORCES) + 0.5 * HOST_STEP
+    for k, (way, readings) in enumerate(WAYS.items()):
+        x, y = (one[:, k] - one[:, k].mean() for one in (asked, moved))
+        rates = np.column_stack([x, -np.gradient(x, HOST_STEP)])
+        (part, late), *_ = np.linalg.lstsq(rates, y, rcond=None)
+        found[way] = Followed(float(part), float(late) - lag_of(rig, *readings) + told)
+    return found
+
+
+@dataclass(slots=True)
+class LinearSprings:
+    """Springs of stiffness and damping (3, each way) that answer otherwise than they should, and cells with noise."""
+
+    stiffness: Floats
+    damping: Floats
+    part: Floats = field(default_factory=lambda: np.ones(3))
+    late: Floats = field(default_factory=lambda: np.zeros(3))
+    noise: Iterator[Springs] | None = None
+
+    def carry(self, ride: Ride, whole: float) -> Course:
+        """Let a car ride on them for ``whole`` s, as the host does: forces are held for its step."""
+        course, before = Course(0.0), ride.place_at(0.0)
+        ways = list(
+            zip(
+                self.part.tolist(),
+                self.stiffness.tolist(),
+                self.damping.tolist(),
+                self.late.tolist(),
+                strict=True,
+            )
+        )
+        each = round(HOST_STEP / STEP)
+        more = Springs(0.0, 0.0, 0.0)
+        for n in range(round(whole / STEP)):
+            if self.noise and n % each == 0:
+                more = next(self.noise)
+            now = ride.place_at(0.0)
+            force = [
+                -part * (k * x + (c - k * late) * (x - y) / STEP) + extra
+                for (part, k, c, late), x, y, extra in zip(ways, now, before, more, strict=True)
+            ]
+            ride.step(Springs(*force))
+            course.keep(ride)
+            before = now
+        return course
+
+
+def noise_of(instruments: Instruments, rig: Rig) -> Iterator[Springs] | None:
+    """Yield what noise of the load cells adds to the forces, a draw for each step of the host; None if unknown."""
+    if any(name not in instruments.pieces for name in FORCES):
+        return None
+    sigma = [instruments.pieces[name].instrument.noise for name in FORCES]
+
+    def drawn() -> Iterator[Springs]:
+        generator = np.random.default_rng(1)
+        while True:
+            for row in generator.standard_normal((1000, len(sigma))) * sigma:
+                yield springs_of(dict(zip(FORCES, row.tolist(), strict=True)), rig)
+
+    return drawn()
+
+
+#: What a ride amounts to between two times (s), by check.
+Amounts = Callable[[Rode, float, float], Mapping[str, float]]
+
+
+def of_the_loop(
+    springs: tuple[Floats, Floats],
+    ways: Mapping[str, Followed],
+    noise: Iterator[Springs] | None,
+    start: Callable[[], tuple[Ride, float]],
+    amounts: Amounts,
+    times: tuple[float, float],
+) -> dict[str, dict[str, float]]:
+    """Return the parts of the standard uncertainty of what is ridden, by check and cause.
+
+    Each is what the same car does otherwise in the same wind, on linear ``springs`` (stiffness and damping), if the
+    load cells tell so much more, if they are as noisy as they are, or if the springs follow each way as they did.
+    """
+
+    def on(**otherwise: Floats | Iterator[Springs]) -> Mapping[str, float]:
+        ride, whole = start()
+        return amounts(LinearSprings(*springs, **otherwise).carry(ride, whole), *times)  # type: ignore[arg-type]
+
+    as_it_is = on()
+    changed = {CELLS_TELL: on(part=np.full(3, 1.0 + CELLS_U))}
+    if noise is not None:
+        changed[NOISE] = on(noise=noise)
+    for k, (way, one) in enumerate(ways.items()):
+        only = np.arange(3) == k
+        changed[f"springs go too far or short {way}"] = on(part=np.where(only, one.part, 1.0))
+        changed[f"springs come late {way}"] = on(late=np.where(only, one.unsure, 0.0))
+    return {
+        name: {cause: abs(one[name] - value) for cause, one in changed.items()}
+        for name, value in as_it_is.items()
+    }
+
+
+def scatter(both: Sequence[Rode], amounts: Amounts, times: tuple[float, float]) -> dict[str, float]:
+    """Return by check the standard uncertainty of a difference between two rides, for how it varies in their time.
+
+    s/√n of the differences in `PIECES` pieces.
+    """
+    edges = np.linspace(*times, PIECES + 1)
+    found = [[amounts(one, a, b) for one in both] for a, b in pairwise(edges.tolist())]
+    names = found[0][0]
+    return {
+        name: float(np.std([one[name] - other[name] for one, other in found], ddof=1)) / PIECES**0.5
+        for name in names
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """A quantity of the ride on the bench and alone (SI), with the parts of the standard uncertainty of both."""
+
+    bench: float
+    alone: float
+    parts: Mapping[str, float]
+
+    @property
+    def expanded(self) -> float:
+        """The expanded uncertainty of their difference, U = 2u."""
+        return COVERAGE * hypot(*self.parts.values())
+
+    @property
+    def normalised(self) -> float:
+        """E_n: their difference over its expanded uncertainty (ISO/IEC 17043); beyond ±1 they do not agree."""
+        return (self.bench - self.alone) / self.expanded

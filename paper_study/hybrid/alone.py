@@ -1,0 +1,109 @@
+"""The same car without a bench: on the springs of a model, beside which a ride on measured ones is held."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_sim.model.car import Ride, RideChannel
+from bench_sim.model.layout import State
+from bench_sim.model.vehicle import Vehicle
+from bench_sim.parameters import ParameterError, load
+from bench_sim.parameters.vehicle import load_vehicle
+from paper_study.hybrid.car import STEP, Car
+
+if TYPE_CHECKING:
+    from test_plans.analysis.geometry import Rig
+
+Floats = npt.NDArray[np.float64]
+
+
+class NoModel(Exception):
+    """The springs have no model with which a car could ride, and why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedSprings:
+    """The springs that a car rides on alone: parameter set, load case, what each carries as it rests (N), its gas."""
+
+    model: str
+    load: str
+    carried: float
+    rig: Rig
+    warmer: float = 0.0  #: K above its walls is the gas of the left one as the ride begins
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alone:
+    """What came of a ride on the model's springs, a row for each `STEP`; read as a `coupling.Course` is (SI)."""
+
+    columns: dict[str, Floats]
+
+    def of(self, name: str, since: float, until: float) -> Floats:
+        """Return one column between two times (s)."""
+        return self.columns[name][round(since / STEP) : round(until / STEP)]
+
+
+def ride_alone(
+    car: Car, mass: float, springs: SimulatedSprings, wind: Floats, interval: float, share: Floats
+) -> Alone:
+    """Let the ``car`` of ``mass`` (kg) ride in a ``wind`` (N on it) on that ``share`` of its track.
+
+    Both have a sample every ``interval`` s; what the track begins with goes on swinging in the gas for a minute.
+    Springs on the bench may carry less than the car weighs: what counts is what they do beyond that. So the car has
+    the weight that they carry, and what its own would do to a roll is taken off the anti-roll bar. NoModel if the set
+    cannot be read, or has no such load case.
+    """
+    rig = springs.rig
+    gravity = 2.0 * springs.carried / mass
+    lighter = mass * (rig["gravity"] - gravity) * car.centre_height
+    own: dict[str, Any] = {
+        **asdict(car),
+        "damper_rate_beyond": car.damper_rate,
+        "anti_roll_stiffness": car.anti_roll_stiffness - lighter,
+    }
+    try:
+        parameters = load(springs.model, springs.load).with_values(
+            gravity=gravity,
+            nominal_preload=springs.carried,
+            spring_half_spacing=rig["spring_half_spacing"],
+            column_height=rig["column_height"],
+        )
+        vehicle = Vehicle(parameters.record, load_vehicle().with_values(**own).record, dt=STEP)
+    except (ParameterError, ValueError) as error:
+        raise NoModel(str(error)) from None
+    walls = parameters.record.ambient_temperature + parameters.record.wall_temperature_offset
+    for place in (
+        State.BELLOWS_MASS,
+        State.AUXILIARY_MASS,
+    ):  # of the left: at the same pressure, with the same energy
+        vehicle.state[place] *= walls / (walls + springs.warmer)
+    rode = _ridden(vehicle, car, wind, interval, share)
+    columns = {
+        "acceleration": rode.of(RideChannel.LATERAL_ACCELERATION)
+        + car.floor_depth * rode.of(RideChannel.ROLL_ACCELERATION),
+        "rising": rode.of(RideChannel.VERTICAL_ACCELERATION),
+        "bump_stop": rode.of(RideChannel.BUMP_STOP),
+        "lateral": rode.of(RideChannel.LATERAL),
+        "roll": rode.of(RideChannel.ROLL),
+    }
+    return Alone(columns)
+
+
+def _ridden(vehicle: Vehicle, car: Car, wind: Floats, interval: float, share: Floats) -> Ride:
+    """Ride through all samples, those between which the track comes or goes one by one."""
+    edges = np.flatnonzero(np.diff(share) != 0.0)
+    ends = np.unique(np.concatenate([edges, edges + 1, [0, len(wind) - 1]]))
+    parts = []
+    for start, end in pairwise(ends.tolist()):
+        middle = 0.5 * (share[start] + share[end])
+        vehicle.car.track_lateral = middle * car.track_lateral
+        vehicle.car.track_vertical = middle * car.track_vertical
+        parts.append(vehicle.ride(wind[start : end + 1], (end - start) * interval, interval=interval))
+    return Ride(
+        *(np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "rows", "algebraic"))
+    )
