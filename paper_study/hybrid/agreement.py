@@ -14,6 +14,7 @@ import numpy.typing as npt
 from bench_protocol.units import ms
 from paper_study.hybrid.car import STEP, Ride, Springs
 from paper_study.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
+from test_plans.analysis.readings import HEIGHTS
 from test_plans.description import lag_of
 
 if TYPE_CHECKING:
@@ -22,11 +23,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 #: The three ways in which springs are moved, in the order of a `Place`, with the readings that tell of each.
-WAYS: Final = {
-    "sideways": ("lateral.displacement",),
-    "up and down": ("left.height", "right.height"),
-    "in roll": ("left.height", "right.height"),
-}
+SIDEWAYS, UP, ROLLED = "sideways", "up and down", "in roll"
+WAYS: Final = {SIDEWAYS: ("lateral.displacement",), UP: HEIGHTS, ROLLED: HEIGHTS}
 #: How well lags are known, and the sum of six load cells (standard uncertainties).
 LAGS_U: Final = 0.5 * ms
 CELLS_U: Final = 0.003
@@ -65,14 +63,14 @@ class Followed:
         return hypot(self.late, LAGS_U)
 
 
-def followed(asked: Floats, moved: Floats, rig: Rig) -> dict[str, Followed]:
+def followed(asked: Floats, moved: Floats, hold: float, rig: Rig) -> dict[str, Followed]:
     """Return by way how springs that were ``asked`` to stand so ``moved``, both (n, 3) of the host's steps.
 
-    moved = part · asked − late · d(asked)/dt, by least squares. What the car is told of it is as late as load cells
-    and its own step have it, and not as the readings of the motion.
+    moved = part · asked − late · d(asked)/dt, by least squares. What the car is told of it is as late as load cells,
+    and readings that are held for ``hold`` s, have it, and not as the readings of the motion.
     """
     found = {}
-    told = lag_of(rig, *FORCES) + 0.5 * HOST_STEP
+    told = lag_of(rig, *FORCES) + 0.5 * hold
     for k, (way, readings) in enumerate(WAYS.items()):
         x, y = (one[:, k] - one[:, k].mean() for one in (asked, moved))
         rates = np.column_stack([x, -np.gradient(x, HOST_STEP)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ from test_plans.analysis.geometry import (
     ACTUATORS,
     LASERS,
     PLACING,
-    POSE_SIGNALS,
     STOP_ROOM,
     Rig,
     height_of_spring,
@@ -54,10 +53,12 @@ LEVEL: Final = Home(0.0, 0.0)
 #: Without a force for so long nobody knows what the springs do.
 SILENT: Final = 50 * ms
 FORCES: Final = (*SHEAR_CELLS, *VERTICAL_CELLS)
+#: What tells how the springs stand; what frames give way by, the load cells tell.
+POSES: Final = (*HEIGHTS, "lateral.displacement", "platform.roll")
 #: What has to be known of the rig.
 COUPLED: Final = (
     *FORCES,
-    *POSE_SIGNALS,
+    *POSES,
     "lateral.displacement_setpoint",
     "platform.roll_setpoint",
     "actuator_frequency",
@@ -72,15 +73,49 @@ COUPLED: Final = (
 )
 
 
-def path_of(rig: Rig) -> Path:
-    """Return what is between places and forces on this rig, by its dimensions."""
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """How late pistons and platform show in what the car is told (s), and for how long each reading is held.
+
+    By the dimensions of the rig, until somebody has measured it.
+    """
+
+    pistons: float
+    platform: float
+    hold: float = HOST_STEP
+
+    @classmethod
+    def foreseen(cls, rig: Rig) -> Delay:
+        """Return what the dimensions of a rig let expect that follows each set-point at once."""
+        late = _path(rig, LATENCY, HOST_STEP).delay
+        return cls(late, late - TABLE_SOONER)
+
+    def after(self, roll: float, lift: float, hold: float, rig: Rig) -> Delay:
+        """Return it where springs came so much later in ``roll`` and with a ``lift`` (s) than this delay made up for.
+
+        A roll of the springs is one of the bolster less one of the platform, each by its share.
+        """
+        at = setpoints_of(Place(0.0, 0.0, 1.0), LEVEL, rig)
+        share = -at["platform.roll_setpoint"]
+        platform = (roll - (1.0 - share) * lift) / share
+        return Delay(self.pistons + lift, self.platform + platform, hold)
+
+
+def path_of(rig: Rig, delay: Delay | None = None) -> Path:
+    """Return what is between places and forces on this rig, by its dimensions or as its ``delay`` was measured."""
+    if delay is None:
+        return _path(rig, LATENCY, HOST_STEP)
+    return _path(rig, delay.pistons - _path(rig, 0.0, delay.hold).delay, delay.hold)
+
+
+def _path(rig: Rig, latency: float, hold: float) -> Path:
     return Path(
         beat=1.0 / COMMAND_RATE,
-        latency=LATENCY,
-        hold=HOST_STEP,
+        latency=latency,
+        hold=hold,
         actuator_frequency=rig["actuator_frequency"],
         actuator_damping=rig["actuator_damping"],
-        lag=lag_of(rig, *SHEAR_CELLS, *VERTICAL_CELLS),
+        lag=lag_of(rig, *FORCES),
     )
 
 
@@ -131,9 +166,19 @@ def _given_way(springs: Springs, rig: Rig) -> dict[str, float]:
     }
 
 
+class Motion(Protocol):
+    """What moves the springs: a car that rides on them, or a motion that is known beforehand."""
+
+    def place_at(self, ahead: float) -> Place:
+        """Return how the springs will stand ``ahead`` s from now."""
+
+    def step(self, springs: Springs) -> None:
+        """Go on by `STEP` under what the springs do."""
+
+
 @dataclass(slots=True)
 class Course:
-    """What came of a ride, row by row of the car's integration, and of the host's step (SI)."""
+    """What came of a motion, row by row of the car's integration, and of the host's step (SI)."""
 
     carried: float  #: what each spring carried before it began (N)
     time: list[float] = field(default_factory=list)
@@ -143,7 +188,9 @@ class Course:
     lateral: list[float] = field(default_factory=list)
     roll: list[float] = field(default_factory=list)
     asked: list[Place] = field(default_factory=list)  #: how the springs should stand, each host's step
-    read: list[list[float]] = field(default_factory=list)  #: and the readings that tell it, in `POSE_SIGNALS`
+    read: list[list[float]] = field(
+        default_factory=list
+    )  #: and the readings that tell it, in `POSES`, and the force
 
     def keep(self, ride: Ride) -> None:
         """Keep where a ride is now."""
@@ -161,10 +208,17 @@ class Course:
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
         """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
         rows = _rows(since, until, HOST_STEP)
-        read = {name: _between(one) for name, one in zip(POSE_SIGNALS, np.array(self.read).T, strict=True)}
+        names = (*POSES, "lateral.force")
+        read = {name: _between(one) for name, one in zip(names, np.array(self.read).T, strict=True)}
         heights = [height_of_spring(read, rig, side) for side in SIDES]
         moved = np.column_stack([shear_of(read, rig), 0.5 * sum(heights), roll_of(read, rig)])
         return np.array(self.asked[rows]), moved[rows]
+
+    def held(self, since: float, until: float) -> float:
+        """Return for how long a reading stays until the next comes (s), by those of a height that moves."""
+        rows = np.array(self.read)[_rows(since, until, HOST_STEP), 0]
+        came = 1 + int(np.count_nonzero(np.diff(rows)))
+        return float(HOST_STEP * rows.size / came)
 
 
 def _rows(since: float, until: float, step: float) -> slice:
@@ -177,17 +231,16 @@ def _between(held: Floats) -> Floats:
     return np.interp(np.arange(held.size), fresh, held[fresh])
 
 
-def ride_on(run: Run, ride: Ride, duration: float) -> Course:
-    """Let the car ride for ``duration`` s on the springs of the bench; it begins where they stand now.
+def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
+    """Let the springs of the bench go through a motion for ``duration`` s; it begins where they stand now.
 
     LinkLost without forces; whatever ends it leaves the set-points where they are.
     """
     bench, rig = run.bench, run.rig
-    names = (*FORCES, *POSE_SIGNALS)
+    names = (*FORCES, *POSES)
     rest = bench.averages(*names, over=1 * s)
-    late = path_of(rig).delay
     course, held, silent = Course(0.5 * float(upward_force(rest, rig))), STILL, 0.0
-    level = setpoints_of(ride.place_at(0.0), LEVEL, rig)
+    level = setpoints_of(motion.place_at(0.0), LEVEL, rig)
     start = {name: bench.commander.value(name) - one for name, one in level.items()}
     steps, begun = round(HOST_STEP / STEP), run.now
     for k in range(round(duration / HOST_STEP)):
@@ -198,16 +251,17 @@ def ride_on(run: Run, ride: Ride, duration: float) -> Course:
             raise LinkLost(
                 f"no force of the springs for {silent / ms:.0f} ms: the car has nothing to ride on"
             )
-        course.asked.append(ride.place_at(0.0))
-        course.read.append([read[name] for name in POSE_SIGNALS])
+        course.asked.append(motion.place_at(0.0))
+        course.read.append([*(read[name] for name in POSES), -held.lateral])
         to_beat = (bench.commander.next_cycle() - run.now) / NS
         if to_beat <= HOST_STEP:
-            goal = setpoints_of(ride.place_at(late + to_beat), LEVEL, rig, held)
-            table = setpoints_of(ride.place_at(late - TABLE_SOONER + to_beat), LEVEL, rig)
+            goal = setpoints_of(motion.place_at(delay.pistons + to_beat), LEVEL, rig, held)
+            table = setpoints_of(motion.place_at(delay.platform + to_beat), LEVEL, rig)
             goal["platform.roll_setpoint"] = table["platform.roll_setpoint"]
             bench.commander.set_all({name: start[name] + one for name, one in goal.items()})
         for _ in range(steps):
-            ride.step(held)
-            course.keep(ride)
+            motion.step(held)
+            if isinstance(motion, Ride):
+                course.keep(motion)
         bench.wait(max(begun + (k + 1) * HOST_STEP * NS - run.now, 0.0) / NS)
     return course

@@ -118,7 +118,7 @@ def margins(f: Floats, eigenvalues: Complex) -> Margins:
             a, b = one[n], one[n + 1]
             if a.imag * b.imag < 0.0 and a.real < 0.0:
                 real = a.real - a.imag * (b.real - a.real) / (b.imag - a.imag)
-                if -1.0 / real < least_gain:
+                if real < 0.0 and -1.0 / real < least_gain:
                     least_gain, gain_at = -1.0 / real, float(f[n])
     return Margins(float(least_phase), float(least_gain), phase_at, gain_at)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import hypot, pi
 from typing import Annotated, Final, Literal
 
 import numpy as np
 
-from bench_protocol.units import FACTORS, Hz, mm, ms, s
-from bench_protocol.words import SIDES
+from bench_protocol.units import FACTORS, Hz, ms, s
 from bench_records.curves import Axis
 from paper_study.comfort import WINDOW, WINDOWS, block_percentiles, mean_comfort, weighted, window_rms
 from paper_study.hybrid.agreement import (
@@ -28,8 +28,9 @@ from paper_study.hybrid.agreement import (
     scatter,
 )
 from paper_study.hybrid.car import STEP, Car, Ride, linear
-from paper_study.hybrid.coupling import COUPLED, Course, path_of, ride_on
+from paper_study.hybrid.coupling import COUPLED, Course, Delay, move_on, path_of
 from paper_study.hybrid.loop import FREQUENCIES, LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
+from paper_study.hybrid.shaking import shake_loose
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.analysis.geometry import Rig
@@ -42,19 +43,13 @@ from test_plans.preconditions import ConditionResult, Precondition, on_the_bench
 from test_plans.run import Run
 from test_plans.steps.carrying import HELD_SIDEWAYS
 from test_plans.steps.fittings import CONNECTIONS, leave_connected
-from test_plans.steps.poses import Home, go_home, take_pose
+from test_plans.steps.poses import go_home, take_pose
 from test_plans.steps.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
 CAR: Final = Car()
 #: Warm from filling, the gas of springs that are shut in goes on cooling, and the car sinks: after 20 s it still did by
 #: 8 mm, and its springs became 7 % softer sideways.
 COOL: Final = 120 * s
-#: Friction is shaken out of springs by a motion that dies away, from well beyond what saturates it.
-SHAKEN: Final = 8 * mm
-SHAKEN_AT: Final = 1.5 * Hz
-SHAKEN_FADES: Final = 4 * s
-SHAKEN_FOR: Final = 20 * s
-SHAKEN_STEP: Final = 0.02 * s
 #: What swings when wind and track begin dies away; then a ride counts.
 RUN_IN: Final = 20 * s
 #: A block of EN 12299: five minutes.
@@ -69,7 +64,7 @@ SHAKE_MOST: Final = 0.5
 LEAN_MOST: Final = 0.035
 #: So much of the delay may be left uncompensated, either way: of the stiffness it makes 4 % of loss at 1.2 Hz.
 LATE_MOST: Final = 5 * ms
-FROM_THE_FILE: Final = "it was computed from the files of rig and specimen"
+COMPUTED: Final = "it was computed of the files of rig and specimen, and the delay that was measured"
 #: More than so large a part of what is compared, its uncertainty hides what the comparison is for.
 TELLS: Final = 0.2
 A_COMPARISON: Final = "it is a difference over its uncertainty"
@@ -144,10 +139,13 @@ def springs_of_the_file(load: Load, rig: Rig, stiff: float, damped: float) -> tu
     return found[0], found[1]
 
 
-def margins_of(load: Load, rig: Rig) -> Margins:
-    """Return the margins of the ride's loop, with springs as stiff and as little damped as their file allows."""
+def margins_of(load: Load, rig: Rig, delay: Delay | None = None) -> Margins:
+    """Return the margins of the ride's loop, with springs as stiff and as little damped as their file allows.
+
+    ``delay`` is how late the bench was found to be, if it has been measured; else its dimensions foresee it.
+    """
     stiffness, damping = map(np.diag, springs_of_the_file(load, rig, 1.0, 0.0))
-    path = path_of(rig)
+    path = path_of(rig, delay)
     of_car = linear(CAR, car_mass(load, rig), rig["gravity"])
     H = path.response(FREQUENCIES, path.delay)
     return margins(FREQUENCIES, loci(FREQUENCIES, of_car, stiffness, damping, H))
@@ -222,7 +220,8 @@ def ride(
     The springs stand on the bench and are measured. The car, with its mass, roll, lateral damper, bump stop and
     anti-roll bar, is computed 200 times a second from what the load cells read, and the actuators put the springs where
     it would have them: real-time hybrid simulation. Wires and actuators take some 35 ms, by which the car's motion is
-    told ahead. The plan begins only if car, delay and springs together are stable by their gain and phase.
+    told ahead. First the springs are shaken, which frees them of friction and tells how late this rig is. The ride
+    begins only if car, delay and springs together are stable by their gain and phase.
 
     Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at
     1.2 Hz, lateral and vertical. The same number `draw` makes the same wind. The comfort index by EN 12299 needs a
@@ -231,19 +230,19 @@ def ride(
     Afterwards the same car rides in the same wind on the springs of the `model` that the specimen's file names: both
     have to agree within their uncertainty.
     """
-    limits = margins_of(run.specimen.load(load), run.rig)
-    run.check(PHASE, Exact(limits.phase, unknown=FROM_THE_FILE), "deg", low=LEAST_PHASE)
-    run.check(GAIN, Exact(limits.gain, unknown=FROM_THE_FILE), "1", low=LEAST_GAIN)
     ways = (run.specimen.load(load), run.rig, wind, duration, draw)
     car, whole = ride_in(*ways)
     home = go_home(run)
     run.bench.wait(COOL)
     steps.lock_the_air(run)
-    shake_loose(run)
+    delay = shake_loose(run)
+    if not look_at_the_loop(run, load, delay):
+        take_pose(run, home)
+        return
     with run.phase("ride"):
-        course = ride_on(run, car, whole)
+        course = move_on(run, car, delay, whole)
     with run.phase("back"):
-        take_pose(run, Home(home.left, home.right))
+        take_pose(run, home)
     times = RUN_IN, whole - RISE
     followed_as = follow(run, course, times)
     parts = of_the_loop(
@@ -258,14 +257,33 @@ def ride(
     hold_against_the_simulation(run, course, times, parts, found)
 
 
-def shake_loose(run: Run) -> None:
-    """Move both springs up and down and sideways, less and less: then friction holds them as little as the model's."""
-    times = np.arange(0.0, SHAKEN_FOR + 0.5 * SHAKEN_STEP, SHAKEN_STEP)
-    fading = np.exp(-times / SHAKEN_FADES) * (1.0 - times / SHAKEN_FOR)
-    wave = SHAKEN * fading * np.sin(2.0 * pi * SHAKEN_AT * times)
-    with run.phase("shake loose"):
-        moved = ("lateral", *(f"vertical_{side}" for side in SIDES))
-        run.bench.waveform.run(times, {f"{one}.displacement": wave for one in moved})
+def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
+    """Check the margins of a loop that comes as late as was measured; return whether a ride may begin."""
+    load = run.specimen.load(name)
+    found = margins_of(load, run.rig, delay)
+    told = f"{1e3 * delay.pistons:.0f} ms late, with readings every {1e3 * delay.hold:.0f} ms"
+    if not found.enough:
+        reason = (
+            f"{run.rig.rig} is {told}: {found.told()}; a car on it would swing by itself, and does not ride"
+        )
+        if longest := longest_delay(load, run.rig, delay):
+            reason += f". It would with {1e3 * longest:.0f} ms"
+        run.lack((PHASE, GAIN, SHAKES, COMFORT, TOUCHES, LEANS), reason)
+        return False
+    phase, gain = (Exact(one, unknown=COMPUTED) for one in (found.phase, found.gain))
+    run.check(PHASE, phase, "deg", low=LEAST_PHASE, note=told)
+    run.check(GAIN, gain, "1", low=LEAST_GAIN, note=told)
+    return True
+
+
+def longest_delay(load: Load, rig: Rig, delay: Delay) -> float:
+    """Return the longest delay (s) with which a car would ride where readings come so often, to 5 ms; 0 for none."""
+    shorter = np.arange(delay.pistons - 5 * ms, _least(rig, delay), -5 * ms).tolist()
+    return next((one for one in shorter if margins_of(load, rig, replace(delay, pistons=one)).enough), 0.0)
+
+
+def _least(rig: Rig, delay: Delay) -> float:
+    return path_of(rig).delay - path_of(rig).latency + 0.5 * (delay.hold - path_of(rig).hold)
 
 
 def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
@@ -284,7 +302,7 @@ def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
 
 def follow(run: Run, course: Course, times: tuple[float, float]) -> dict[str, Followed]:
     """Check how late the springs were between two ``times`` (s) of the ride; return how they followed, by way."""
-    ways = followed(*course.places(run.rig, *times), run.rig)
+    ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig)
     for way, one in ways.items():
         known = Measured(one.late, LAGS_U, parts={"lags of the readings": LAGS_U})
         note = f"by {1e2 * one.part:.1f} % of what the car has them"
@@ -362,7 +380,11 @@ def hold_against_the_simulation(
             SCATTER: scattered[check],
         }
         _compare(run, what, check, Agreement(found[check], simulated[check], parts))
-    for name, rode in (("bench", course), ("simulation", alone)):
+    _draw(run, {"bench": course, "simulation": alone}, times)
+
+
+def _draw(run: Run, rides: Mapping[str, Rode], times: tuple[float, float]) -> None:
+    for name, rode in rides.items():
         at = np.arange(*times, WINDOW) + 0.5 * WINDOW
         shaken = window_rms(rode.of("acceleration", *times), 1.0 / STEP)
         run.curve(

@@ -19,16 +19,17 @@ from paper_study.hybrid.car import STEP, Car, Place, Ride, Springs, linear
 from paper_study.hybrid.coupling import (
     FORCES,
     HOST_STEP,
+    LEVEL,
     STILL,
     Course,
+    Delay,
     path_of,
     setpoints_of,
     springs_of,
 )
 from paper_study.hybrid.loop import FREQUENCIES, Path, loci, margins
-from paper_study.plans.ride import CAR, margins_of
+from paper_study.plans.ride import CAR, longest_delay, margins_of
 from test_plans.analysis import geometry
-from test_plans.analysis.geometry import POSE_SIGNALS
 from test_plans.description import lag_of, ours
 from test_plans.specimen import ordinary
 from test_plans.steps.poses import Home
@@ -171,7 +172,7 @@ def test_what_comes_later_and_falls_short_is_seen_to():
     late = 3 * ms + lag_of(OURS, "left.height", "right.height") - lag_of(OURS, *FORCES) - 0.5 * HOST_STEP
     asked = np.column_stack([np.sin(7 * t), np.sin(7 * t), np.cos(5 * t)])
     moved = np.column_stack([np.sin(7 * t), 0.99 * np.sin(7 * (t - late)), np.cos(5 * t)])
-    found = followed(asked, moved, OURS)["up and down"]
+    found = followed(asked, moved, HOST_STEP, OURS)["up and down"]
     assert found.late == pytest.approx(3 * ms, abs=0.05 * ms)
     assert found.part == pytest.approx(0.99, abs=1e-3)
 
@@ -182,12 +183,34 @@ def test_readings_that_are_held_lie_on_lines_between():
     t = HOST_STEP * np.arange(400)
     fast, slow = np.sin(7 * t), np.sin(7 * t)[np.arange(400) // 4 * 4]
     course.asked = [Place(0.0, 0.0, 0.0)] * 400
-    course.read = [
-        [one if name == "platform.roll" else 0.0 for name in POSE_SIGNALS] for one in slow.tolist()
-    ]
+    course.read = [[0.0, 0.0, 0.0, one, 0.0] for one in slow.tolist()]
     _, moved = course.places(OURS, 0.0, 390 * HOST_STEP)
     lever = OURS["centre_height"] + OURS["lateral_actuator_height"] + OURS["column_height"]
     assert moved[:, 0] == pytest.approx(lever * fast[:390], abs=5e-3 * lever)
+
+
+@pytest.mark.parametrize("late", [0.0, 20 * ms, 60 * ms])
+@pytest.mark.parametrize("sooner", [-3 * ms, 12 * ms])
+def test_a_delay_is_found_of_how_the_springs_followed(late, sooner):
+    """Springs rolled by bolster and platform, each late by its own time, come as late as their shares have it."""
+    foreseen = Delay.foreseen(OURS)
+    at = setpoints_of(Place(0, 0, 1e-3), LEVEL, OURS)
+    bolster = at["vertical_left.displacement_setpoint"] / OURS["vertical_left across"]
+    roll = (bolster * late - at["platform.roll_setpoint"] * (late - sooner)) / 1e-3
+    found = foreseen.after(roll, late, HOST_STEP, OURS)
+    assert found.pistons - foreseen.pistons == pytest.approx(late)
+    assert found.platform - foreseen.platform == pytest.approx(late - sooner)
+    assert path_of(OURS, found).delay == pytest.approx(found.pistons)
+
+
+def test_a_longer_delay_is_refused_and_the_longest_is_told():
+    case, slow = ordinary().load("AW0"), Delay(140 * ms, 120 * ms, 50 * ms)
+    assert not margins_of(case, OURS, slow).enough
+    assert margins_of(case, OURS, slow).gain > 0.0  # a locus that goes through 0 has no margin there
+    longest = longest_delay(case, OURS, slow)
+    assert 60 * ms < longest < 140 * ms
+    assert margins_of(case, OURS, replace(slow, pistons=longest)).enough
+    assert not margins_of(case, OURS, replace(slow, pistons=longest + 5 * ms)).enough
 
 
 def test_frames_give_way_to_the_springs_and_pistons_go_further():

@@ -129,11 +129,12 @@ def test_a_rig_that_speaks_otherwise_streams_it(tmp_path, by):
 
 
 @slow
-def test_the_rig_s_generator_and_the_host_find_the_same(judged):
+@pytest.mark.parametrize("name", [EMPTY, FULL])
+def test_the_rig_s_generator_and_the_host_find_the_same(judged, name):
     """Wind and track as one program of the generator, at the rig's tick, beside the same streamed by the host."""
     found = []
     for by in ("host", "rig"):
-        result, failed = judged(EMPTY, given={"by": by})
+        result, failed = judged(name, given={"by": by})
         assert result.verdict is Outcome.PASS, result.reason or failed
         found.append({one.name: one.number for one in result.checks})
     host, rig = found
@@ -149,11 +150,12 @@ def test_a_gust_is_no_wave_of_a_generator(judged):
 
 
 @slow
-def test_the_rehearsal_foresees_all_axes(tmp_path):
+@pytest.mark.parametrize("by", ["host", "rig"])
+def test_the_rehearsal_foresees_all_axes(tmp_path, by):
     """How far platform and bolster go is told before anything moves, and a limit on one of them refuses the run."""
     limit = {"signal": "platform.lateral", "kind": "upper", "at": "15 mm", "action": "interlock"}
     rig = RigFile("virtual", time="virtual", simulation=Simulation(limits=(limit,)))
-    found, _ = rehearse(plans()[EMPTY], rig, Path("virtual.toml"), tmp_path)
+    found, _ = rehearse(plans()[EMPTY].given({"by": by}), rig, Path("virtual.toml"), tmp_path)
     assert found.refusal is not None
     assert found.refusal.step.endswith("wind and track")
 
