@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from bench_protocol.table import TABLE
 from bench_protocol.units import mm, mrad
-from bench_protocol.words import AXES, CONTROL_MODES, WAVES, WAVES_AT_ONCE, Program
+from bench_protocol.words import AXES, CONTROL_MODES, REASONS, WAVES, WAVES_AT_ONCE, Program
 from bench_sim.rig.controls import Target
+from bench_sim.rig.limit_table import limits_of
+from bench_sim.rig.rig import Rig
 
 WAVE = {
     "wave": 0,
@@ -115,6 +118,49 @@ def test_what_stops_one_stops_all(moving, end):
     assert (np.ptp(after[1:], axis=0) == 0.0).all(), "no axis goes on by itself"
     assert after[-1].any() == (program(moving) is Program.HOLD)
     assert (np.ptp([moving.rig._controls["setpoint"] for _ in range(2)], axis=0) == 0.0).all()
+
+
+#: What becomes of bench and program when a limit on one axis trips, by the limit's action.
+ENDS = {
+    "program hold": ("HOLD", Program.HOLD),
+    "program stop": ("FAULT_HOLD", Program.STOPPED),
+    "interlock": ("FAULT_DISABLED", Program.IDLE),
+}
+
+
+@pytest.mark.parametrize("action", ENDS)
+@pytest.mark.parametrize(
+    ("signal", "beyond"),
+    [
+        ("lateral.displacement", 6 * mm),
+        ("platform.roll", 3 * mrad),
+        ("vertical_left.displacement", 4 * mm),
+    ],
+)
+def test_a_limit_on_one_axis_stops_all_on_one_tick(armed, parameters, action, signal, beyond):
+    """Whichever axis it is on, all stop together; state, reason and whose limit it was are told."""
+    at = f"{armed.read(signal) + beyond:.6f} {'rad' if signal.endswith('roll') else 'm'}"
+    row = {"signal": signal, "kind": "upper", "at": at, "action": action}
+    commander = type(armed)(Rig(parameters, seed=1, limits=limits_of([row])))
+    commander.arm()
+    commander.hold_height()
+    commander.apply(lateral_control=CONTROL_MODES.index("displacement"))
+    for wave in THREE:
+        assert add(commander, **wave) == 5
+    assert commander.coil("program_run")[0] == 5
+    seen = []
+    while program(commander) is Program.RUN:
+        seen.append(run(commander, 1)[-1])
+        assert len(seen) < 300
+    assert (seen[-2] != 0.0).sum() >= 3, "several axes were on their way"
+    state, ended = ENDS[action]
+    after = run(commander, 40)
+    assert (np.ptp(after[1:], axis=0) == 0.0).all(), "no axis goes on by itself"
+    assert program(commander) is ended
+    assert commander.state == state
+    assert TABLE.tripped(commander.read("rig.tripped")).name == signal
+    if state.startswith("FAULT"):
+        assert REASONS[int(commander.read("rig.reason"))] == "limit tripped"
 
 
 def test_after_a_stop_all_are_back_where_they_were(moving):
