@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import hypot
+from math import copysign, hypot
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -35,6 +35,7 @@ WARM_U: Final = 0.05
 WARM: Final = "warmth of the gas on one side"
 CELLS_TELL: Final = "gain of the load cells"
 NOISE: Final = "noise of the load cells"
+PART, LATE = "how far the springs went", "how late the springs came"
 SCATTER: Final = "finite time"
 CARRIED: Final = "load on the springs"
 #: Of the difference between both rides so many pieces tell how much it scatters.
@@ -59,8 +60,8 @@ class Followed:
 
     @property
     def unsure(self) -> float:
-        """How late they may have been, either way (s): what is left of the delay, and what lags leave open."""
-        return hypot(self.late, LAGS_U)
+        """How late they may have been (s): what is left of the delay, and further what lags leave open."""
+        return copysign(hypot(self.late, LAGS_U), self.late)
 
 
 def followed(asked: Floats, moved: Floats, hold: float, rig: Rig) -> dict[str, Followed]:
@@ -147,7 +148,7 @@ def of_the_loop(
     """Return the parts of the standard uncertainty of what is ridden, by check and cause.
 
     Each is what the same car does otherwise in the same wind, on linear ``springs`` (stiffness and damping), if the
-    load cells tell so much more, if they are as noisy as they are, or if the springs follow each way as they did.
+    load cells tell so much more, if they are as noisy as they are, or if the springs follow as they did.
     """
 
     def on(**otherwise: Floats | Iterator[Springs]) -> Mapping[str, float]:
@@ -158,10 +159,8 @@ def of_the_loop(
     changed = {CELLS_TELL: on(part=np.full(3, 1.0 + CELLS_U))}
     if noise is not None:
         changed[NOISE] = on(noise=noise)
-    for k, (way, one) in enumerate(ways.items()):
-        only = np.arange(3) == k
-        changed[f"springs go too far or short {way}"] = on(part=np.where(only, one.part, 1.0))
-        changed[f"springs come late {way}"] = on(late=np.where(only, one.unsure, 0.0))
+    changed[PART] = on(part=np.array([one.part for one in ways.values()]))
+    changed[LATE] = on(late=np.array([one.unsure for one in ways.values()]))
     return {
         name: {cause: abs(one[name] - value) for cause, one in changed.items()}
         for name, value in as_it_is.items()

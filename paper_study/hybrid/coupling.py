@@ -217,8 +217,8 @@ class Course:
     def held(self, since: float, until: float) -> float:
         """Return for how long a reading stays until the next comes (s), by those of a height that moves."""
         rows = np.array(self.read)[_rows(since, until, HOST_STEP), 0]
-        came = 1 + int(np.count_nonzero(np.diff(rows)))
-        return float(HOST_STEP * rows.size / came)
+        came = np.flatnonzero(np.diff(rows))
+        return float(HOST_STEP * np.median(np.diff(came))) if came.size > 1 else HOST_STEP
 
 
 def _rows(since: float, until: float, step: float) -> slice:

@@ -6,36 +6,44 @@ from dataclasses import dataclass
 from math import exp, pi, sin
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from bench_protocol.units import Hz, mm, mrad, s
-from paper_study.hybrid.agreement import ROLLED, UP, followed
+from paper_study.hybrid.agreement import ROLLED, UP, WAYS, followed
 from paper_study.hybrid.car import STEP, Place, Springs
 from paper_study.hybrid.coupling import Delay, move_on
 
 if TYPE_CHECKING:
     from test_plans.run import Run
 
-#: How far and how fast springs are moved sideways, up and down and in roll: from well beyond what saturates friction,
-#: each at a frequency of its own.
-SIZES: Final = (8 * mm, 8 * mm, 3 * mrad)
-FREQUENCIES: Final = (1.1 * Hz, 1.5 * Hz, 1.9 * Hz)
+#: How far springs are moved sideways, up and down and in roll, one after the other: from well beyond what saturates
+#: friction. As fast as the track does it, so that what telling a car ahead is wrong by is part of what is measured.
+SIZES: Final = (8 * mm, 8 * mm, 4 * mrad)
+FREQUENCY: Final = 1.2 * Hz
 RISES: Final = 1 * s
-FADES: Final = 4 * s
-LASTS: Final = 20 * s
+FADES: Final = 2 * s
+EACH: Final = 10 * s
+LASTS: Final = len(SIZES) * EACH
 
 
 @dataclass(slots=True)
 class Shake:
-    """Three sines at once that rise, and die away."""
+    """A sine that rises and dies away, of each way after the other."""
 
     time: float = 0.0
 
     def place_at(self, ahead: float) -> Place:
-        """Return how the springs will stand ``ahead`` s from now."""
-        t = min(max(self.time + ahead, 0.0), LASTS)
-        share = min(t / RISES, 1.0) * exp(-t / FADES) * (1.0 - t / LASTS)
-        return Place(
-            *(share * size * sin(2.0 * pi * f * t) for size, f in zip(SIZES, FREQUENCIES, strict=True))
-        )
+        """Return how the springs will stand ``ahead`` s from now, told by speed and acceleration as a car tells it."""
+        before, now, after = (np.array(self._place(self.time + way * STEP)) for way in (-1, 0, 1))
+        speed, acceleration = (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
+        return Place(*(now + ahead * speed + 0.5 * ahead**2 * acceleration).tolist())
+
+    @staticmethod
+    def _place(time: float) -> list[float]:
+        way, t = divmod(min(max(time, 0.0), LASTS), EACH)
+        share = min(t / RISES, 1.0) * exp(-t / FADES) * (1.0 - t / EACH)
+        moved = share * sin(2.0 * pi * FREQUENCY * t)
+        return [size * moved if k == way else 0.0 for k, size in enumerate(SIZES)]
 
     def step(self, springs: Springs) -> None:
         """Go on, whatever the springs do."""
@@ -47,9 +55,12 @@ def shake_loose(run: Run) -> Delay:
     foreseen = Delay.foreseen(run.rig)
     with run.phase("shake loose"):
         course = move_on(run, Shake(), foreseen, LASTS)
-        hold = course.held(RISES, FADES)
-        ways = followed(*course.places(run.rig, RISES, LASTS), hold, run.rig)
-        found = foreseen.after(ways[ROLLED].late, ways[UP].late, hold, run.rig)
-        late = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
-        run.say(f"{late}, and readings come every {1e3 * hold:.0f} ms")
+        hold = course.held(EACH, 2.0 * EACH)
+        late = {}
+        for k, way in enumerate(WAYS):
+            moves = k * EACH + RISES, (k + 1) * EACH
+            late[way] = followed(*course.places(run.rig, *moves), hold, run.rig)[way].late
+        found = foreseen.after(late[ROLLED], late[UP], hold, run.rig)
+        told = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
+        run.say(f"{told}, and readings come every {1e3 * hold:.0f} ms")
     return found

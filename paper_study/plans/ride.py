@@ -246,7 +246,7 @@ def ride(
     times = RUN_IN, whole - RISE
     followed_as = follow(run, course, times)
     parts = of_the_loop(
-        springs_of_the_file(run.specimen.load(load), run.rig, 0.5, 0.5),
+        springs_of_the_file(run.specimen.load(load), run.rig, 0.5, 0.0),
         followed_as,
         noise_of(run.instruments, run.rig),
         lambda: ride_in(*ways),
