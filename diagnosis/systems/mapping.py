@@ -95,7 +95,10 @@ def read_mapped(
     for path in (*paths, *system.sources):
         digest.update(path.read_bytes())
     dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
-    doubts = map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read)
+    doubts = [
+        *map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read),
+        *system.doubts(simulator, runs),
+    ]
     readings = tuple(f"{path.name}: {line}" for path, one in accounts.items() for line in one.lines())
     return simulator, replace(dataset, doubts=tuple(doubts), readings=readings)
 

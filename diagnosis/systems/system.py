@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -77,6 +77,8 @@ class System:
     passive: tuple[tuple[str, str], ...] = ()
     #: (simulator, runs as the map reads them) -> the simulator with the sizes that its effects may have in these
     sized: Callable[[Simulator, Sequence[MeasuredRun]], Simulator] = lambda simulator, runs: simulator
+    #: the same arguments -> sentences on what of the simulation itself cannot be right
+    doubts: Callable[[Simulator, Sequence[MeasuredRun]], Iterator[str]] = lambda simulator, runs: iter(())
     #: Files that it is made of, beside its code: a finding holds for these.
     sources: tuple[Path, ...] = ()
 

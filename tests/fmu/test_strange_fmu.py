@@ -193,6 +193,21 @@ def test_a_fixed_step_is_kept(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_step_that_shows_is_doubted(folder: Path) -> None:
+    drive = 30.0 * np.sin(30.0 * TIME)
+    save(folder / "fast.csv", time=TIME, F=drive, x=0.0 * drive)
+    text = MASS.replace('"kN"', '"N"').replace('unit = "mm"', 'unit = "mm", noise = "0.01 mm"')
+    told = []
+    for step in ("10 ms", "0.5 ms"):
+        path = folder / "map.toml"
+        path.write_text(text.replace("[fmu.base]", f'[fmu]\nstep = "{step}"\n[fmu.base]'))
+        _, data = read_mapped([folder / "fast.csv"], path, str(folder / "ShakenMass.fmu"))
+        told.append([one for one in data.doubts if "communication step" in one])
+    assert len(told[0]) == 1 and "where the communication step is 0.005 s and not 0.01 s" in told[0][0]
+    assert not told[1]
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_page_does_what_it_says(folder: Path, tmp_path: Path) -> None:
     page_files(tmp_path)

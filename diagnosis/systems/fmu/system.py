@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -11,7 +11,15 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import UNITS
-from diagnosis.contracts import Channel, DiagnosisError, Hypothesis, MeasuredRun, Nuisance, Parameter
+from diagnosis.contracts import (
+    Channel,
+    DiagnosisError,
+    Hypothesis,
+    MeasuredRun,
+    Nuisance,
+    Parameter,
+    Simulator,
+)
 from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, read_fmu
 from diagnosis.systems.fmu.keys import BaseKeys, EffectKeys, FmuKeys, ShapeKeys, SurfaceKeys
 from diagnosis.systems.fmu.lane import Lanes
@@ -115,6 +123,7 @@ class _Maker:
                 _ranges([one.name for one in simulator.channels], runs),
                 runs[0].experiment.step,
             ),
+            doubts=_doubts,
             sources=(fmu.path,),
         )
 
@@ -380,6 +389,10 @@ class _Maker:
             f"{keys.signal} over {names}", f"unknown part of {keys.signal} over {names}", axes[0], axes[1],
             unit, spread, frozenset({"unknown"}),
         )  # fmt: skip
+
+
+def _doubts(simulator: Simulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
+    return simulator.step_doubts(runs) if isinstance(simulator, FmuSimulator) else iter(())
 
 
 def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, float]:
