@@ -44,14 +44,24 @@ def noise_ratio(prediction: Prediction, floors: Array) -> float:
     return float(np.sqrt(total / count)) if count else float("nan")
 
 
+def plain_noise(model: FittedModel) -> Noise:
+    """Return white noise as large in each channel as what a model leaves there."""
+    return _white(model, _own_noise(model))
+
+
 def _noises(base: FittedModel) -> tuple[Noise, Noise]:
     """Return the noise of the base model's own errors, coloured as they are and white."""
-    channels, runs = base.replay.simulator.channels, base.replay.runs
-    residuals = base.replay.residuals(base.predictions)
-    masks = [run.counted for run in runs]
-    coloured = estimate(channels, residuals, masks, spent=len(base.point.numbers))
-    deviations = [
-        max(noise.deviation, quietest(channel))
-        for noise, channel in zip(coloured.channels, channels, strict=True)
-    ]
-    return coloured, white(deviations)
+    coloured = _own_noise(base)
+    return coloured, _white(base, coloured)
+
+
+def _own_noise(model: FittedModel) -> Noise:
+    """Return the noise of a model's own errors."""
+    channels, runs = model.replay.simulator.channels, model.replay.runs
+    residuals = model.replay.residuals(model.predictions)
+    return estimate(channels, residuals, [run.counted for run in runs], spent=len(model.point.numbers))
+
+
+def _white(model: FittedModel, coloured: Noise) -> Noise:
+    pairs = zip(coloured.channels, model.replay.simulator.channels, strict=True)
+    return white([max(noise.deviation, quietest(channel)) for noise, channel in pairs])

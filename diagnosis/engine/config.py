@@ -165,6 +165,10 @@ PAIRED: Final = 4
 SUBSTITUTE: Final = 0.1
 #: A rival must gain this part of the BIC that the accepted effect gains.
 COMPARABLE: Final = 0.5
+#: Finite amplitudes at which what hardly scores is simulated, in those that are expected: second_look.py.
+SIZES: Final = (0.2, 1.0, 5.0)
+#: So many candidates that promise most there are fitted.
+FINITE_FITS: Final = 3
 
 # -- step 7, what has no name: unknown.py ------------------------------------------------------------------------------
 
@@ -188,6 +192,8 @@ GAIN_BESIDE_SURFACE: Final = 0.02
 IMITATED_INFORMATION: Final = 0.9
 #: Beside a cause, a surface may be so many times as large as is believed.
 WIDER_SURFACE: Final = 10.0
+#: An amplitude saturates where its absence costs so many times the root of χ² that its standard deviation promises.
+SATURATED: Final = 2.0
 #: Whole runs, halves, quarters and eighths are asked whether a cause is the same in them: constancy.py.
 STRETCHES: Final = (1, 2, 4, 8)
 #: Chance finds a cause inconstant with this probability; it then costs what is hardly seen its name, and no more.

@@ -8,7 +8,8 @@ with its theory of operation at the head; levels and limits of all of them stand
     3  noise              noise_estimate.py, noise.py, whitening.py
     4  footprint, score   footprints.py, screening.py
     5  threshold          threshold.py
-    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
+    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, second_look.py (what acts
+                          only now and then), backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
                           understudies.py (steps 6 to 8 without what displaced a better cause);

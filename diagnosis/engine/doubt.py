@@ -20,12 +20,14 @@ something itself, are they doubtful and leave the model. Else the name stays: a 
 One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
 The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`:
 by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an interval as wide.
-The latter is not asked of what takes most of the error from the select runs: that is more than nothing.
+The latter is not asked of what takes most of the error from the select runs: that is more than nothing. Nor the former
+of what a second look found and what saturates: the harder a stop is, the less its stiffness matters, and a curvature
+at the fit says nothing of 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -34,6 +36,7 @@ from diagnosis.engine.config import (
     FORETOLD,
     GAIN_BESIDE_SURFACE,
     IMITATED_INFORMATION,
+    SATURATED,
     WIDER_SURFACE,
     Config,
 )
@@ -67,10 +70,11 @@ def vague(
     tests: Sequence[Omnibus],
     accepted: Sequence[Accepted],
     left: PartLeft | None = None,
+    finite: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as it may.
 
-    ``left`` says what the select runs leave of each.
+    ``left`` says what the select runs leave of each; ``finite`` are those that were found at finite amplitudes.
     """
     variances = np.diagonal(widened(model, tests, left))
     plain = np.diagonal(model.covariance())
@@ -81,6 +85,8 @@ def vague(
         by_chi2 = one.lambda_ * float(np.sqrt(plain[place] / variances[place]))
         if by_chi2 < Z95 <= by_number and left is not None and left(model, one.effect) < FORETOLD:
             by_chi2 = by_number
+        if one.effect in finite and by_chi2 > SATURATED * by_number:
+            by_number = by_chi2
         certainty[one.effect] = min(by_number, by_chi2)
     least = min(certainty, key=certainty.__getitem__)
     return (least,) if certainty[least] < Z95 else ()

@@ -7,7 +7,9 @@ that they leave. One turn of the loop is steps 3 to 6 of the argument:
 
 1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
 2. `trials.fit_trials`: what exceeds the threshold is fitted and judged by the gates (`gates.py`);
-3. `admission.choose`, `choose_pair`, `admit`: one trial enters, or two together, or none and the search ends;
+3. `admission.choose`, `choose_pair`, `admit`: one trial enters, or two together, or none;
+   where none does and far more than the noise is left, `second_look.look_again` fits what acts now and then, which
+   enters likewise; else the search ends;
 4. `rivals.swap`: others are tried in the place of each accepted effect.
 
 In the end `backward.weigh` leaves out what the others have made superfluous. At most ``Config.max_effects`` enter.
@@ -17,6 +19,7 @@ The result is the same for the same seed, however many workers there are.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from diagnosis.engine.admission import admit, choose, choose_pair
 from diagnosis.engine.backward import weigh
@@ -24,6 +27,7 @@ from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.gates import noise_floors
 from diagnosis.engine.rivals import swap
 from diagnosis.engine.search_state import Problem, SearchResult, SearchState, Trial
+from diagnosis.engine.second_look import far_above_noise, look_again, plainly
 from diagnosis.engine.trials import current_model, fit_trials
 
 Progress = Callable[[str, float], None]
@@ -45,6 +49,14 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
             trials = fit_trials(problem, state)
         state = state.after(trials)
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
+        if chosen is None and done < 1.0 and far_above_noise(state):
+            progress("looking again for what acts only now and then", 0.1 + 0.8 * done)
+            plain = plainly(problem, state)
+            trials = look_again(problem, plain)
+            state = state.with_further(trials)
+            chosen = choose(problem, plain, trials)
+            if chosen:
+                state = replace(state, current=plain.current, finite=state.finite | {chosen.effect})
         if chosen is None:
             break
         # One after the other: columns are large, and the former ones are gone before there are others.

@@ -90,12 +90,23 @@ class SearchState:
     left: Mapping[str, str] = field(default_factory=dict)
     #: What was in the model when they left it.
     beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: Effects that entered by a second look, from finite amplitudes.
+    finite: frozenset[str] = frozenset()
 
     def after(self, trials: tuple[Trial, ...]) -> SearchState:
         """Return the state after the trials of a forward step."""
         return replace(
             self,
             steps=(*self.steps, ForwardStep(self.current.effects, self.current.screening, trials)),
+            last_fit={**self.last_fit, **{trial.effect: trial.point for trial in trials}},
+        )
+
+    def with_further(self, trials: tuple[Trial, ...]) -> SearchState:
+        """Return the state with further trials of its last forward step."""
+        *before, last = self.steps
+        return replace(
+            self,
+            steps=(*before, replace(last, trials=(*last.trials, *trials))),
             last_fit={**self.last_fit, **{trial.effect: trial.point for trial in trials}},
         )
 

@@ -17,6 +17,7 @@ passed all other gates, and that no better one has already passed before, is ask
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -31,6 +32,9 @@ from diagnosis.engine.memory import give_back
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
 from diagnosis.engine.threads import in_threads
+
+#: Why a fitted model, with what it predicts of the select runs, is not to be taken; "" if it may be.
+Gate = Callable[[FittedModel, Prediction | None], str]
 
 
 def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
@@ -68,10 +72,22 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
     current = state.current
-    wanted = list(_wanted(problem, current).items())
-    if not wanted:
+    wanted = _wanted(problem, current)
+    starts = {name: current.screening.start(current.model.point, place) for name, place in wanted.items()}
+    return tried(problem, state, starts)
+
+
+def tried(
+    problem: Problem, state: SearchState, starts: Mapping[str, Point], gate: Gate = lambda _model, _there: ""
+) -> tuple[Trial, ...]:
+    """Fit effects, each from its start, the most promising first, and judge them; best BIC first.
+
+    A further ``gate`` returns why a fitted model with its prediction of the select runs does not pass, or "".
+    """
+    current = state.current
+    if not starts:
         return ()
-    first, *others = wanted
+    first, *others = starts.items()
     fitted = [_fitted(problem, current, math.inf, first)]
     best = fitted[0][0].penalised_chi2
     fitted += in_threads(problem.replay.workers, partial(_fitted, problem, current, best), others)
@@ -80,7 +96,7 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     for i, (trial, passed) in enumerate(fitted):
         if passed is not None:
             prediction = predicted(problem, passed, current.prediction)
-            failed = too_useless(problem, state, passed, prediction)
+            failed = too_useless(problem, state, passed, prediction) or gate(passed, prediction)
             trials[i] = replace(trial, failed=failed, lpd=prediction.lpd if prediction else math.nan)
             if not failed:
                 break
@@ -88,14 +104,14 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
 
 
 def _fitted(
-    problem: Problem, current: CurrentModel, target: float, wanted: tuple[str, int]
+    problem: Problem, current: CurrentModel, target: float, wanted: tuple[str, Point]
 ) -> tuple[Trial, FittedModel | None]:
-    """Fit a hypothesis from a point of its grid, and judge it; a model is large, and one that has failed is not kept.
+    """Fit a hypothesis from its start, and judge it; a model is large, and one that has failed is not kept.
 
-    ``target`` is the penalised χ² of the one with the highest score, in whose light the others are fitted.
+    ``target`` is the penalised χ² of the most promising one, in whose light the others are fitted.
     """
-    name, place = wanted
-    model = refit(problem, current.screening.start(current.model.point, place), current, target)
+    name, start = wanted
+    model = refit(problem, start, current, target)
     failed = unfit(model, current.model) or too_rough(problem, current, model)
     physical = not unphysical(model, current.model)
     surcharge = richer_surcharge(problem, name, model, current)

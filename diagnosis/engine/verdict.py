@@ -124,7 +124,7 @@ def _leaving(
             likenesses, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
         )
     left = at_most_left(problem.select, found.floors)
-    if unsure := vague(model, screened.tests, found.accepted, left):
+    if unsure := vague(model, screened.tests, found.accepted, left, found.state.finite):
         beside = f" beside a fitted surface ({clear[0].surface.title})" if clear else ""
         return {unsure[0]: f"it may be zero{beside or ', by its interval'}"}
     owed = owed_to_form(model, found.accepted)

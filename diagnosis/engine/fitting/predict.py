@@ -61,6 +61,11 @@ def predict(
     return Prediction(again.replay, lpd, again.predictions, again.linearisation)
 
 
+def of_fit(fitted: FittedModel) -> Prediction:
+    """Return what a fitted model says of the runs that it was fitted to."""
+    return Prediction(fitted.replay, np.nan, fitted.predictions, fitted.linearisation)
+
+
 def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
     """Return the fitted point with the new records' own nuisances, and what is known of all its numbers.
 

@@ -1,0 +1,136 @@
+"""Step 6, a second look: causes that act only now and then, tried at finite sizes where far more than noise is left.
+
+Theory of operation
+-------------------
+A score is the derivative of the outputs by an amplitude, at an amplitude of 0. That says little of what acts only now
+and then. A stop is met for a moment of a run, an overflow runs for a minute of an hour: of so few stretches a score
+counts less by their scatter (`noise_estimate.py`), which is as large as the score itself. The base model, which knows
+neither, goes far beyond the stop, or fills the tank much higher than its rim: the derivative there is that of another
+system. What is left of such a cause is taken for noise that remembers, in which a slow error weighs next to nothing.
+
+So where nothing has entered though more than `REMAINDER_RATIO` times the noise is left, all is asked once more in plain
+least squares: each channel is weighed by what the current model leaves of it, and that model is fitted so. Each
+candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the one that is expected; what it
+then changes, as a whole, is the column. With c times that change, and all parameters of the model making room, the
+linear model lowers χ² by 2 c s·r − c² |s|² (s: what the parameters leave of the change, r: the residual). One amplitude
+stands for those up to half-way to the next, c from 1/√5 to √5. The best points are where fits start; what is simulated
+with numbers that are not finite is dropped.
+
+Then the gates are asked as of any candidate, and two more in the place of the score's threshold, which was not passed:
+χ² must fall by the square of that, and what is left of the error must be less than `RELATIVE` where the cause acts, on
+the select runs if there are any. What explains less is a relative of the cause, or nothing.
+
+Where the noise is reached nothing of this is done, and costs nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from diagnosis.contracts import DiagnosisError, Hypothesis
+from diagnosis.engine.before import noise_ratio, plain_noise
+from diagnosis.engine.columns import squares
+from diagnosis.engine.config import FINITE_FITS, RELATIVE, REMAINDER_RATIO, SIZES
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.fitting.predict import Prediction, of_fit
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import candidates
+from diagnosis.engine.memory import give_back
+from diagnosis.engine.remainder import least_left
+from diagnosis.engine.search_state import Problem, SearchState, Trial
+from diagnosis.engine.suspects import MOST_LEFT
+from diagnosis.engine.trials import predicted, tried
+from diagnosis.engine.whitening import filters
+
+#: So many times the amplitude that was simulated may be fitted: half-way to the next one, as a factor.
+REACH: Final = math.sqrt(SIZES[1] / SIZES[0])
+
+
+class _Start(NamedTuple):
+    """Where the fit of an effect may start, and by how much the linear model lowers χ² from there."""
+
+    gain: float
+    point: Point
+
+
+def far_above_noise(state: SearchState) -> bool:
+    """Return whether the current model leaves so much that a second look is worth its price."""
+    return noise_ratio(of_fit(state.current.model), state.floors) > REMAINDER_RATIO
+
+
+def plainly(problem: Problem, state: SearchState) -> SearchState:
+    """Return the state with its model fitted by plain least squares; what was explained counts from there."""
+    model = state.current.model
+    plain = fit(problem.replay, plain_noise(model), model.point, model.linearisation)
+    current = replace(state.current, model=plain, prediction=predicted(problem, plain), explained_chi2=0.0)
+    return replace(state, current=current)
+
+
+def look_again(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
+    """Fit candidates from finite amplitudes beside a model that was fitted `plainly`; best BIC first."""
+    current, least = state.current, state.current.screening.threshold**2
+    before = current.prediction or of_fit(current.model)
+
+    def gate(model: FittedModel, there: Prediction | None) -> str:
+        if current.model.penalised_chi2 - model.penalised_chi2 < least:
+            return "it explains no more than chance might"
+        return MOST_LEFT if least_left(before, there or of_fit(model), state.floors) > RELATIVE else ""
+
+    others = [one for name, one in problem.hypotheses.items() if name not in current.effects]
+    starts = {one.name: _best(problem, current.model, one) for one in others}
+    worth = {name: start for name, start in starts.items() if start and start.gain > least}
+    first = sorted(worth, key=lambda name: -worth[name].gain)[:FINITE_FITS]
+    return tried(problem, state, {name: worth[name].point for name in first}, gate)
+
+
+def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | None:
+    """Return the best start of one effect beside a model; None where its simulations fail."""
+    replay, known = problem.replay, len(model.point.numbers)
+    steps = [step for one in candidates([effect]) for step in _amplitudes(one.added_to(model.point), known)]
+    base = replay.base(model.point, model.predictions, [len(steps)] * len(replay.runs))
+    try:
+        columns = replay.differences(base, [steps] * len(replay.runs))
+    except DiagnosisError:  # A simulator may fail far from where anything was found to be.
+        return None
+    ones = np.ones(len(replay.simulator.channels))
+    finite = np.flatnonzero(np.isfinite(np.sum([squares(run, ones) for run in columns], axis=0))).tolist()
+    if not finite:
+        return None
+    whiten = filters(model.noise, replay.runs)
+    white = [f.columns([run.chosen(finite)]) for f, run in zip(whiten, columns, strict=True)]
+    projection = model.linearisation.project(white, replay.workers)
+    distances = np.array([steps[i][1] for i in finite])
+    square, score = projection.norm**2, projection.score
+    share = np.divide(score, square * distances, out=np.zeros_like(score), where=square > 0.0)
+    taken = np.clip(share, 1.0 / REACH, REACH) * distances
+    gains = np.where(square > 0.0, taken * (2.0 * score - taken * square), 0.0)
+    best = int(np.argmax(gains))
+    give_back()
+    to = steps[finite[best]][0]
+    moved = to.numbers.copy()
+    moved[:known] -= taken[best] * projection.regression[:, best]
+    moved[known] = taken[best]
+    return _Start(float(gains[best]), _finite(replay, to.at(moved), to))
+
+
+def _amplitudes(flat: Point, place: int) -> Iterator[tuple[Point, float]]:
+    """Yield a point with each finite amplitude at a ``place``, and how far that is from none."""
+    low, high = flat.coordinates[place].range
+    sizes = {float(np.clip(sign * size, low, high)) for size in SIZES for sign in (1.0, -1.0)}
+    for size in sorted(sizes - {0.0}):
+        numbers = flat.numbers.copy()
+        numbers[place] = size
+        yield replace(flat, numbers=numbers), size
+
+
+def _finite(replay: Replay, start: Point, simulated: Point) -> Point:
+    """Return a start, or what was simulated without moving the other numbers where outputs are not finite there."""
+    outputs = replay.predictions(start)
+    fine = (np.isfinite(one[run.counted]).all() for run, one in zip(replay.runs, outputs, strict=True))
+    return start if all(fine) else simulated
