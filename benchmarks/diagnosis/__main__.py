@@ -1,9 +1,11 @@
 """``python -m benchmarks.diagnosis``: hide, diagnose, judge, many times; then write the page of rates."""
 
 import sys
+from pathlib import Path
 from typing import Final
 
 import click
+from msgspec.structs import replace
 from rich.console import Console
 
 from benchmarks.diagnosis.campaign import COUNTED, Case, cases, done, file_of, nulls, run, siblings
@@ -39,14 +41,30 @@ def wanted(system: str, count: int, white: int, coloured: int, of_another_form: 
 @click.option("--small", default=CHEAP, show_default=True, help="Cases on the oscillator.")
 @click.option("--systems", default=",".join(SYSTEMS), show_default=True, help="Which are counted.")
 @click.option("--processes", default=2, show_default=True)
+@click.option("--first-seed", default=0, help="Added to every seed: other cases than those of the page.")
+@click.option(
+    "--kept", default=COUNTED, type=Path, show_default="the sources", help="Where judgements are kept."
+)
 @click.option("--again", is_flag=True, help="Forget what is kept.")
 @click.option("--page-only", is_flag=True, help="Write the page from what is kept.")
-def main(count: int, small: int, systems: str, processes: int, again: bool, page_only: bool) -> None:
-    """Carry out the cases that were not counted yet, and write docs/reference/diagnosis-benchmark.md."""
+def main(
+    count: int,
+    small: int,
+    systems: str,
+    processes: int,
+    first_seed: int,
+    kept: Path,
+    again: bool,
+    page_only: bool,
+) -> None:
+    """Carry out the cases that were not counted yet, and write docs/reference/diagnosis-benchmark.md.
+
+    With a first seed of its own, cases are only carried out and kept.
+    """
     console = Console() if sys.stdout.isatty() else Console(width=170)
     if again:
         for system in systems.split(","):
-            file_of(system).unlink(missing_ok=True)
+            file_of(system, kept).unlink(missing_ok=True)
 
     def tell(judged: Judged, left: int) -> None:
         text = judged.failure or f"{judged.verdict}: {', '.join(judged.causes) or '–'}"
@@ -63,15 +81,18 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
     }
     if not page_only:
         for system in systems.split(","):
-            run(asked[system], processes, tell)
+            fresh = [replace(case, seed=case.seed + first_seed) for case in asked[system]]
+            run(fresh, processes, tell, kept)
+    if first_seed:
+        return
     from benchmarks.diagnosis.rate_page import write
 
-    kept = {system: done(system) for system in SYSTEMS}
-    if lacking := [system for system, judged in kept.items() if not judged]:
+    judgements = {system: done(system, kept) for system in SYSTEMS}
+    if lacking := [system for system, judged in judgements.items() if not judged]:
         raise click.ClickException(
-            f"nothing is kept of {', '.join(lacking)} in {COUNTED}: the page stays as it is, or it would lose figures"
+            f"nothing is kept of {', '.join(lacking)} in {kept}: the page stays as it is, or it would lose figures"
         )
-    page = write(kept, {system: len(cases) for system, cases in asked.items()})
+    page = write(judgements, {system: len(cases) for system, cases in asked.items()})
     console.print(f"page: {page}", highlight=False)
 
 

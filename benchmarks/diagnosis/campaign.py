@@ -66,14 +66,14 @@ def siblings(system: str, count: int) -> list[Case]:
     return [Case(system, kinds[i % 2], "sibling", seed=200_000 + i) for i in range(count)]
 
 
-def file_of(system: str) -> Path:
+def file_of(system: str, folder: Path = COUNTED) -> Path:
     """Where the lines of a system are kept."""
-    return COUNTED / f"{system}.jsonl"
+    return folder / f"{system}.jsonl"
 
 
-def done(system: str) -> list[Judged]:
+def done(system: str, folder: Path = COUNTED) -> list[Judged]:
     """Return what is kept of a system."""
-    path = file_of(system)
+    path = file_of(system, folder)
     if not path.exists():
         return []
     return [msgspec.json.decode(line, type=Judged) for line in path.read_bytes().splitlines() if line]
@@ -116,15 +116,19 @@ def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
     return judge(finding, truth, simulator, system=case.system, elapsed=time.perf_counter() - start)
 
 
-def run(wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], None]) -> None:
-    """Carry out what is not kept yet, and keep each case as soon as it is judged."""
+def run(
+    wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], None], folder: Path = COUNTED
+) -> None:
+    """Carry out what is not kept yet in a folder, and keep each case there as soon as it is judged."""
     kept = {
-        (j.system, j.kind, j.condition, j.seed) for system in {c.system for c in wanted} for j in done(system)
+        (j.system, j.kind, j.condition, j.seed)
+        for system in {c.system for c in wanted}
+        for j in done(system, folder)
     }
     left = [c for c in wanted if (c.system, c.kind, c.condition, c.seed) not in kept]
-    COUNTED.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for number, judged in enumerate(_carried_out(left, processes)):
-        with file_of(judged.system).open("ab") as file:
+        with file_of(judged.system, folder).open("ab") as file:
             file.write(msgspec.json.encode(judged) + b"\n")
         tell(judged, len(left) - number - 1)
 
