@@ -13,7 +13,8 @@ Four things betray it, none of which needs a fit:
   lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
   What takes three quarters of the power out of the error of an output is told; of its course alone, without its mean,
   where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs most
-  is told, and the search goes on with it.
+  is told, and the search goes on with it; no column is told twice. The sign of an input that stands still is not
+  asked for: turned round, it is another zero.
 
 A doubt is no verdict: it is told with the finding, which comes nevertheless.
 """
@@ -28,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Dataset, DiagnosisError, Job, MeasuredRun, Simulator
+from diagnosis.engine.config import STILL_SHARE
 from diagnosis.engine.simulation import simulate
 from diagnosis.systems.cutting import pieces_by_reversals
 from diagnosis.systems.map_file import Column, Map
@@ -43,6 +45,10 @@ _BELOW: Final = 0.05
 _LOOP: Final = 0.2
 #: Loops needed, and the part of them that has to give work.
 _LOOPS, _GIVING = 3, 0.8
+#: Ways that differ by less than this part of themselves differ by rounding.
+_ROUNDING: Final = 1e-9
+#: With less than this probability chance lets loops give work.
+_CHANCE: Final = 1e-3
 #: So many mistakes are looked for one after the other.
 _MISTAKES: Final = 3
 #: Quantities whose sign is a convention of whoever mounted the sensor.
@@ -76,16 +82,16 @@ def map_doubts(
             return None
 
     columns, now = dict(mapping.columns), _errors(few, simulator, channels)
+    settled = {one.name for one in system.inputs if one.unit in _SIGNED and _stands_still(few, one.name)}
     for _ in range(_MISTAKES):
-        readings = [
-            (group, other) for group in _groups(system, columns) if (other := errors(columns | group))
-        ]
+        groups = [group for group in _groups(system, columns) if settled.isdisjoint(group)]
+        readings = [(group, other) for group in groups if (other := errors(columns | group))]
         doubted = [(group, other) for group, other in readings if _clearly_nearer(now, other).any()]
         if not doubted:
             return
         group, other = min(doubted, key=lambda pair: float(np.nansum(np.log(pair[1].whole / now.whole))))
         yield _told(columns, group, now, other, channels)
-        columns, now = columns | group, other
+        columns, now, settled = columns | group, other, settled | group.keys()
 
 
 def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
@@ -147,7 +153,7 @@ def _loop_work(runs: Sequence[MeasuredRun], system: System, channels: Sequence[s
             f, x = _measured(run, force, channels), _measured(run, way, channels)
             if f is not None and x is not None:
                 loops += _loops(f[run.scored], x[run.scored])
-        if len(loops) >= _LOOPS and np.mean(np.array(loops) < 0.0) >= _GIVING:
+        if len(loops) >= _LOOPS and np.mean(np.array(loops) < 0.0) >= _GIVING and _surely_negative(loops):
             yield (
                 f"columns.{force}.sign or columns.{way}.sign may be wrong: a loop delivers {-np.mean(loops):.3g} J of "
                 "work on average, but a passive system can only absorb work"
@@ -158,7 +164,7 @@ def _loops(force: Array, way: Array) -> list[float]:
     """Return the work in J of each stroke there and back, closed by a straight line."""
     known = np.isfinite(force)
     force, way = force[known], way[known]
-    if len(way) < 2 or not np.ptp(way) > 0.0:
+    if len(way) < 2 or not np.ptp(way) > _ROUNDING * float(np.abs(way).max()):
         return []
     pieces = pieces_by_reversals(way, _LOOP * float(np.ptp(way)), 2) or [(0, len(way))]
     works = []
@@ -166,6 +172,28 @@ def _loops(force: Array, way: Array) -> list[float]:
         f, x = np.append(force[start:stop], force[start]), np.append(way[start:stop], way[start])
         works.append(float(np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(x))))
     return works
+
+
+def _surely_negative(works: Sequence[float]) -> bool:
+    """Return whether chance hardly makes so many negative works, or works as negative: by their signs, or Student's t.
+
+    The noise of a column that stands still makes loops, too, each of either sign.
+    """
+    from scipy.stats import binom, t
+
+    values = np.array(works)
+    mean, error = float(np.mean(values)), float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    by_size = float(t.cdf(mean / error, len(values) - 1)) if error > 0.0 else float(mean >= 0.0)
+    by_sign = float(binom.sf(np.sum(values < 0.0) - 1, len(values), 0.5))
+    return min(by_size, by_sign) < _CHANCE
+
+
+def _stands_still(runs: Sequence[MeasuredRun], name: str) -> bool:
+    """Return whether an input hardly moves in any run beside how far it is from 0: its sign is that of its zero."""
+    found = [
+        values[np.isfinite(values)] for run in runs if (values := run.experiment.inputs.get(name)) is not None
+    ]
+    return bool(found) and all(np.ptp(one) <= STILL_SHARE * np.abs(one).max() for one in found if one.size)
 
 
 def _measured(run: MeasuredRun, name: str, channels: Sequence[str]) -> Array | None:

@@ -71,3 +71,48 @@ def test_a_column_without_numbers_is_doubted_in_one_file_and_refused_in_all(tmp_
     )
     with pytest.raises(DiagnosisError, match=r"columns.temperature holds no number in any run; leave it out"):
         read_mapped(paths[1:], mapping)
+
+
+#: How a displacement stands still: as a constant, as noise of a laser, as the last bit of a converter.
+STILL = {
+    "constant": lambda rng, n: np.zeros(n),
+    "noise": lambda rng, n: 0.01 * rng.standard_normal(n),
+    "last bit": lambda rng, n: 0.01 * (rng.random(n) < 0.1),
+}
+PRESSED = """system = "piston"
+[settings]
+bore = "24 mm"
+stroke_from = "-3 mm"
+stroke_to = "37 mm"
+[columns]
+displacement = { column = "x", unit = "mm" }
+pressure = { column = "p", unit = "bar", reading = "gauge" }
+force = { column = "f", unit = "N" }
+"""
+
+
+@pytest.mark.parametrize("kind", STILL)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_signs_beside_a_displacement_that_stands_still_are_doubted_once_or_not_at_all(
+    kind: str, sign: int, tmp_path: Path
+) -> None:
+    """Of a force beside pressure times area the sign is known; of a displacement that stands still nothing is."""
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(PRESSED, encoding="utf-8")
+    time = np.arange(0.0, 10.0, 0.02)
+    pressure = 3.0 + 2.0 * np.sin(0.8 * time)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        paths = []
+        for run in range(3):
+            x = 20.0 * (seed % 2) + STILL[kind](rng, len(time))
+            force = sign * (1e5 * pressure * 0.25 * np.pi * 0.024**2 + 3.0) + 0.1 * rng.standard_normal(
+                len(time)
+            )
+            paths.append(tmp_path / f"run{run}.csv")
+            table = np.column_stack((time, x, pressure, force))
+            np.savetxt(paths[-1], table, delimiter=",", header="time,x,p,f", comments="")
+        _, dataset = read_mapped(paths, mapping)
+        assert [doubt.split(" may be")[0] for doubt in dataset.doubts] == ["columns.force.sign = 1"] * (
+            sign < 0
+        )
