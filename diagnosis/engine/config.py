@@ -169,6 +169,8 @@ COMPARABLE: Final = 0.5
 SIZES: Final = (0.2, 1.0, 5.0)
 #: So many candidates that promise most there are fitted.
 FINITE_FITS: Final = 3
+#: What changes the outputs by so many times all errors there diverges.
+LARGEST_CHANGE: Final = 1e3
 
 # -- step 7, what has no name: unknown.py ------------------------------------------------------------------------------
 

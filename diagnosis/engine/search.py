@@ -52,7 +52,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking again for what acts only now and then", 0.1 + 0.8 * done)
             plain = plainly(problem, state)
-            trials = look_again(problem, plain)
+            trials = look_again(problem, plain, trials)
             state = state.with_further(trials)
             chosen = choose(problem, plain, trials)
             if chosen:

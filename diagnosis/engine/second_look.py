@@ -18,7 +18,8 @@ with numbers that are not finite is dropped.
 
 Then the gates are asked as of any candidate, and two more in the place of the score's threshold, which was not passed:
 χ² must fall by the square of that, and what is left of the error must be less than `RELATIVE` where the cause acts, on
-the select runs if there are any. What explains less is a relative of the cause, or nothing.
+the select runs if there are any. What explains less is a relative of the cause, or nothing. What was fitted before and
+failed must leave less than `FORETOLD`: it is the fit that failed then, and not a relative that does a little better.
 
 Where the noise is reached nothing of this is done, and costs nothing.
 """
@@ -26,7 +27,7 @@ Where the noise is reached nothing of this is done, and costs nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -35,11 +36,12 @@ import numpy as np
 from diagnosis.contracts import DiagnosisError, Hypothesis
 from diagnosis.engine.before import noise_ratio, plain_noise
 from diagnosis.engine.columns import squares
-from diagnosis.engine.config import FINITE_FITS, RELATIVE, REMAINDER_RATIO, SIZES
+from diagnosis.engine.config import FINITE_FITS, FORETOLD, LARGEST_CHANGE, RELATIVE, REMAINDER_RATIO, SIZES
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.predict import Prediction, of_fit
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.fitting.steady import root_mean_squares
 from diagnosis.engine.footprints import candidates
 from diagnosis.engine.memory import give_back
 from diagnosis.engine.remainder import least_left
@@ -72,15 +74,20 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
     return replace(state, current=current)
 
 
-def look_again(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
-    """Fit candidates from finite amplitudes beside a model that was fitted `plainly`; best BIC first."""
+def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Fit candidates from finite amplitudes beside a model that was fitted `plainly`; best BIC first.
+
+    More is asked of those of which there are ``known`` trials: they have failed a gate.
+    """
+    tried_before = {trial.effect for trial in known}
     current, least = state.current, state.current.screening.threshold**2
     before = current.prediction or of_fit(current.model)
 
     def gate(model: FittedModel, there: Prediction | None) -> str:
         if current.model.penalised_chi2 - model.penalised_chi2 < least:
             return "it explains no more than chance might"
-        return MOST_LEFT if least_left(before, there or of_fit(model), state.floors) > RELATIVE else ""
+        most = FORETOLD if tried_before.intersection(model.effects) else RELATIVE
+        return MOST_LEFT if least_left(before, there or of_fit(model), state.floors) > most else ""
 
     others = [one for name, one in problem.hypotheses.items() if name not in current.effects]
     starts = {one.name: _best(problem, current.model, one) for one in others}
@@ -98,8 +105,13 @@ def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | 
         columns = replay.differences(base, [steps] * len(replay.runs))
     except DiagnosisError:  # A simulator may fail far from where anything was found to be.
         return None
-    ones = np.ones(len(replay.simulator.channels))
-    finite = np.flatnonzero(np.isfinite(np.sum([squares(run, ones) for run in columns], axis=0))).tolist()
+    errors = root_mean_squares(replay.residuals(model.predictions))
+    changed = (
+        np.sum([squares(run, errors) for run in columns], axis=0)
+        * np.square([d for _, d in steps])
+        / model.samples
+    )
+    finite = np.flatnonzero(changed < LARGEST_CHANGE**2).tolist()  # so is NaN left out
     if not finite:
         return None
     whiten = filters(model.noise, replay.runs)
