@@ -22,6 +22,7 @@ A doubt is no verdict: it is told with the finding, which comes nevertheless.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import comb
 from typing import Final, NamedTuple
 
 import msgspec
@@ -49,6 +50,8 @@ _LOOPS, _GIVING = 3, 0.8
 _ROUNDING: Final = 1e-9
 #: With less than this probability chance lets loops give work.
 _CHANCE: Final = 1e-3
+#: Few loops that give work do so alike, to such a part of it.
+_ALIKE: Final = 0.2
 #: So many mistakes are looked for one after the other.
 _MISTAKES: Final = 3
 #: Quantities whose sign is a convention of whoever mounted the sensor.
@@ -175,17 +178,14 @@ def _loops(force: Array, way: Array) -> list[float]:
 
 
 def _surely_negative(works: Sequence[float]) -> bool:
-    """Return whether chance hardly makes so many negative works, or works as negative: by their signs, or Student's t.
+    """Return whether chance hardly makes so many negative works: of either sign alike, or all of a size.
 
     The noise of a column that stands still makes loops, too, each of either sign.
     """
-    from scipy.stats import binom, t
-
-    values = np.array(works)
-    mean, error = float(np.mean(values)), float(np.std(values, ddof=1)) / np.sqrt(len(values))
-    by_size = float(t.cdf(mean / error, len(values) - 1)) if error > 0.0 else float(mean >= 0.0)
-    by_sign = float(binom.sf(np.sum(values < 0.0) - 1, len(values), 0.5))
-    return min(by_size, by_sign) < _CHANCE
+    values, count = np.array(works), len(works)
+    negative = int(np.sum(values < 0.0))
+    by_chance = sum(comb(count, k) for k in range(negative, count + 1)) / 2**count
+    return by_chance < _CHANCE or bool(np.std(values) < _ALIKE * -np.mean(values))
 
 
 def _stands_still(runs: Sequence[MeasuredRun], name: str) -> bool:
