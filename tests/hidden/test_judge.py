@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis import campaign, rate_page
+from benchmarks.diagnosis import rate_page
 from benchmarks.diagnosis.__main__ import main
 from benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, GroundTruth, draw, visible
 from benchmarks.diagnosis.judge import Judged, covered
@@ -194,11 +194,10 @@ def test_a_truth_is_as_large_as_its_noise_leaves_it():
     assert GroundTruth(seed=1, kind="null", condition="white").apart == 0.0
 
 
-def test_no_page_is_written_from_nothing(tmp_path, monkeypatch):
+def test_no_page_is_written_from_nothing(tmp_path):
     """It would lose the figures of a system that was counted elsewhere, or long ago."""
     page = rate_page.PAGE.read_bytes()
-    monkeypatch.setattr(campaign, "COUNTED", tmp_path)
-    done = CliRunner().invoke(main, ["--page-only"])
+    done = CliRunner().invoke(main, ["--page-only", "--kept", str(tmp_path)])
     assert done.exit_code == 1
     assert "nothing is kept of oscillator, bench in" in done.output
     assert rate_page.PAGE.read_bytes() == page
