@@ -1,0 +1,128 @@
+"""A record that is read while its run goes on: every look takes in what has been written since the last one."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import msgspec
+import numpy as np
+
+from bench_records.layout import SECOND, STREAM, Phase, RecordedEvent, RecordError, as_array, phases_of
+from bench_records.record import Record
+from bench_records.stream import is_held, read_head
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import pyarrow as pa
+
+    Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
+
+
+class GrowingRecord(Record):
+    """What the run that writes into ``directory`` has written so far.
+
+    Its series, events and phases are those of the last `look`. RecordError where no run is writing. It keeps the
+    stream open: the end of a run, which makes another file of it, loses nothing.
+    """
+
+    def __init__(self, directory: Path | str) -> None:
+        stream = Path(directory) / STREAM
+        if not is_held(stream.parent):
+            raise RecordError(f"no run is writing into {directory}")
+        facts = read_head(stream)
+        signals, self._begun = facts.pop("signals"), facts.pop("start_ns")
+        super().__init__(stream, None, {**facts, "start_ns": self._begun or 0}, signals, [])
+        self._names = tuple(self.signals)
+        self._samples: dict[str, list[Samples]] = {}
+        self._rows_read, self._latest_ns = 0, self.start_ns
+        self._file = stream.open("rb")
+        self._head, self._read = b"", 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return self._rows_read
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the start to the latest sample or event that was read."""
+        return (self._latest_ns - self.start_ns) / SECOND
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Named stretches so far; what is open ends where the record does."""
+        return phases_of(self.events, self.start_ns, self._latest_ns)
+
+    def look(self) -> bool:
+        """Take in what was written since the last look; False once the run has ended and all of it is read."""
+        goes_on = is_held(self.path.parent)
+        self._take_in()
+        return goes_on
+
+    def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """All samples of one signal so far, in order of time, as `Record.series` gives them."""
+        if name not in self.signals:
+            return super().series(name)  # which says so
+        chunks = self._samples.get(name, [])
+        if not chunks:
+            return np.empty(0), np.empty(0)
+        if len(chunks) > 1:
+            times = np.concatenate([times for times, _ in chunks])
+            values = np.concatenate([values for _, values in chunks])
+            if np.any(np.diff(times) < 0):
+                order = np.argsort(times, kind="stable")
+                times, values = times[order], values[order]
+            chunks[:] = [(times, values)]
+        times, values = chunks[0]
+        return (times - self.start_ns) / SECOND, values
+
+    def _take_in(self) -> None:
+        """Read the whole batches behind what was read; of one that is being written, nothing yet."""
+        import pyarrow as pa
+
+        self._file.seek(self._read)
+        fresh = self._file.read()
+        source = io.BytesIO(self._head + fresh)
+        try:
+            reader = pa.ipc.open_stream(source)
+            if (
+                not self._head
+            ):  # the schema stands before the first batch, and is read again before every later one
+                self._head = source.getvalue()[: source.tell()]
+                self._read = source.tell()
+                fresh = fresh[source.tell() :]
+            good = source.tell()
+            while True:
+                batch, custom = reader.read_next_batch_with_custom_metadata()
+                events: list[RecordedEvent] = (
+                    [] if custom is None else msgspec.json.decode(custom[b"events"], type=list[RecordedEvent])
+                )
+                self._append(batch, events)
+                self._read += source.tell() - good
+                good = source.tell()
+        except (StopIteration, EOFError, pa.ArrowException, OSError):
+            return
+
+    def _append(self, batch: pa.RecordBatch, events: list[RecordedEvent]) -> None:
+        times, values = as_array(batch.column("time_ns")), as_array(batch.column("value"))
+        signal = as_array(batch.column("signal"))
+        instants = [event.time_ns for event in events]
+        if len(times):
+            instants += [int(times.min()), int(times.max())]
+        if self._begun is None and instants:
+            self._begun = self.start_ns = min(instants)
+        self._latest_ns = max([self._latest_ns, *instants])
+        self._rows_read += len(times)
+        self.events += events
+        if not len(times):
+            return
+        order = np.argsort(signal, kind="stable")
+        present, first = np.unique(signal[order], return_index=True)
+        for place, rows in zip(present, np.split(order, first[1:]), strict=True):
+            self._samples.setdefault(self._names[place], []).append((times[rows].copy(), values[rows].copy()))

@@ -1,0 +1,79 @@
+"""A record that is read while it is written: whatever was read by then is what the whole record holds."""
+
+import numpy as np
+import pytest
+
+from bench_records.growing import GrowingRecord
+from bench_records.layout import RecordError, SignalInfo
+from bench_records.record import read
+from bench_records.recorder import Recorder
+
+SIGNALS = [SignalInfo("left.height", "mm", 1e-3), SignalInfo("right.height", "mm", 1e-3)]
+
+
+def written(recorder: Recorder, rng: np.random.Generator, second: int) -> None:
+    """Append a second of samples, out of order here and there, and an event."""
+    times = second * 1_000_000_000 + rng.permutation(100) * 10_000_000
+    recorder.receive(np.sort(times) if second % 3 else times, rng.integers(0, 2, 100), rng.normal(size=100))
+    recorder.event(int(times.min()), "setting", "", number=second)
+    recorder.flush()
+
+
+def test_every_look_sees_what_was_written_and_the_end_loses_nothing(tmp_path):
+    rng = np.random.default_rng(3)
+    recorder = Recorder(tmp_path / "run", SIGNALS, {"plan": "aw0"})
+    with GrowingRecord(tmp_path / "run") as growing:
+        assert len(growing) == 0 and growing.duration == 0.0 and growing.meta["plan"] == "aw0"
+        for second in range(20):
+            written(recorder, rng, second)
+            if second % 2:
+                assert growing.look()
+                assert len(growing) == 100 * (second + 1)
+                assert growing.duration == pytest.approx(second + 0.99)
+                assert len(growing.events) == second + 1
+        recorder.close()
+        assert not growing.look()
+        whole = read(tmp_path / "run")
+        assert growing.start_ns == whole.start_ns and growing.events == whole.events
+        assert len(growing) == len(whole) and growing.duration == whole.duration
+        for name in whole.signals:
+            for mine, of_all in zip(growing.series(name), whole.series(name), strict=True):
+                assert np.array_equal(mine, of_all)
+
+
+def test_a_batch_that_is_being_written_waits_for_the_next_look(tmp_path):
+    rng = np.random.default_rng(4)
+    recorder = Recorder(tmp_path / "whole", SIGNALS, {})
+    for second in range(3):
+        written(recorder, rng, second)
+    stream = (tmp_path / "whole" / "record.arrows").read_bytes()
+    beside = Recorder(tmp_path / "run", SIGNALS, {})
+    with GrowingRecord(tmp_path / "run") as growing, (tmp_path / "run" / "record.arrows").open("r+b") as file:
+        seen = []
+        for end in range(len(stream) // 2, len(stream) + 1, 97):
+            file.seek(0)
+            file.write(stream[:end])
+            file.flush()
+            growing.look()
+            seen.append(len(growing))
+        file.seek(0)
+        file.write(stream)
+        file.flush()
+        growing.look()
+        assert len(growing) == 300
+        assert seen == sorted(seen) and set(seen) <= {100, 200, 300}
+    beside.close()
+    recorder.close()
+
+
+def test_there_is_none_where_nobody_writes(tmp_path):
+    Recorder(tmp_path / "run", SIGNALS, {}).close()
+    with pytest.raises(RecordError, match="no run is writing into"):
+        GrowingRecord(tmp_path / "run")
+
+
+def test_an_unknown_signal_is_refused(tmp_path):
+    with Recorder(tmp_path / "run", SIGNALS, {}), GrowingRecord(tmp_path / "run") as growing:
+        assert all(not len(one) for one in growing.series("left.height"))
+        with pytest.raises(RecordError, match=r"no signal 'left\.hight'"):
+            growing.series("left.hight")
