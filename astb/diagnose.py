@@ -162,11 +162,11 @@ def read_data(
                 "what their columns are"
             )
     records = [read(path) for path in paths]
-    simulator = AirSpring(_built(parameters, records), effects=CATALOGUE)
+    simulator = AirSpring(built_for(parameters, records), effects=CATALOGUE)
     return simulator, with_roles(dataset_of(paths, records, simulator))
 
 
-def _built(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
+def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
     """Return the set of the rig on which the runs were made, by the dimensions that their records state.
 
     DiagnosisError for runs on rigs that are built otherwise from one another.

@@ -82,6 +82,18 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
     )
 
 
+def run_between(
+    record: Record, start: float, end: float, simulator: AirSpring
+) -> tuple[tuple[Channel, ...], MeasuredRun]:
+    """Return what a record holds between two times (s) as a run of its own, and its channels as they were read.
+
+    It begins at rest; nobody needs to have named it. DiagnosisError where it cannot be replayed.
+    """
+    channels = _as_read(simulator.channels, [record])
+    stretch = Phase(f"{start:.1f} to {end:.1f} s", start, end)
+    return channels, _run(record, stretch, simulator, channels, _twice_rounded(record, simulator))
+
+
 def _phases(record: Record) -> Iterable[Phase]:
     return (phase for phase in record.phases if phase.name.startswith(REPLAY))
 
@@ -139,7 +151,7 @@ def _run(
     for side in SIDES:
         if f"{side}.height" not in measured:
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
-    settings = _SettingsOfRecord(record)
+    settings = SettingsOfRecord(record)
     inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
     outputs = _outputs(record, grid, inputs, simulator, channels, twice)
     _without_frame_dampers(outputs, record, grid, settings, simulator)
@@ -193,7 +205,7 @@ def _outputs(
 
 
 def _without_frame_dampers(
-    outputs: Array, record: Record, grid: Array, settings: _SettingsOfRecord, simulator: AirSpring
+    outputs: Array, record: Record, grid: Array, settings: SettingsOfRecord, simulator: AirSpring
 ) -> None:
     """Let held vertical pistons read (n, c) what a replay has them read: the give F/k of their frames, not behind c.
 
@@ -287,7 +299,7 @@ def _beginning(
     return found
 
 
-class _SettingsOfRecord:
+class SettingsOfRecord:
     """The settings of a record, each with the time from which it was in force."""
 
     def __init__(self, record: Record) -> None:
@@ -341,8 +353,13 @@ class _SettingsOfRecord:
         return found
 
     def predictable(self, grid: Array) -> NDArray[np.bool_]:
-        """Return where the air is known: the opening of the service valves is on no wire."""
+        """Return from the start on where (n,) the air is known, without what follows where it is not."""
+        known: NDArray[np.bool_] = np.logical_and.accumulate(self.air_known(grid))
+        return known
+
+    def air_known(self, grid: Array) -> NDArray[np.bool_]:
+        """Return where (n,) no service valve was open: their opening is on no wire."""
         unknown = np.zeros(len(grid), np.bool_)
         for side in SIDES:
             unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])
-        return ~np.maximum.accumulate(unknown)
+        return ~unknown

@@ -169,6 +169,11 @@ class AirSpring(CompleteSimulator):
         self._lock = Lock()
         self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()
 
+    def forget(self) -> None:
+        """Keep nothing of the experiments that were replayed: some hundred MB where each comes once."""
+        with self._lock:
+            self._prepared.clear()
+
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
         """Return which samples (n, c) of a planned experiment its record would count (`diagnosis.contracts`)."""
         return counted_if_recorded(experiment, outputs, self.channels, self.parameters.record)
