@@ -23,6 +23,7 @@ from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
 from astb.software import commit
+from astb.watched import watched
 from bench_protocol.clock import utc_date
 from bench_protocol.system.signals import known
 from bench_protocol.units import UNITS, mbar
@@ -55,7 +56,7 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 class Keeping:
     """What a run keeps beside its samples: who runs it, in which surroundings, every CAN frame, a report to print.
 
-    And who gets a message when it asks something and when it ends.
+    And who gets a message when it asks something and when it ends, and whether its twin watches it.
     """
 
     operator: str = ""
@@ -63,6 +64,7 @@ class Keeping:
     frames: bool = False
     pdf: bool = False
     messages: "Messages | None" = None
+    twin: bool = False
 
     def called(self, operator: "Operator | None", plan: "Plan") -> "Operator | None":
         """Return ``operator``, who gets a message for each question of ``plan`` if anybody does."""
@@ -142,7 +144,11 @@ def run_plan(
     display.begin(plan.name, _live(plan, session, rig, directory, operator, keeping, suspension))
     stopped: KeyboardInterrupt | None = None
     try:
-        with undisturbed(), kept_frames(session, directory if keeping.frames else None):
+        with (
+            watched(directory, keeping.twin, display.warn),
+            undisturbed(),
+            kept_frames(session, directory if keeping.frames else None),
+        ):
             result = execute(
                 plan,
                 session.bench,

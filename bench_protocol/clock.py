@@ -22,6 +22,8 @@ _prctl: Final = c_function("prctl", ctypes.c_int, ctypes.c_int, *(4 * [ctypes.c_
 _PR_SET_TIMERSLACK: Final = 29
 #: A thread that computes may keep another one waiting for this long (Python's default is 5 ms), in s.
 _SWITCH_INTERVAL: Final = 0.0005
+#: By how much what only computes gives way.
+_GIVES_WAY: Final = 5
 _NICE: Final = -10
 #: Periodic callbacks are short (a command frame): below a rig's tick, above everything that computes.
 _CYCLE_PRIORITY: Final = 5
@@ -185,6 +187,12 @@ def hurry(priority: int) -> None:
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+def give_way() -> None:
+    """Let this process only compute while nothing that holds deadlines wants to."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(_GIVES_WAY)
 
 
 def hurry_process() -> None:

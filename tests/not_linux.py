@@ -26,6 +26,7 @@ OURS = (
     "bench_protocol",
     "bench_records",
     "bench_sim",
+    "bench_twin",
     "campaigns",
     "diagnosis",
     "drivers",

@@ -36,6 +36,12 @@ _KEPT: Final = (
     ),
     click.option("--pdf", is_flag=True, help="Also print the report as PDF, to be signed; by Chromium."),
     click.option(
+        "--watch",
+        "twin",
+        is_flag=True,
+        help="The model runs beside the rig, and tells where they part, as `astb watch` does.",
+    ),
+    click.option(
         "--operator",
         "run_by",
         envvar="ASTB_OPERATOR",
@@ -136,7 +142,14 @@ def run_command(
 
 
 def _keeping(
-    *, keep_frames: bool, pdf: bool, run_by: str, ambient: str, message: str, message_elsewhere: bool
+    *,
+    keep_frames: bool,
+    pdf: bool,
+    twin: bool,
+    run_by: str,
+    ambient: str,
+    message: str,
+    message_elsewhere: bool,
 ) -> "Keeping":
     from astb.run import Keeping
 
@@ -144,7 +157,7 @@ def _keeping(
         messages = Messages(receiver(message, elsewhere=message_elsewhere)) if message else None
     except MessageError as error:
         misuse(error)
-    return Keeping(run_by, ambient, keep_frames, pdf, messages)
+    return Keeping(run_by, ambient, keep_frames, pdf, messages, twin)
 
 
 @click.command("report")

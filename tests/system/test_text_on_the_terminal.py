@@ -91,6 +91,7 @@ def test_consoles_are_made_in_one_place():
         "astb",
         "bench_fmu",
         "bench_panel",
+        "bench_twin",
         "campaigns",
         "paper_study",
         "diagnosis",

@@ -1,0 +1,81 @@
+"""What the model that ran beside a run said of it, kept in the run's directory."""
+
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from bench_protocol.input_limits import RESULT_BYTES, read_bounded
+from bench_records.disk import kept
+from bench_records.layout import RecordError, put
+
+TWIN: Final = "twin.json"
+
+
+class Judged(msgspec.Struct, frozen=True):
+    """A part of the run, in s: the rig went along with its model, or did not, or nobody can say (``why``)."""
+
+    start: float
+    end: float
+    along: bool | None
+    why: str = ""
+
+
+class PossibleCause(msgspec.Struct, frozen=True):
+    """A cause with which the model goes along with the rig; size and interval (k = 2) in SI."""
+
+    name: str
+    title: str
+    size: float
+    low: float
+    high: float
+    shown: str  #: the same as people read it
+
+
+class Parting(msgspec.Struct, frozen=True):
+    """Rig and model part: told at ``told`` s, begun about ``since`` s, first in ``channel`` (values in SI).
+
+    ``measured``, ``expected`` and ``band`` (k = 2) are means over the block in which it was told. Without ``causes``
+    none of the catalogue explains it, or nobody has looked yet (``looked``).
+    """
+
+    told: float
+    since: float
+    channel: str
+    measured: float
+    expected: float
+    band: float
+    causes: tuple[PossibleCause, ...] = ()
+    looked: bool = False
+    sentence: str = ""
+
+
+class TwinStory(msgspec.Struct, frozen=True):
+    """All that was said of a run until ``until`` s; ``model`` is the parameter set or file that ran beside it."""
+
+    model: str
+    until: float
+    judged: tuple[Judged, ...] = ()
+    partings: tuple[Parting, ...] = ()
+
+    @property
+    def judged_for(self) -> float:
+        """Seconds of the run that could be judged."""
+        return sum(one.end - one.start for one in self.judged if one.along is not None)
+
+
+def write_twin(directory: Path, story: TwinStory) -> None:
+    """Put a story into the directory of its run. ``NotKept`` if the disk refuses it."""
+    with kept(directory / TWIN):
+        put(directory / TWIN, msgspec.json.format(msgspec.json.encode(story), indent=2) + b"\n")
+
+
+def read_twin(directory: Path) -> TwinStory | None:
+    """Return what was said of a run; None where no model ran beside it. RecordError if the file is damaged."""
+    path = directory / TWIN
+    if not path.exists():
+        return None
+    try:
+        return msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=TwinStory)
+    except (msgspec.MsgspecError, OSError, ValueError) as error:
+        raise RecordError(f"{path} is damaged: {error}") from None

@@ -1,0 +1,210 @@
+"""What may have made a rig part from its model: each cause of the catalogue by what it explains of a stretch.
+
+A cause may have been there from the start of the stretch, or since about when rig and model parted. What it does since
+then is the difference of two replays that begin there, with the cause and without: they begin in motion, which is not
+known well, but that is the same in both.
+
+A quick look, linear in the size of the cause and of all parameters: a diagnosis (`astb diagnose`) is slower, and knows
+more. A cause explains a stretch if the twin that has it does not part from the rig (`bench_twin.detector`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_twin.detector import Detector
+from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, binned, judge, rough
+from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
+from diagnosis.systems.air_spring.simulator import AirSpring
+
+#: So many of the causes that explain most are looked at closely, at the size that they were found to have.
+_CLOSELY: Final = 9
+#: Simulations at a size that was found before.
+_ROUNDS: Final = 2
+#: A cause that began so many s after the start of a stretch is told from one that was there before.
+_LATE: Final = 2.0
+#: Causes that explain as much as the best but for so much of χ² are told beside it.
+_ALIKE: Final = 9.0
+
+
+#: Blocks before and after the parting at which a cause may have begun.
+_NEAR: Final = (-8, -6, -4, -3, -2, -1, 0, 1, 2)
+#: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
+_POSSIBLE: Final = 4.0
+
+
+class Suspect(NamedTuple):
+    """A cause with its size in SI, and the interval of that (k = 2) over all beginnings that are possible."""
+
+    name: str
+    size: float
+    low: float
+    high: float
+    since: float  #: s of the stretch from which on it acts, 0 from before its start
+    left: float  #: χ² that it leaves
+    explains: bool  #: whether the twin with it goes along with the rig
+
+
+def suspects(
+    run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring, since: float
+) -> list[Suspect]:
+    """Return the causes that explain a stretch that parted ``since`` s of it, the best first; none if none does."""
+    look = _Look(run, columns, belief, simulator)
+    onsets = (0,) if since < _LATE else (0, round(since / BIN))
+    tried = [one for onset in onsets for one in look.each(onset) if one.fit.size != 0.0]
+    looked: dict[tuple[str, int], Suspect] = {}
+    for one in sorted(tried, key=lambda one: one.fit.left):
+        if len(looked) >= _CLOSELY:
+            break
+        if (one.cause.name, one.onset) not in looked:
+            looked[one.cause.name, one.onset] = look.closely(one)
+    ranked = sorted((one for one in looked.values() if one.explains), key=lambda one: one.left)
+    best = {one.name: one for one in reversed(ranked) if one.left < ranked[0].left + _ALIKE}
+    return sorted(best.values(), key=lambda one: one.left)
+
+
+class _Fitted(NamedTuple):
+    """What least squares say of a column: its size, the standard deviation of that, and the χ² that is left."""
+
+    size: float
+    deviation: float
+    left: float
+
+
+class _Tried(NamedTuple):
+    """A cause as it was tried: at one point of its grid, and since which bin (0: before the stretch)."""
+
+    cause: Hypothesis
+    shapes: Mapping[str, float]
+    onset: int
+    fit: _Fitted
+
+
+class _Look:
+    """One look at a stretch."""
+
+    def __init__(self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring) -> None:
+        self._run, self._columns, self._belief, self._simulator = run, columns, belief, simulator
+        self._fit = _Fit(columns, belief)
+        self._size = round(BIN / run.experiment.step)  # samples in a bin
+        self._base = next(simulator.run_many([Job(run.experiment, {}, {})]))
+
+    def each(self, onset: int) -> Iterator[_Tried]:
+        """Yield every cause at every point of its grid, at its typical size, since a bin."""
+        points = [
+            (cause, dict(zip((shape.name for shape in cause.shapes), point, strict=True)))
+            for cause in self._simulator.catalogue.values()
+            for point in cause.grid
+        ]
+        sizes = [(cause, shapes, _typical(cause)) for cause, shapes in points]
+        for (cause, shapes), column in zip(points, self._columns_of(sizes, onset), strict=True):
+            if column is not None:
+                fit = self._fit.with_(column, _typical(cause))
+                if not cause.one_sided or fit.size * _typical(cause) > 0.0:
+                    yield _Tried(cause, shapes, onset, fit)
+
+    def closely(self, tried: _Tried) -> Suspect:
+        """Return a cause at the size and with the beginning that its own simulations at that size tell."""
+        cause, fit = tried.cause, tried.fit
+        best, span = (np.zeros_like(self._columns.measured), fit, tried.onset), (fit.size, fit.size)
+        for _ in range(_ROUNDS):
+            at = float(np.clip(fit.size, cause.amplitude.low, cause.amplitude.high))
+            fitted = list(self._near(tried, at)) if at else []
+            if not fitted:
+                break
+            best = min(fitted, key=lambda one: one[1].left)
+            fit = best[1]
+            possible = [one for _, one, _ in fitted if one.left <= fit.left + _POSSIBLE]
+            span = (
+                min(one.size - 2.0 * one.deviation for one in possible),
+                max(one.size + 2.0 * one.deviation for one in possible),
+            )
+        column, _, onset = best
+        explained = self._columns._replace(simulated=self._columns.simulated + fit.size * column)
+        white = judge(explained, self._belief, rough(self._columns)).white
+        along = Detector(white.shape[1], BLOCK).look(white) is None
+        return Suspect(cause.name, fit.size, *span, onset * BIN, fit.left, along)
+
+    def _near(self, tried: _Tried, size: float) -> Iterator[tuple[Array, _Fitted, int]]:
+        """Yield columns and fits of a cause that begins near where it was tried."""
+        onsets = {max(tried.onset + BINS * blocks, BINS) for blocks in _NEAR} if tried.onset else {0}
+        for onset in sorted(onsets):
+            (column,) = self._columns_of([(tried.cause, tried.shapes, size)], onset)
+            if column is not None:
+                yield column, self._fit.with_(column, _typical(tried.cause)), onset
+
+    def _columns_of(
+        self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
+    ) -> Iterator[Array | None]:
+        """Yield what causes of unit size add (n, c) since a bin, by bins; None of one that cannot be simulated."""
+        first = onset * self._size
+        experiment = self._from(first)
+        jobs = [Job(experiment, {}, {})]
+        jobs += [
+            Job(experiment, {}, {cause.name: {cause.amplitude.name: size, **shapes}})
+            for cause, shapes, size in sizes
+        ]
+        outputs = self._simulator.run_many(jobs)
+        base = next(outputs)
+        for (_, _, size), moved in zip(sizes, outputs, strict=True):
+            if not np.isfinite(moved).all():
+                yield None
+                continue
+            whole = np.zeros_like(self._base)
+            whole[first:] = moved - base
+            yield binned(whole, self._run) / size
+
+    def _from(self, first: int) -> Experiment:
+        """Return the experiment from a sample on, with the pressures that the model has there."""
+        experiment = self._run.experiment
+        if first == 0:
+            return experiment
+        there = {
+            channel.name: float(self._base[first, k])
+            for k, channel in enumerate(self._simulator.channels)
+            if channel.name in experiment.settings
+        }
+        return replace(
+            experiment,
+            time=experiment.time[first:] - experiment.time[first],
+            inputs={name: values[first:] for name, values in experiment.inputs.items()},
+            settings={**experiment.settings, **there},
+        )
+
+
+def _typical(cause: Hypothesis) -> float:
+    """The size of an ordinary fault, of the sign that is possible."""
+    size = cause.amplitude.spread
+    return -size if cause.amplitude.high <= 0.0 else size
+
+
+class _Fit:
+    """Least squares of the errors of a stretch by all parameters with their priors, and by one column more."""
+
+    def __init__(self, columns: Columns, belief: Belief) -> None:
+        variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
+        weight = np.where(columns.samples > 0, 1.0 / variance, 0.0)
+        self._weight = weight
+        errors = columns.measured - columns.simulated
+        H = columns.parameters.reshape(-1, columns.parameters.shape[-1])
+        w = weight.reshape(-1)
+        self._H, self._w = H, w
+        information = np.linalg.inv(belief.covariance)
+        self._inverse = np.linalg.inv(information + (H * w[:, None]).T @ H)
+        e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ belief.mean
+        self._e = e - H @ (self._inverse @ (H.T @ (w * e)))
+        self._chi2 = float(e @ (w * self._e))
+
+    def with_(self, column: Array, typical: float) -> _Fitted:
+        """Return what a ``column`` (n, c) explains; nothing of what would not even be seen at its typical size."""
+        x = column.reshape(-1)
+        beside = x - self._H @ (self._inverse @ (self._H.T @ (self._w * x)))
+        strength = float(x @ (self._w * beside))
+        if strength * typical**2 < 1.0:
+            return _Fitted(0.0, np.inf, self._chi2)
+        size = float(x @ (self._w * self._e)) / strength
+        return _Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)

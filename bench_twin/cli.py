@@ -1,0 +1,55 @@
+"""`astb watch`: the model beside a run, while it goes on or afterwards."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.exit_codes import FAIL, INCOMPLETE, PASS, blocked, misuse
+
+if TYPE_CHECKING:
+    from bench_records.twin import TwinStory
+
+
+@click.command("watch")
+@click.argument("directory", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.option("--model", default="astb", show_default=True, help="Parameter set, or a model file.")
+def watch_command(directory: Path, model: str) -> None:
+    """Let the model run beside the run in DIRECTORY, and tell where they part, since when, and why perhaps.
+
+    A run that goes on is followed to its end. What is found is kept as twin.json beside the record, and stands in the
+    report.
+
+    Ends with 0 if the rig went along with its model, 1 if they part, 2 for misuse, 3 if there is no run that can be
+    read, 4 if nothing could be judged.
+    """
+    from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
+
+    told = 0
+
+    def tell(story: "TwinStory") -> None:
+        nonlocal told
+        for parting in story.partings[told:]:
+            click.echo(parting.sentence)
+        told = len(story.partings)
+
+    try:
+        story = watch(directory, model, tell)
+    except ParameterError as error:
+        misuse(error)
+    except (RecordError, DiagnosisError) as error:
+        blocked(error)
+    _conclude(story)
+
+
+def _conclude(story: "TwinStory") -> None:
+    for reason in dict.fromkeys(one.why for one in story.judged if one.why):
+        seconds = sum(one.end - one.start for one in story.judged if one.why == reason)
+        click.echo(f"not judged for {seconds:.1f} s: {reason}")
+    click.echo(f"judged for {story.judged_for:.1f} of {story.until:.1f} s")
+    if story.partings:
+        raise click.exceptions.Exit(FAIL)
+    if not story.judged_for:
+        raise click.exceptions.Exit(INCOMPLETE)
+    click.echo("the rig went along with its model")
+    raise click.exceptions.Exit(PASS)

@@ -1,0 +1,275 @@
+"""What each half second of a run adds to the errors of the model: by how much more it errs than was to be expected.
+
+Theory of operation
+-------------------
+The model has p parameters θ that nobody knows exactly: tolerances of the springs, zeros of the sensors, the gas where a
+stretch begins. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is learnt as
+the run goes on, by least squares from what has come so far (a Kalman filter for constants; R. E. Kalman, 1960):
+
+    e_k = r_k − H_k θ̂_{k−1},   S_k = R_k + H_k P_{k−1} H_kᵀ,   P_k⁻¹ = P_{k−1}⁻¹ + H_kᵀ R_k⁻¹ H_k
+
+The innovation e_k of a block is what no earlier block foretold. As long as the model holds, S_k^{−1/2} e_k are
+independent standard normal numbers, from block to block. What parts a rig from its model shows there, and only what no
+tolerance explains.
+
+What friction remembers of the motion before a stretch is not known either. It is one more parameter of each spring,
+and of both sideways: a force that is forgotten as the rubber goes to and fro, by (x₂/(x₂ + x))² where x is how far it
+has been from the start and x₂ the travel of the friction (M. Berg, 1998).
+
+No model is exact, and the motion that drives it is measured. So R has two parts more, in the mean of a block and in
+each of its bins: what the noise of the motion leaves in every reading, and what the model may err by, a
+share of how far the reading has come from where it was at the start, and of what the shear is made of: where the
+bolster rolls, it is the small difference of a transducer and of an arm times the roll. All are what sound rigs show
+(`FLOOR`, `FORM`), and wide rather than narrow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.words import SIDES
+from bench_records.record import Record
+from diagnosis.contracts import Array, Channel, Experiment, Job, MeasuredRun, Nuisance
+from diagnosis.systems.air_spring.parameters import CHAMBERS, EACH_SIDE, SHEAR
+from diagnosis.systems.air_spring.simulator import AirSpring
+
+#: Readings are averaged over bins of so many s, and judged in blocks of so many bins.
+BIN: Final = 0.05
+BINS: Final = 10
+BLOCK: Final = BIN * BINS
+
+
+#: What the noise of the motion leaves in a reading, in standard deviations of its own noise.
+FLOOR: Final = 0.4
+#: What a sound model errs by, per how far a reading has come from where it was at the start.
+FORM: Final = 0.02
+#: An error of the model's form lasts for so many blocks: as many of them tell of the parameters as much as one.
+_LASTS: Final = 10
+#: Gas that was moved just before is not all of one temperature, by so many K, and thermometers follow it late: by how
+#: much is known to so many s. Its pressure is known to so many Pa.
+WARMTH: Final = 1.0
+BEHIND: Final = 0.5
+PRESSURE: Final = 450.0
+#: What friction remembers at most, one standard deviation in shares of its limit.
+REMEMBERED: Final = 0.6
+#: Over so many s a rate is read.
+_FIRST: Final = 1.0
+
+
+class Belief(NamedTuple):
+    """What is believed of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
+
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def prior(cls, parameters: Sequence[Nuisance]) -> Belief:
+        """Nothing but the priors."""
+        return cls(np.zeros(len(parameters)), np.eye(len(parameters)))
+
+    def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Belief:
+        """What of it holds where another stretch starts: the springs' and the sensors' own; its gas is another one.
+
+        The thermometers of the chambers go up or down by so much there (``rates``, K/s).
+        """
+        own = np.array([not one.per_run for one in parameters])
+        return Belief(
+            np.where(own, self.mean, 0.0),
+            np.where(
+                np.outer(own, own), self.covariance, np.diag([_start(one, rates) ** 2 for one in parameters])
+            ),
+        )
+
+
+def _start(parameter: Nuisance, rates: Mapping[str, float]) -> float:
+    """The standard deviation of a parameter where a stretch starts, in those of its prior."""
+    place, _, what = parameter.name.rpartition(".")
+    if what == "initial_temperature":
+        return float(np.hypot(WARMTH, BEHIND * rates.get(place, 0.0))) / parameter.spread
+    return PRESSURE / parameter.spread if what == "initial_pressure" else 1.0
+
+
+class Innovations(NamedTuple):
+    """A stretch, block by block: b blocks, c channels."""
+
+    measured: Array  #: (b, c) mean readings
+    expected: Array  #: (b, c) of the model with what it had learnt before
+    band: Array  #: (b, c) standard deviation of the one against the other
+    white: Array  #: (b, c, BINS) whitened innovations, NaN where a bin has no reading
+    belief: Belief  #: after the last block
+
+
+class Columns(NamedTuple):
+    """Errors of the model and what its parameters do to its outputs, by bins."""
+
+    samples: NDArray[np.int64]  #: (n, c) readings in each bin
+    measured: Array  #: (n, c)
+    simulated: Array  #: (n, c)
+    parameters: Array  #: (n, c, p), each for one standard deviation of its prior
+    inputs: Array  #: (n, c) what arms and an accelerometer wrong by `FORM` do, one standard deviation
+    noise: Array  #: (c,) variance of a single reading
+
+
+def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
+    """Return all that is learnt: what the simulator's runs do not know, and what friction remembers, in N."""
+    par = simulator.parameters.record
+    forces = {f"{side}.friction": par.friction_vertical[k] for k, side in enumerate(SIDES)}
+    forces["lateral.friction"] = par.friction_lateral.sum()
+    remembered = (
+        Nuisance(f"{place}.remembered", "N", 0.0, REMEMBERED * float(force), per_run=True)
+        for place, force in forces.items()
+    )
+    return (*simulator.nuisances, *remembered)
+
+
+def columns_of(run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpring) -> Columns:
+    """Simulate a run, and once more for each parameter, and average it all over bins."""
+    parameters = simulator.nuisances
+    names = [one.name for one in parameters]
+    jobs = [Job(run.experiment, {}, {})]
+    jobs += [Job(run.experiment, {one.name: one.nominal + one.difference}, {}) for one in parameters]
+    jobs += [Job(one, {}, {}) for one in _wrongly_driven(run.experiment, simulator.parameters.record)]
+    outputs = simulator.run_many(jobs)
+    base = next(outputs)
+    counted = run.counted
+    size = _size(run)
+    count = counted[: len(counted) // size * size].reshape(-1, size, counted.shape[1]).sum(axis=1)
+    slopes = [
+        binned(moved - base, run) * (one.spread / one.difference)
+        for one, moved in zip(parameters, outputs, strict=False)
+    ]
+    inputs = np.sqrt(sum((binned(moved - base, run) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
+    slopes += _remembered(run.experiment, channels, dict(zip(names, slopes, strict=True)), size, simulator)
+    noise = np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
+    return Columns(
+        count, binned(run.outputs, run), binned(base, run), np.stack(slopes, axis=-1), inputs, noise
+    )
+
+
+def binned(values: Array, run: MeasuredRun) -> Array:
+    """Return means (n, c) over bins of the samples that count, 0 where there is none."""
+    size, counted = _size(run), run.counted
+    shape = -1, size, counted.shape[1]
+    some = len(counted) // size * size
+    total = np.where(counted, values, 0.0)[:some].reshape(shape).sum(axis=1)
+    return np.asarray(total / np.maximum(counted[:some].reshape(shape).sum(axis=1), 1))
+
+
+def _size(run: MeasuredRun) -> int:
+    """Samples in a bin."""
+    return max(round(BIN / run.experiment.step), 1)
+
+
+def _remembered(
+    experiment: Experiment,
+    channels: Sequence[Channel],
+    slopes: Mapping[str, Array],
+    size: int,
+    simulator: AirSpring,
+) -> Iterator[Array]:
+    """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`."""
+    par = simulator.parameters.record
+
+    def kept(place: Array, travel: float) -> Array:
+        away = np.maximum.accumulate(np.abs(place - place[0]))
+        bins = len(away) // size
+        return np.asarray((travel / (travel + away[: bins * size].reshape(bins, size).mean(axis=1))) ** 2)
+
+    def felt(slope: Array, force: float) -> Array:
+        """Where so much force of a spring is felt, per N, by what feels a parameter that makes it."""
+        forces = np.array([channel.kind == "force" for channel in channels])
+        return np.where(forces, slope[:BINS].mean(axis=0), 0.0) / force
+
+    for k, side in enumerate(SIDES):
+        more = EACH_SIDE["effective_area"] * float(par.effective_area[k])
+        where = felt(slopes[f"{side}.effective_area"], more * experiment.settings[f"{side}.bellows_pressure"])
+        force = REMEMBERED * float(par.friction_vertical[k])
+        yield force * np.outer(
+            kept(experiment.inputs[f"{side}.height"], float(par.friction_vertical_travel[k])), where
+        )
+    sheared = slopes[f"{SHEAR}.offset"]
+    cells = [k for k, channel in enumerate(channels) if channel.name in BY_GROUP[Group.LATERAL_LOAD_CELL]]
+    total = float(sheared[:BINS, cells].sum(axis=1).mean())
+    where = felt(sheared, total) if total else np.zeros(len(channels))
+    shear = experiment.inputs.get("shear", np.zeros(len(experiment.time)))
+    force = REMEMBERED * float(par.friction_lateral.sum())
+    yield force * np.outer(kept(shear, float(par.friction_lateral_travel[0])), where)
+
+
+def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
+    """Yield it with a shear that was told with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`), and with an
+    accelerometer whose gain is.
+    """
+    inputs = experiment.inputs
+    left, right = inputs["left.height"], inputs["right.height"]
+    roll = 0.5 * (left - right) / par.spring_half_spacing + inputs.get("platform.roll", 0.0)
+    wrong = FORM * (par.lateral_actuator_height + par.centre_height) * roll
+    yield replace(experiment, inputs={**inputs, "shear": inputs.get("shear", 0.0) + wrong})
+    if (read := inputs.get("lateral.acceleration")) is not None:
+        yield replace(experiment, inputs={**inputs, "lateral.acceleration": (1.0 + FORM) * read})
+
+
+def gas_rates(record: Record, start: float) -> dict[str, float]:
+    """Return by how much (K/s) the thermometer of each chamber goes up or down where a stretch starts."""
+    rates = {}
+    for chamber in CHAMBERS:
+        name = f"{chamber}_temperature"
+        times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
+        near = np.isfinite(values) & (times >= start) & (times < start + _FIRST)
+        if near.sum() > 2:
+            rates[chamber] = float(np.polynomial.Polynomial.fit(times[near], values[near], 1).deriv()(start))
+    return rates
+
+
+def rough(columns: Columns) -> Array:
+    """Return what the model may be off by (n, c), one standard deviation."""
+    seen = columns.samples > 0
+    early = seen[:BINS].sum(axis=0)
+    first = np.where(seen, columns.simulated, 0.0)[:BINS].sum(axis=0) / np.maximum(early, 1)
+    travel = np.maximum.accumulate(
+        np.where(seen & (early > 0), np.abs(columns.simulated - first), 0.0), axis=0
+    )
+    floor = FLOOR * np.sqrt(columns.noise)
+    return np.sqrt(floor**2 + (FORM * travel) ** 2 + columns.inputs**2)
+
+
+def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovations:
+    """Return the blocks of a stretch one after the other, each by what was believed before it.
+
+    ``off`` (n, c) is what the model may be off by, else that of `rough`.
+    """
+    blocks, channels = len(columns.samples) // BINS, columns.samples.shape[1]
+    errors = columns.measured - columns.simulated
+    off = rough(columns) if off is None else off
+    measured, expected, band = (np.full((blocks, channels), np.nan) for _ in range(3))
+    white = np.full((blocks, channels, BINS), np.nan)
+    mean, information = belief.mean, np.linalg.inv(belief.covariance)
+    for b in range(blocks):
+        rows = slice(b * BINS, (b + 1) * BINS)
+        count = columns.samples[rows]
+        covariance = np.linalg.inv(information)
+        gained, pull = np.zeros_like(information), np.zeros_like(mean)
+        for c in np.flatnonzero(count.any(axis=0)):
+            there = count[:, c] > 0
+            H = columns.parameters[rows][there, c]
+            form = off[rows][there, c] ** 2
+            R = columns.noise[c] / count[there, c] + form
+            e = errors[rows][there, c] - H @ mean
+            S = H @ covariance @ H.T + np.diag(R) + form.max()
+            white[b, c, there] = np.linalg.solve(np.linalg.cholesky(S), e)
+            measured[b, c] = columns.measured[rows][there, c].mean()
+            expected[b, c] = measured[b, c] - e.mean()
+            band[b, c] = np.sqrt(S.mean())
+            weighted = H.T / (R + _LASTS * there.sum() * form)
+            gained += weighted @ H
+            pull += weighted @ e
+        information = information + gained
+        mean = mean + np.linalg.solve(information, pull)
+    return Innovations(measured, expected, band, white, Belief(mean, np.linalg.inv(information)))

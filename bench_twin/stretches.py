@@ -1,0 +1,190 @@
+"""Where in a run the model can be judged: from a rest on, as long as the air is known and the motion is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.words import SIDES, BenchState
+from bench_records.record import Record
+from diagnosis.contracts import Array
+from diagnosis.systems.motion import SENSORS
+from diagnosis.systems.records import SettingsOfRecord
+
+#: A run is looked at in steps of so many s.
+STEP: Final = 0.1
+#: Slower than this over `_STILL` s is rest (m/s, rad/s); so long (s) it must last before a stretch begins.
+_SPEED: Final = 0.05e-3
+_STILL: Final = 0.5
+REST: Final = 1.0
+#: After so many s a stretch ends at the next rest, where another one begins: what a replay costs grows with its length.
+LONG: Final = 60.0
+#: While a thermometer of the gas goes up or down faster than this (K/s), walls are warm that nobody knows of.
+_WARMING: Final = 2.0
+_NEAR: Final = 2.0
+#: A motion that was not received for more than so many steps on both sides is not bridged.
+_BRIDGED: Final = 1
+#: Shorter stretches than this (s) tell nothing.
+LEAST: Final = 2.0
+#: States in which the chambers are as the settings say.
+_KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
+
+#: Why the model cannot be judged somewhere.
+AIR: Final = "the air is being filled or vented, and no wire says how far the valves are open"
+LOST: Final = "the motion was not received"
+LEVELING: Final = (
+    "a leveling valve was connected, and what it lets in hangs on tenths of a millimetre of its lever"
+)
+STATE: Final = "the bench was not under pressure"
+MOVING: Final = "the bench did not rest, so the model did not know where to begin"
+WARM: Final = "the gas was far from settled, so the model did not know where to begin"
+
+
+class Stretch(NamedTuple):
+    """A part of a run, in s; ``why`` it cannot be judged, "" where it can. An ``open`` one may still grow."""
+
+    start: float
+    end: float
+    why: str = ""
+    open: bool = False
+
+
+def stretches(record: Record, *, ended: bool = True) -> list[Stretch]:
+    """Return the parts of a run in order, from its beginning to what was received last.
+
+    Of a run that has not ``ended`` the last part is open.
+    """
+    grid: Array = STEP * np.arange(int(record.duration / STEP + 1e-6), dtype=np.float64)
+    if not len(grid):
+        return []
+    why = _why(record, grid)
+    ready = _Ready(record, grid, ended=ended)
+    found: list[Stretch] = []
+    for first, last in _alike(why):
+        if why[first]:
+            found.append(_part(grid, first, last, why[first]))
+        else:
+            found += ready.cut(first, last)
+    found[-1] = found[-1]._replace(open=not ended)
+    return found
+
+
+def _part(grid: Array, first: int, last: int, why: str = "") -> Stretch:
+    return Stretch(float(grid[first]), float(grid[last - 1]) + STEP, why)
+
+
+class _Ready:
+    """Where a stretch can begin: the bench rests, and its gas has settled."""
+
+    def __init__(self, record: Record, grid: Array, *, ended: bool) -> None:
+        self._grid = grid
+        self._warm = _warming(record, grid)
+        still = _resting(record, grid)
+        if not ended:  # what comes next may be a motion
+            still[-round(_STILL / STEP) :] = False
+        self._still = still & ~self._warm
+
+    def cut(self, first: int, last: int) -> Iterator[Stretch]:
+        """Cut what could be judged: what is before the first rest, and long stretches at later ones."""
+        rest = round(REST / STEP)
+        if last - first < rest:
+            starts = np.empty(0, np.intp)
+        else:
+            full = np.convolve(self._still[first:last], np.ones(rest), "valid") > rest - 0.5
+            starts = np.flatnonzero(full) + first
+        if not len(starts):
+            yield _part(self._grid, first, last, self._reason(first, last))
+            return
+        start = int(starts[0])
+        if start > first:
+            yield _part(self._grid, first, start, self._reason(first, start))
+        for place in starts:
+            if (place - start) * STEP >= LONG:
+                yield _part(self._grid, start, int(place))
+                start = int(place)
+        yield _part(self._grid, start, last)
+
+    def _reason(self, first: int, last: int) -> str:
+        return WARM if self._warm[first:last].mean() > 0.5 else MOVING
+
+
+def _why(record: Record, grid: Array) -> list[str]:
+    """Return for each step why the model cannot be judged there, "" where it can."""
+    settings = SettingsOfRecord(record)
+    valves = settings.valves(grid)
+    leveled = np.any([valves[f"{side}.leveling"] > 0.0 for side in SIDES], axis=0)
+    received = np.ones(len(grid), np.bool_)
+    for side in SIDES:
+        samples = _sampled(record, f"{side}.height", grid)
+        received &= np.convolve(samples, np.ones(2 * _BRIDGED + 1), "same") > 0
+    pressurised = np.ones(len(grid), np.bool_)
+    if "rig.state" in record.signals:
+        times, states = record.series("rig.state")
+        if len(times):
+            state = states[np.clip(np.searchsorted(times, grid, "right") - 1, 0, None)]
+            pressurised = np.isin(state, _KNOWN)
+    return [
+        STATE if not p else LOST if not r else AIR if not a else LEVELING if v else ""
+        for p, r, a, v in zip(pressurised, received, settings.air_known(grid), leveled, strict=True)
+    ]
+
+
+def _sampled(record: Record, name: str, grid: Array) -> NDArray[np.int64]:
+    """How many samples (n,) of a signal each step has."""
+    times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
+    edges = np.append(grid, grid[-1] + STEP)
+    return np.histogram(times[np.isfinite(values)], edges)[0]
+
+
+def _resting(record: Record, grid: Array) -> NDArray[np.bool_]:
+    """Where (n,) no displacement differs from what it was half a second before and will be half a second later."""
+    reach = round(_STILL / STEP)
+    still = np.ones(len(grid), np.bool_)
+    for name in SENSORS:
+        mean = _mean(record, name, grid)
+        if mean is None or len(mean) <= reach:
+            continue
+        moved = np.abs(mean[reach:] - mean[:-reach]) > _SPEED * _STILL
+        steps = np.flatnonzero(moved)
+        for k in range(reach + 1):
+            still[steps + k] = False
+    return still
+
+
+def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
+    """Where (n,) gas that was let in or out is far from settled, and shortly before and after."""
+    reach = round(REST / STEP)
+    going = np.zeros(len(grid), np.bool_)
+    for name in BY_GROUP[Group.TEMPERATURE]:
+        mean = _mean(record, name, grid)
+        if mean is not None and len(mean) > reach:
+            going[:-reach] |= np.abs(mean[reach:] - mean[:-reach]) > _WARMING * REST
+    near = 2 * round(_NEAR / STEP) + 1  # a temperature that turns stands still for a moment
+    return np.convolve(going, np.ones(near), "same") > 0.5
+
+
+def _mean(record: Record, name: str, grid: Array) -> Array | None:
+    """The mean (n,) of a signal in each step, on straight lines where it has no sample; None without any."""
+    if name not in record.signals:
+        return None
+    times, values = record.series(name)
+    good = np.isfinite(values)
+    edges = np.append(grid, grid[-1] + STEP)
+    count = np.histogram(times[good], edges)[0]
+    total = np.histogram(times[good], edges, weights=values[good])[0]
+    seen = count > 0
+    return np.interp(grid, grid[seen], total[seen] / count[seen]) if seen.any() else None
+
+
+def _alike(words: list[str]) -> Iterator[tuple[int, int]]:
+    """Yield first and last + 1 of the runs of equal words."""
+    first = 0
+    for k in range(1, len(words) + 1):
+        if k == len(words) or words[k] != words[first]:
+            yield first, k
+            first = k

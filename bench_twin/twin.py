@@ -1,0 +1,148 @@
+"""The twin of a run: follows its record, judges what can be judged, and looks for a cause where rig and model part."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from bench_records.record import Record
+from bench_records.twin import Judged, Parting, PossibleCause, TwinStory
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import Parameters
+from bench_twin.causes import Suspect, suspects
+from bench_twin.detector import Detector
+from bench_twin.innovations import BLOCK, Belief, columns_of, gas_rates, judge, parameters_of
+from bench_twin.stretches import LEAST, STEP, Stretch, stretches
+from diagnosis.contracts import Channel, DiagnosisError, Hypothesis
+from diagnosis.finding import decimals
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
+from diagnosis.systems.records import run_between
+
+#: A motion is smoothed by what comes after it: so much of the end (s) waits for that.
+_WAITS: Final = 0.5
+#: A stretch that parted is looked at again for its cause when what came since is so many times as long.
+_AGAIN: Final = 1.6
+#: What the replay of a cause may be off by that did not act from the start, as a part of its size.
+_ROUGHLY: Final = 0.01
+
+
+class Twin:
+    """The model with ``parameters`` beside the run of a ``record``, which may be growing; ``model`` is its name."""
+
+    def __init__(self, record: Record, parameters: Parameters, model: str) -> None:
+        # Thermometers are too slow and too coarse to part on; a stretch begins from what they read.
+        judged = tuple(
+            name for name in OUTPUTS if not name.endswith("_temperature") and name in record.signals
+        )
+        self._record, self._model = record, model
+        self._simulator = AirSpring(parameters, effects=CATALOGUE, only=judged)
+        self._parameters = parameters_of(self._simulator)
+        self._belief = Belief.prior(self._parameters)
+        self._detector = Detector(len(self._simulator.channels), BLOCK)
+        self._closed: list[Judged] = []
+        self._partings: list[Parting] = []
+        self._open: Parting | None = None
+        self._looked_until = self._since = 0.0
+
+    def look(self, *, ended: bool = True) -> TwinStory:
+        """Judge what has come since the last look, and return all that can be said by now."""
+        until = self._closed[-1].end if self._closed else 0.0
+        open_one: tuple[Judged, ...] = ()
+        for stretch in stretches(self._record, ended=ended):
+            if stretch.start < until - 0.5 * STEP:
+                continue
+            one = self._judge(stretch)
+            if stretch.open:
+                open_one = (one,)
+            else:
+                self._close(one)
+        self._simulator.forget()
+        partings = (*self._partings, *([self._open] if self._open else []))
+        return TwinStory(self._model, self._record.duration, (*self._closed, *open_one), partings)
+
+    def _close(self, one: Judged) -> None:
+        self._closed.append(one)
+        if self._open is not None:
+            self._partings.append(self._open)
+            self._open = None
+
+    def _judge(self, stretch: Stretch) -> Judged:
+        end = stretch.end - (_WAITS if stretch.open else 0.0)
+        start, length = float(stretch.start), float(end - stretch.start)
+        if stretch.why or length < LEAST:
+            return Judged(start, float(stretch.end), None, stretch.why or "it was too short")
+        try:
+            channels, run = run_between(self._record, start, float(end), self._simulator)
+            columns = columns_of(run, channels, self._simulator)
+        except DiagnosisError as error:
+            return Judged(start, float(stretch.end), None, str(error))
+        rates = gas_rates(self._record, start)
+        belief = self._belief.at_a_start(self._parameters, rates)
+        told, detector = judge(columns, belief), self._detector.copy()
+        alarm = detector.look(told.white)
+        if alarm is None:
+            if not stretch.open:
+                self._belief, self._detector = told.belief, detector
+            self._open = None
+            return Judged(start, float(stretch.end), True)
+        since, c = alarm.since * BLOCK, alarm.channel
+        before = self._open
+        again = before is None or end - start - since > _AGAIN * (self._looked_until - start - since)
+        if again or (not stretch.open and self._looked_until < end):
+            # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
+            prior = Belief.prior(self._parameters).at_a_start(self._parameters, rates)
+            found = suspects(run, columns, prior, self._simulator, since)
+            self._looked_until = end
+            self._since = found[0].since if found else since
+            causes = tuple(_cause(one, self._simulator.catalogue[one.name]) for one in found)
+        else:
+            assert before is not None
+            causes = before.causes
+        parting = Parting(
+            start + (alarm.at + 1) * BLOCK,
+            start + self._since,
+            channels[c].name,
+            float(told.measured[alarm.at, c]),
+            float(told.expected[alarm.at, c]),
+            2.0 * float(told.band[alarm.at, c]),
+            causes,
+            looked=True,
+        )
+        self._open = _told(parting, channels[c])
+        return Judged(start, float(stretch.end), False)
+
+
+def _cause(one: Suspect, hypothesis: Hypothesis) -> PossibleCause:
+    amplitude = hypothesis.amplitude
+    roughly = 2.0 * _ROUGHLY * abs(one.size)
+    low, high = (
+        one.size - np.hypot(one.size - one.low, roughly),
+        one.size + np.hypot(one.high - one.size, roughly),
+    )
+    low, high = max(float(low), amplitude.low), min(float(high), amplitude.high)
+    scale = amplitude.scale
+    places = decimals(low / scale, high / scale)
+    size, low_shown, high_shown = (f"{value / scale:.{places}f}" for value in (one.size, low, high))
+    unit = amplitude.display or amplitude.unit
+    shown = f"{size}{'' if unit == '1' else f' {unit}'} ({low_shown} to {high_shown})"
+    return PossibleCause(one.name, hypothesis.title, one.size, low, high, shown)
+
+
+def _told(parting: Parting, channel: Channel) -> Parting:
+    """Return a parting with its sentence."""
+    off, scale = parting.measured - parting.expected, channel.scale
+    unit = channel.display or channel.unit
+    places = decimals(-parting.band / scale, parting.band / scale)
+    sentence = (
+        f"From {parting.since:.0f} s on, {channel.name} reads {abs(off) / scale:.{places}f} {unit} "
+        f"{'more' if off > 0.0 else 'less'} than the model expects (band ± {parting.band / scale:.{places}f} {unit}), "
+        f"told at {parting.told:.1f} s."
+    )
+    if parting.causes:
+        causes = [f"{one.title}, {one.shown}" for one in parting.causes]
+        sentence += f" It would be explained by: {'; or '.join(causes)}."
+    else:
+        sentence += " No single cause of the catalogue explains it."
+    return replace(parting, sentence=sentence)

@@ -1,0 +1,55 @@
+"""Watching: look at a run again and again until it ends, and keep what the twin says of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from astb.diagnose import built_for
+from bench_protocol.clock import RealClock, give_way
+from bench_protocol.units import NS
+from bench_records.growing import GrowingRecord
+from bench_records.layout import PARQUET, STREAM, RecordError
+from bench_records.record import Record, read
+from bench_records.stream import is_held
+from bench_records.twin import TwinStory, write_twin
+from bench_sim.parameters import ParameterError, load
+from bench_twin.twin import Twin
+from diagnosis.contracts import DiagnosisError
+
+__all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
+
+#: A look comes so many s after the last one began at the earliest, and takes half of the time at most.
+EVERY: Final = 2.0
+#: So long (s) a run may take to begin.
+BEGINS: Final = 30.0
+
+
+def watch(directory: Path, model: str, tell: Callable[[TwinStory], None]) -> TwinStory:
+    """Watch the run in ``directory`` to its end beside a ``model``, and ``tell`` after every look; return the last.
+
+    ParameterError for the model; RecordError where no run begins within `BEGINS`, or none can be read; DiagnosisError
+    where the model cannot be that of the rig.
+    """
+    parameters = load(model)
+    clock = RealClock()
+    record = _opened(directory, clock)
+    if isinstance(record, GrowingRecord):
+        give_way()
+    twin = Twin(record, built_for(parameters, [record]), model)
+    while True:
+        began = clock.now()
+        goes_on = isinstance(record, GrowingRecord) and record.look()
+        story = twin.look(ended=not goes_on)
+        write_twin(directory, story)
+        tell(story)
+        if not goes_on:
+            return story
+        clock.sleep_until(began + max(round(EVERY * NS), 2 * (clock.now() - began)))
+
+
+def _opened(directory: Path, clock: RealClock) -> Record:
+    """Return the record of a run that goes on, or that has ended; one that is about to begin is waited for."""
+    until = clock.now() + round(BEGINS * NS)
+    while clock.now() < until and not any((directory / name).exists() for name in (STREAM, PARQUET)):
+        clock.sleep_until(clock.now() + round(0.1 * NS))
+    return GrowingRecord(directory) if is_held(directory) else read(directory)

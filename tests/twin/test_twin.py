@@ -1,0 +1,155 @@
+"""A twin beside whole runs, through the wires: it goes along with sound rigs, and tells a leak and when it began."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from astb.cli import commands
+from astb.rig_in_memory import RigInMemory
+from bench_records.layout import STREAM
+from bench_records.record import Record, read
+from bench_records.twin import TwinStory, read_twin
+from bench_sim.parameters import load
+from bench_sim.rig.faults.panel import PlannedFault
+from bench_sim.rig.rig import Rig
+from bench_twin.twin import Twin
+from test_plans.discovery import plans
+from test_plans.execution import execute
+
+
+def run(plan: str, out: Path, seed: int, *faults: PlannedFault) -> Path:
+    """Run a plan in virtual time on a rig with faults; return the folder of the run."""
+    rig = Rig(load("astb"), seed=seed)
+    for fault in faults:
+        rig.faults.plan(fault)
+    with RigInMemory(rig).bench(seed=seed) as bench:
+        execute(plans()[plan], bench, out / plan, rig="virtual", seed=seed)
+    return out / plan
+
+
+def watched(folder: Path) -> TwinStory:
+    return Twin(read(folder), load("astb"), "astb").look()
+
+
+class Growing(Record):
+    """What a record held at a time ``until`` (s) of its run."""
+
+    def __init__(self, whole: Record) -> None:
+        self.whole, self.until = whole, 0.0
+        self.path, self.signals, self.meta, self.start_ns = (
+            whole.path,
+            whole.signals,
+            whole.meta,
+            whole.start_ns,
+        )
+
+    @property
+    def events(self):
+        return [event for event in self.whole.events if self.whole.time_of(event) <= self.until]
+
+    @property
+    def duration(self):
+        return min(self.until, self.whole.duration)
+
+    @property
+    def phases(self):
+        return self.whole.phases
+
+    def series(self, name):
+        times, values = self.whole.series(name)
+        end = np.searchsorted(times, self.until, side="right")
+        return times[:end], values[:end]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", ["aw0", "aw3", "leak_down", "tightness"])
+def test_a_sound_rig_goes_along(plan, tmp_path):
+    story = watched(run(plan, tmp_path, 4711))
+    assert not story.partings
+    assert story.judged_for > 25.0
+    assert all(one.why for one in story.judged if one.along is None)
+    edges = [(one.start, one.end) for one in story.judged]
+    assert all(before[1] == pytest.approx(after[0], abs=1e-6) for before, after in pairwise(edges))
+
+
+@pytest.mark.slow
+def test_a_leak_is_told_with_its_size_and_its_beginning(tmp_path):
+    began = 70.0
+    folder = run("aw0", tmp_path, 12, PlannedFault("leak", {"side": "right", "area": "0.5mm2"}, began, None))
+    (parting,) = watched(folder).partings
+    assert began < parting.told < began + 8.0
+    assert abs(parting.since - began) < 2.0
+    cause = next(one for one in parting.causes if one.name == "leak.right")
+    assert cause.low < 0.5e-6 < cause.high
+    assert {one.name for one in parting.causes} <= {"leak.right", "leak_laminar.right"}
+    assert "leak of a bellows (orifice), right" in parting.sentence
+
+
+@pytest.mark.slow
+def test_while_the_run_goes_on_it_says_the_same_and_nothing_before(tmp_path):
+    began = 75.0
+    folder = run("aw0", tmp_path, 13, PlannedFault("leak", {"side": "left", "area": "1mm2"}, began, None))
+    growing = Growing(read(folder))
+    twin, told = Twin(growing, load("astb"), "astb"), []
+    for growing.until in np.arange(50.0, 100.0, 2.5):
+        story = twin.look(ended=False)
+        told += [(growing.until, one) for one in story.partings[len(told) :]]
+    (first,) = told
+    assert began < first[0] < began + 10.0
+    assert {"leak.left"} <= {one.name for one in first[1].causes}
+    growing.until = 1e6
+    (last,) = twin.look().partings
+    assert last.told == first[1].told
+    assert abs(last.since - began) < 2.0
+
+
+@pytest.mark.slow
+def test_what_no_cause_explains_is_not_given_one(tmp_path):
+    """Two leaks and a load cell that is off by a sudden 2 kN: no single cause of the catalogue does that."""
+    folder = run(
+        "aw0",
+        tmp_path,
+        14,
+        PlannedFault("leak", {"side": "left", "area": "0.5mm2"}, 60.0, None),
+        PlannedFault("bias", {"sensor": "load_cell.2", "value": "2kN"}, 66.0, None),
+    )
+    (parting,) = watched(folder).partings
+    assert parting.causes == ()
+    assert "No single cause" in parting.sentence
+
+
+@pytest.mark.slow
+def test_the_command_keeps_what_it_found_and_the_report_tells_it(tmp_path):
+    started = CliRunner().invoke(
+        commands,
+        [
+            "run",
+            "leak_down",
+            "--virtual",
+            "--watch",
+            "--seed=3",
+            "--effect=leak.left=0.5mm2",
+            f"--out={tmp_path}",
+        ],
+    )
+    assert "It would be explained by: leak of a bellows (orifice), left" in " ".join(started.output.split())
+    folder = tmp_path / "leak_down"
+    story = read_twin(folder)
+    assert story is not None and story.partings[0].causes[0].name.startswith("leak")
+    page = (folder / "report.html").read_text()
+    assert "Beside the model" in page and story.partings[0].sentence in page
+    again = CliRunner().invoke(commands, ["watch", str(folder)])
+    assert again.exit_code == 1
+    assert read_twin(folder) == story
+    assert not (folder / STREAM).exists()
+
+
+def test_where_no_run_is_the_command_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench_twin.watching.BEGINS", 0.0)
+    asked = CliRunner().invoke(commands, ["watch", str(tmp_path)])
+    assert asked.exit_code == 3
+    assert "holds no record.parquet" in asked.output
+    assert CliRunner().invoke(commands, ["watch", str(tmp_path / "missing")]).exit_code == 2
