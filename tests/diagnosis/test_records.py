@@ -18,7 +18,7 @@ from diagnosis.systems.motion import sensor_noise
 from diagnosis.systems.records import (
     STEP,
     _lateral_acceleration_is_unknown,
-    _SettingsOfRecord,
+    SettingsOfRecord,
     _without_frame_dampers,
     read_records,
 )
@@ -301,7 +301,7 @@ def test_a_held_piston_reads_as_if_its_frame_had_no_damper():
     outputs = np.zeros((len(grid), len(simulator.channels)))
     outputs[:, place] = 1e-3 - behind  # The vertical ones push down.
     record = Sampled(vertical_left__force=force)
-    settings = _SettingsOfRecord(
+    settings = SettingsOfRecord(
         Told((0.0, {"vertical.control": "displacement"}), (5.0, {"vertical.control": "force"}))
     )
     inside, force_controlled = slice(200, 980), slice(1005, 2000)
@@ -315,7 +315,7 @@ def test_a_held_piston_reads_as_if_its_frame_had_no_damper():
 
 
 def test_after_a_service_valve_was_at_work_nothing_is_scored():
-    settings = _SettingsOfRecord(
+    settings = SettingsOfRecord(
         Told(
             (0.0, {"air.left_mode": "hold"}),
             (2.0, {"air.left_mode": "fill"}),
@@ -327,16 +327,16 @@ def test_after_a_service_valve_was_at_work_nothing_is_scored():
 
 
 def test_a_pipe_that_is_fitted_has_its_length():
-    settings = _SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
+    settings = SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
     assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
 
 
 def test_springs_were_shimmed_before_a_record_for_what_it_first_says():
-    settings = _SettingsOfRecord(
+    settings = SettingsOfRecord(
         Told((0.0, {"rig.nominal_preload": 53.5e3}), (9.0, {"rig.nominal_preload": 145e3}))
     )
     assert settings.preload(np.array([-600.0, 0.5, 9.5])).tolist() == [53.5e3, 53.5e3, 145e3]
-    assert _SettingsOfRecord(Told()).preload(np.zeros(1)).tolist() == [0.0]
+    assert SettingsOfRecord(Told()).preload(np.zeros(1)).tolist() == [0.0]
     assert settings.constants(-1.0) == {}
 
 
