@@ -17,8 +17,8 @@ from diagnosis.systems.counted import at_its_steps, while_it_moves
 from diagnosis.systems.motion import sensor_noise
 from diagnosis.systems.records import (
     STEP,
-    _lateral_acceleration_is_unknown,
     SettingsOfRecord,
+    _lateral_acceleration_is_unknown,
     _without_frame_dampers,
     read_records,
 )
