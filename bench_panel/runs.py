@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
@@ -84,8 +84,12 @@ class Runs:
         specimen: str = "",
         operator: str = "",
         ambient: str = "",
+        twin: bool = False,
     ) -> None:
-        """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
+        """Start a plan with parameters as people write them, beside its ``twin`` if wanted.
+
+        CannotDo, in the words of `astb run`, if it refuses.
+        """
         stops = self._stops
         refuse_settings(plan, settings)
         with self._starts:  # whoever clicks twice starts one
@@ -93,17 +97,21 @@ class Runs:
                 raise CannotDo("a run is in progress already: stop it, or wait for its end")
             if link := self._watch.present().link:
                 raise CannotDo(f"no data from the rig: {link}")
-            self._launch(plan, settings, {"specimen": specimen, "operator": operator, "ambient": ambient})
+            told = {"specimen": specimen, "operator": operator, "ambient": ambient}
+            self._launch(plan, settings, told, ["--watch"] if twin else [])
             if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
                 assert self._process is not None
                 self._process.kill()
                 raise CannotDo("STOP came while the run was started: it was ended at once")
 
-    def _launch(self, plan: str, settings: Mapping[str, str], told: Mapping[str, str]) -> None:
+    def _launch(
+        self, plan: str, settings: Mapping[str, str], told: Mapping[str, str], more: Sequence[str]
+    ) -> None:
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
         command += ["--out", str(self.out), "--answers", PANEL]
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
         command += [f"--{name}={text}" for name, text in told.items() if text]
+        command += more
         if self._log is not None:  # nobody asks for that of the run before
             self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline

@@ -153,6 +153,7 @@ def _start(parts: Parts, body: dict[str, Any]) -> None:
         specimen=Specimens(parts.out).place(text_of(body, "specimen")),
         operator=text_of(body, "operator"),
         ambient=text_of(body, "ambient"),
+        twin=body.get("twin") is True,
     )
 
 

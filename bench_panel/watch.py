@@ -14,6 +14,7 @@ from astb.live.door import Deaf, NoRun, knock
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import dimensions_of, open_wiring
+from bench_panel.beside import Beside
 from bench_panel.envelope import Envelope, Ints
 from bench_panel.signals import Shown, shown_signals
 from bench_protocol.clock import RealClock
@@ -99,6 +100,7 @@ class Watch:
         self.status = Status(link="not connected yet")
         self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
+        self._beside = Beside()
         self._contacts: dict[str, bool] = {}
         self._valves: dict[str, str] = {}
         self._listening: Listening | None = None
@@ -215,7 +217,10 @@ class Watch:
             return None, self.status.pid  # it is still there, and a stop ends it
         except NoRun:
             return None, None
-        return told.get("snapshot"), told.get("pid")
+        run = told.get("snapshot")
+        if run is not None:
+            run["twin"] = self._beside.said(run.get("record", ""))
+        return run, told.get("pid")
 
     def _look(self, listening: Listening) -> Status:
         readings, glimpse = listening.readings, listening.readings.glimpse

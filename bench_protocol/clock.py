@@ -22,9 +22,8 @@ _prctl: Final = c_function("prctl", ctypes.c_int, ctypes.c_int, *(4 * [ctypes.c_
 _PR_SET_TIMERSLACK: Final = 29
 #: A thread that computes may keep another one waiting for this long (Python's default is 5 ms), in s.
 _SWITCH_INTERVAL: Final = 0.0005
-#: By how much what only computes gives way.
-_GIVES_WAY: Final = 5
 _NICE: Final = -10
+_GIVES_WAY: Final = 5
 #: Periodic callbacks are short (a command frame): below a rig's tick, above everything that computes.
 _CYCLE_PRIORITY: Final = 5
 
@@ -190,9 +189,9 @@ def hurry(priority: int) -> None:
 
 
 def give_way() -> None:
-    """Let this process only compute while nothing that holds deadlines wants to."""
+    """Put this whole process behind what holds deadlines, whoever started it."""
     with contextlib.suppress(OSError, AttributeError):
-        os.nice(_GIVES_WAY)
+        os.setpriority(os.PRIO_PROCESS, 0, _GIVES_WAY)
 
 
 def hurry_process() -> None:

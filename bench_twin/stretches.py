@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bench_protocol.signals import Group
@@ -121,7 +122,7 @@ def _why(record: Record, grid: Array) -> list[str]:
     received = np.ones(len(grid), np.bool_)
     for side in SIDES:
         samples = _sampled(record, f"{side}.height", grid)
-        received &= np.convolve(samples, np.ones(2 * _BRIDGED + 1), "same") > 0
+        received &= _nearby(samples > 0, _BRIDGED)
     pressurised = np.ones(len(grid), np.bool_)
     if "rig.state" in record.signals:
         times, states = record.series("rig.state")
@@ -164,8 +165,12 @@ def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
         mean = _mean(record, name, grid)
         if mean is not None and len(mean) > reach:
             going[:-reach] |= np.abs(mean[reach:] - mean[:-reach]) > _WARMING * REST
-    near = 2 * round(_NEAR / STEP) + 1  # a temperature that turns stands still for a moment
-    return np.convolve(going, np.ones(near), "same") > 0.5
+    return _nearby(going, round(_NEAR / STEP))  # a temperature that turns stands still for a moment
+
+
+def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Where (n,) a flag is set not farther away than so many steps."""
+    return np.asarray(sliding_window_view(np.pad(flags, reach), 2 * reach + 1).any(axis=1))
 
 
 def _mean(record: Record, name: str, grid: Array) -> Array | None:

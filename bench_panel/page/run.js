@@ -51,6 +51,14 @@ function ended({ by, at, how, empty }) {
   return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
 }
 
+/** What the model says that runs beside the rig: where they part, or how far it could be judged. */
+function besides(twin) {
+  if (!twin) return [];
+  if (twin.partings.length) return [make("ul", { class: "failed" }, ...twin.partings.map((one) => make("li", {}, one)))];
+  const why = twin.why ? `; not judged now: ${twin.why}` : "";
+  return [make("p", { class: "said" }, `Went along with its model for ${duration(twin.judged)} of ${duration(twin.until)}${why}`)];
+}
+
 /** The checks that failed, by name, value and limits; afterwards with what they are for. */
 function failures(checks) {
   if (!checks.length) return null;
@@ -65,6 +73,7 @@ function running(order) {
   const times = make("p", { class: "said" });
   const checks = make("p", { class: "said" });
   const failed = make("div");
+  const beside = make("div", { id: "beside" });
   const left = make("p", { class: "said" });
   const said = make("p", { class: "said" });
   const question = make("div", { class: "question", id: "question", hidden: true });
@@ -76,13 +85,13 @@ function running(order) {
   stop.addEventListener("click", () => order("/api/run/stop"));
 
   return {
-    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, failed, said, make("div", { class: "buttons" }, hold, stop)),
+    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, failed, beside, said, make("div", { class: "buttons" }, hold, stop)),
     tell({ run }, { starting, ending }, { seat }) {
       hold.disabled = !seat || !run;
       stop.disabled = !seat || ending;
       if (!run) {
         title.textContent = starting ? "Starting …" : ending ? "Ending …" : "Between two plans";
-        [step, times, checks, failed, said].forEach((one) => (one.textContent = ""));
+        [step, times, checks, failed, beside, said].forEach((one) => (one.textContent = ""));
         question.hidden = hold.hidden = true;
         bar.removeAttribute("value");
         return;
@@ -99,6 +108,7 @@ function running(order) {
         failed.dataset.names = names;
         failed.replaceChildren(failures(run.failed) ?? "");
       }
+      beside.replaceChildren(...besides(run.twin));
       said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {

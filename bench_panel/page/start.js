@@ -13,6 +13,7 @@ export function starting(panel, order, told) {
   const why = make("details", {}, make("summary", {}, "What it checks, and why"), checked);
   const fields = make("div");
   const specimen = make("select", { "aria-label": "specimen" });
+  const twin = make("input", { type: "checkbox", id: "twin" });
   const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
   const begin = make("button", { class: "main", id: "start" }, "Start");
   const rehearse = make("button", { id: "rehearse", title: "In virtual time, without the rig: how far the plan goes, and how close to which limit" }, "Rehearse");
@@ -66,7 +67,7 @@ export function starting(panel, order, told) {
     const set = Object.fromEntries([...fields.querySelectorAll("[name]")].filter((one) => one.value !== given.find((p) => p.name === one.name).default).map((one) => [one.name, one.value]));
     return { plan: choice.value, set, specimen: specimen.value };
   }
-  begin.addEventListener("click", () => order("/api/run/start", { ...chosen(), operator: operator.value, ambient: ambient.value }));
+  begin.addEventListener("click", () => order("/api/run/start", { ...chosen(), operator: operator.value, ambient: ambient.value, twin: twin.checked }));
   let leave = () => {};
   rehearse.addEventListener("click", async () => {
     await order("/api/rehearsal/start", chosen());
@@ -92,6 +93,7 @@ export function starting(panel, order, told) {
     element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
+      make("label", { class: "check", title: "The model runs beside the rig, and tells where they part, since when, and which cause would explain it." }, twin, " watched by its model"),
       make("div", { class: "buttons" }, begin, rehearse), rehearsed, make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";

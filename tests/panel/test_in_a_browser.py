@@ -107,6 +107,15 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
     assert "shift" in report.value.title()
 
 
+def test_a_run_is_watched_by_its_model(commander, picture):
+    commander.check("#twin")
+    start(commander)
+    until(commander, "#question", "Has the bolster moved", within=90)
+    told = until(commander, "#beside", "Went along with its model for")
+    assert re.search(r"of \d.*not judged now: (the|a) ", told), "and why it cannot be judged where it cannot"
+    picture(commander, "watched")
+
+
 def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     commander, bench_panel, open_page, picture
 ):

@@ -112,6 +112,8 @@ def test_a_run_is_told_its_specimen_operator_and_surroundings(page, parts, monke
         "--operator=--pdf",
         "--ambient=21 °C, 1013 hPa",
     ], "a name is a name, whatever it looks like"
+    assert page.post("/api/run/start", json=said | {"twin": True}).status_code == 200
+    assert commands.pop() == [*command, "--watch"]
     refused = page.post("/api/run/start", json=said | {"specimen": "../light.toml"})
     assert "there is no specimen" in refused.json()["error"]
     assert len(commands) == 1

@@ -1,0 +1,32 @@
+"""What the twin of a run says, as the panel reads it while the run goes on."""
+
+import os
+
+from bench_panel.beside import Beside
+from bench_records.twin import TWIN, Judged, Parting, TwinStory, write_twin
+
+SOUND = TwinStory(
+    "astb", 80.0, (Judged(0.0, 40.0, None, "the air is being filled"), Judged(40.0, 80.0, True))
+)
+PARTED = TwinStory(
+    "astb",
+    90.0,
+    (*SOUND.judged[:1], Judged(40.0, 90.0, False)),
+    (Parting(84.0, 80.0, "load_cell.1", 1.0, 2.0, 0.1, sentence="From 80 s on …"),),
+)
+
+
+def test_what_it_wrote_last_is_told(tmp_path):
+    beside = Beside()
+    assert beside.said(str(tmp_path)) is None
+    write_twin(tmp_path, SOUND)
+    assert beside.said(str(tmp_path)) == {"partings": [], "judged": 40.0, "until": 80.0, "why": ""}
+    write_twin(tmp_path, PARTED)
+    os.utime(tmp_path / TWIN, ns=(1, 1))  # as if the clock of the disk were coarse
+    assert beside.said(str(tmp_path))["partings"] == ["From 80 s on …"]
+    assert beside.said(str(tmp_path / "another")) is None
+
+
+def test_what_somebody_spoilt_is_nothing(tmp_path):
+    (tmp_path / TWIN).write_text("{")
+    assert Beside().said(str(tmp_path)) is None
