@@ -40,7 +40,7 @@ FAULTS: Final[tuple[tuple[str, dict[str, Any], str, tuple[str, ...], tuple[str, 
         "drift",
         {"sensor": "left.bellows_pressure"},
         "value",
-        ("0.0002bar", "0.0006bar", "0.002bar"),
+        ("0.0002bar/s", "0.0006bar/s", "0.002bar/s"),
         ("drift",),
     ),
 )
