@@ -44,8 +44,6 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 BIN: Final = 0.05
 BINS: Final = 10
 BLOCK: Final = BIN * BINS
-
-
 #: What the noise of the motion leaves in a reading, in standard deviations of its own noise.
 FLOOR: Final = 0.4
 #: What a sound model errs by, per how far a reading has come from where it was at the start.
@@ -59,6 +57,8 @@ BEHIND: Final = 0.5
 PRESSURE: Final = 450.0
 #: What friction remembers at most, one standard deviation in shares of its limit.
 REMEMBERED: Final = 0.6
+#: The median of the square of a standard normal number.
+_MEDIAN: Final = 0.4549
 #: Over so many s a rate is read.
 _FIRST: Final = 1.0
 
@@ -129,8 +129,14 @@ def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
     return (*simulator.nuisances, *remembered)
 
 
-def columns_of(run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpring) -> Columns:
-    """Simulate a run, and once more for each parameter, and average it all over bins."""
+def columns_of(
+    run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpring, noise: Array | None = None
+) -> Columns:
+    """Simulate a run, and once more for each parameter, and average it all over bins.
+
+    ``noise`` (c,) is the variance of a reading where it is known; else it is what the run shows, or the data sheet says
+    if that is more.
+    """
     parameters = simulator.nuisances
     names = [one.name for one in parameters]
     jobs = [Job(run.experiment, {}, {})]
@@ -147,7 +153,8 @@ def columns_of(run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpri
     ]
     inputs = np.sqrt(sum((binned(moved - base, run) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
     slopes += _remembered(run.experiment, channels, dict(zip(names, slopes, strict=True)), size, simulator)
-    noise = np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
+    if noise is None:
+        noise = np.maximum(_believed(channels), _shown(run.outputs - base, run))
     return Columns(
         count, binned(run.outputs, run), binned(base, run), np.stack(slopes, axis=-1), inputs, noise
     )
@@ -160,6 +167,36 @@ def binned(values: Array, run: MeasuredRun) -> Array:
     some = len(counted) // size * size
     total = np.where(counted, values, 0.0)[:some].reshape(shape).sum(axis=1)
     return np.asarray(total / np.maximum(counted[:some].reshape(shape).sum(axis=1), 1))
+
+
+def _believed(channels: Sequence[Channel]) -> Array:
+    """What data sheets say of the variance of a reading (c,)."""
+    return np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
+
+
+def _shown(errors: Array, run: MeasuredRun) -> Array:
+    """The variance of a reading (c,) by how errors (n, c) differ from one to the next, and from one bin to the next.
+
+    By the median of squares: what a model gets wrong, and what jumps, is elsewhere. Noise that remembers shows in bins.
+    """
+    counted = run.counted
+    size = _size(run)
+    many = counted[: len(counted) // size * size].reshape(-1, size, counted.shape[1]).sum(axis=1)
+    single = [_from_one_to_the_next(np.where(counted, errors, np.nan)[:, c]) for c in range(errors.shape[1])]
+    bins = np.where(many > 0, binned(errors, run), np.nan)
+    averaged = [
+        _from_one_to_the_next(bins[:, c]) * float(np.median(many[many[:, c] > 0, c]))
+        if many[:, c].any()
+        else 0.0
+        for c in range(errors.shape[1])
+    ]
+    return np.maximum(single, averaged)
+
+
+def _from_one_to_the_next(values: Array) -> float:
+    """The variance of normal numbers with NaN between them, from the median square of their differences."""
+    seen = values[np.isfinite(values)]
+    return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
 
 
 def _size(run: MeasuredRun) -> int:

@@ -150,6 +150,10 @@ def _resting(record: Record, grid: Array) -> NDArray[np.bool_]:
         mean = _mean(record, name, grid)
         if mean is None or len(mean) <= reach:
             continue
+        # Means over half a second: a slow rig has few samples, and their noise is no motion.
+        mean = sliding_window_view(
+            np.pad(mean, (reach // 2, reach - 1 - reach // 2), mode="edge"), reach
+        ).mean(axis=1)
         moved = np.abs(mean[reach:] - mean[:-reach]) > _SPEED * _STILL
         steps = np.flatnonzero(moved)
         for k in range(reach + 1):

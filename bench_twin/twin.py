@@ -15,7 +15,7 @@ from bench_twin.causes import Suspect, suspects
 from bench_twin.detector import Detector
 from bench_twin.innovations import BLOCK, Belief, columns_of, gas_rates, judge, parameters_of
 from bench_twin.stretches import LEAST, STEP, Stretch, stretches
-from diagnosis.contracts import Channel, DiagnosisError, Hypothesis
+from diagnosis.contracts import Array, Channel, DiagnosisError, Hypothesis
 from diagnosis.finding import decimals
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import run_between
@@ -41,6 +41,7 @@ class Twin:
         self._parameters = parameters_of(self._simulator)
         self._belief = Belief.prior(self._parameters)
         self._detector = Detector(len(self._simulator.channels), BLOCK)
+        self._noise: Array | None = None  # of sensors, from the first stretch that goes along
         self._closed: list[Judged] = []
         self._partings: list[Parting] = []
         self._open: Parting | None = None
@@ -75,7 +76,7 @@ class Twin:
             return Judged(start, float(stretch.end), None, stretch.why or "it was too short")
         try:
             channels, run = run_between(self._record, start, float(end), self._simulator)
-            columns = columns_of(run, channels, self._simulator)
+            columns = columns_of(run, channels, self._simulator, self._noise)
         except DiagnosisError as error:
             return Judged(start, float(stretch.end), None, str(error))
         rates = gas_rates(self._record, start)
@@ -84,7 +85,7 @@ class Twin:
         alarm = detector.look(told.white)
         if alarm is None:
             if not stretch.open:
-                self._belief, self._detector = told.belief, detector
+                self._belief, self._detector, self._noise = told.belief, detector, columns.noise
             self._open = None
             return Judged(start, float(stretch.end), True)
         since, c = alarm.since * BLOCK, alarm.channel
