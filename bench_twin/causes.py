@@ -131,8 +131,9 @@ class _Look:
 
     def _near(self, tried: _Tried, size: float) -> Iterator[tuple[Array, _Fitted, int]]:
         """Yield columns and fits of a cause that begins near where it was tried."""
-        onsets = {max(tried.onset + BINS * blocks, BINS) for blocks in _NEAR} if tried.onset else {0}
-        for onset in sorted(onsets):
+        last = len(self._columns.measured) - 2 * BINS
+        near = {tried.onset + BINS * blocks for blocks in _NEAR} if tried.onset else {0}
+        for onset in sorted(one for one in near if 0 < one <= last or one == tried.onset):
             (column,) = self._columns_of([(tried.cause, tried.shapes, size)], onset)
             if column is not None:
                 yield column, self._fit.with_(column, _typical(tried.cause)), onset

@@ -29,13 +29,20 @@ _ROUGHLY: Final = 0.01
 
 
 class Twin:
-    """The model with ``parameters`` beside the run of a ``record``, which may be growing; ``model`` is its name."""
+    """The model with ``parameters`` beside the run of a ``record``, which may be growing; ``model`` is its name.
+
+    DiagnosisError for a rig without a sensor that the model could be held against.
+    """
 
     def __init__(self, record: Record, parameters: Parameters, model: str) -> None:
         # Thermometers are too slow and too coarse to part on; a stretch begins from what they read.
         judged = tuple(
             name for name in OUTPUTS if not name.endswith("_temperature") and name in record.signals
         )
+        if not judged:
+            raise DiagnosisError(
+                f"{record.path} has no pressure and no force: there is nothing to hold a model against"
+            )
         self._record, self._model = record, model
         self._simulator = AirSpring(parameters, effects=CATALOGUE, only=judged)
         self._parameters = parameters_of(self._simulator)

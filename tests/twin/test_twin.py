@@ -9,13 +9,15 @@ from click.testing import CliRunner
 
 from astb.cli import commands
 from astb.rig_in_memory import RigInMemory
-from bench_records.layout import STREAM
+from bench_records.layout import STREAM, SignalInfo
 from bench_records.record import Record, read
+from bench_records.recorder import Recorder
 from bench_records.twin import TwinStory, read_twin
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
 from bench_twin.twin import Twin
+from diagnosis.contracts import DiagnosisError
 from test_plans.discovery import plans
 from test_plans.execution import execute
 
@@ -155,3 +157,10 @@ def test_where_no_run_is_the_command_says_so(tmp_path, monkeypatch):
     assert asked.exit_code == 3
     assert "holds no record.parquet" in asked.output
     assert CliRunner().invoke(commands, ["watch", str(tmp_path / "missing")]).exit_code == 2
+
+
+def test_a_record_without_anything_to_compare_is_refused(tmp_path):
+    with Recorder(tmp_path, [SignalInfo("left.height", "mm", 1e-3)], {}) as recorder:
+        recorder.receive([0], [0], [0.0])
+    with pytest.raises(DiagnosisError, match="nothing to hold a model against"):
+        Twin(read(tmp_path), load("astb"), "astb")
