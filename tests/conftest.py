@@ -30,7 +30,7 @@ TIMED, TIMED_ROOMS = (
     {"drivers", "foreign", "panel", "protocol", "records", "rig", "system", "wires"},
 )
 #: The directories with the longest files, which begin first, so that no processor waits for them in the end.
-LONG_ROOMS = ("system", "diagnosis", "plans", "hidden", "paper", "model")
+LONG_ROOMS = ("system", "diagnosis", "plans", "benchmarks", "paper", "model")
 
 
 def complain_of_an_old_environment() -> None:

@@ -39,7 +39,7 @@ def test_tests_may_use_the_benchmarks_and_not_the_other_way_round(path):
         "import tests.diagnosis.conftest",
         "from tests.diagnosis import conftest as lab",
         "def hidden():\n    import tests",
-        "if TYPE_CHECKING:\n    from tests.hidden import conftest",
+        "if TYPE_CHECKING:\n    from tests.plans import conftest",
     ],
 )
 def test_an_import_of_the_tests_is_seen(line):

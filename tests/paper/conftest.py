@@ -1,9 +1,12 @@
-"""The paper's spring under both loads, and its wind."""
+"""The paper's spring under both loads, its wind, and the virtual rig on which its plans run."""
 
 import pytest
 
 from bench_protocol.clock import RealClock
 from paper_study.parameters import load_paper
+from tests.plans.conftest import bench_composed, bench_run, judged, sound_run
+
+__all__ = ["aw0", "aw3", "bench_composed", "bench_run", "judged", "quick_study", "sound_run", "wind"]
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,9 @@ import pytest
 
 from bench_protocol.account import Account
 from drivers.can_files.frames import CanLogError
-from tests.readers.binary_forms import blf, mdf
-from tests.readers.log_forms import Sample, recording
-from tests.readers.log_reading import read, refused
+from tests.drivers.can_files.binary_forms import blf, mdf
+from tests.drivers.can_files.log_forms import Sample, recording
+from tests.drivers.can_files.log_reading import read, refused
 
 _WITHIN = 1000  # ns: python-can's times are floats of seconds since 1970
 

@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from tests.readers.log_forms import (
+from tests.drivers.can_files.log_forms import (
     START,
     asc,
     asc_lines,
@@ -18,7 +18,7 @@ from tests.readers.log_forms import (
     trc,
     with_objects,
 )
-from tests.readers.log_reading import form, read, refused, replace_channel, same
+from tests.drivers.can_files.log_reading import form, read, refused, replace_channel, same
 
 
 @form("asc plain")

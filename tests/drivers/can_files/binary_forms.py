@@ -13,7 +13,7 @@ import can
 import numpy as np
 from can.io import blf as vector
 
-from tests.readers.log_forms import START, Sample
+from tests.drivers.can_files.log_forms import START, Sample
 
 _V1: Final = struct.Struct("<4sHHLLLHHQ")
 _V2: Final = struct.Struct("<4sHHLLLBxHQ8x")

@@ -14,7 +14,7 @@ from bench_records.record import read
 from bench_records.result import read_result
 from diagnosis.contracts import Dataset, DiagnosisError
 from diagnosis.systems.mapping import read_mapped
-from tests.readers.log_forms import START, Sample, asc, by_python_can, candump
+from tests.drivers.can_files.log_forms import START, Sample, asc, by_python_can, candump
 from tools.generate.readers_page import table
 
 TESTED = {

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from drivers.can_files.frames import CanLogError
-from tests.readers import test_logs
-from tests.readers.log_forms import (
+from tests.astb.test_import_of_logs import TESTED as OF_IMPORT
+from tests.drivers.can_files import test_logs
+from tests.drivers.can_files.log_forms import (
     ASC_HEAD,
     asc,
     asc_lines,
@@ -19,8 +20,7 @@ from tests.readers.log_forms import (
     trc,
     trc_lines,
 )
-from tests.readers.log_reading import TESTED, form, read, refused, replace_channel, same
-from tests.readers.test_import_of_logs import TESTED as OF_IMPORT
+from tests.drivers.can_files.log_reading import TESTED, form, read, refused, replace_channel, same
 from tools.generate.readers_page import table
 
 

@@ -9,7 +9,7 @@ import pytest
 from bench_protocol.account import Account
 from drivers.can_files.frames import CanLogError
 from drivers.can_files.reading import read_log
-from tests.readers.log_forms import Sample
+from tests.drivers.can_files.log_forms import Sample
 
 TESTED: set[str] = set()
 

@@ -18,7 +18,7 @@ from benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
 from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring.simulator import OUTPUTS
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 #: A few candidates of every family; the whole catalogue is the benchmark's.
 FEW = (
     "maxwell",

@@ -1,0 +1,195 @@
+"""The conformance suite: a sound rig is found sound, every spoilt one is found out, and two rigs are told apart."""
+
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from acceptance.conformance.raw_access import Cable, RawAccess
+from acceptance.conformance.report import Observation, Outcome, Report, ReportError, differences, read_report
+from acceptance.conformance.suite import examine
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.frames import Block
+from bench_protocol.modbus import refuse
+from bench_protocol.rates import SLOW_RATE
+from bench_protocol.rest import REST
+from bench_protocol.table import TABLE
+from bench_protocol.units import kN, mm
+from bench_sim.parameters import load
+from bench_sim.rig.in_force import InForce
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.supervisor import Supervisor
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "test-whether-a-rig-conforms.md"
+IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
+
+
+class Stand:
+    """A rig in memory as a stranger meets it, whose frames and answers a test may spoil on their way out."""
+
+    def __init__(self, frames=lambda block: block, answers=lambda request, reply: reply):
+        rig = Rig(load(), seed=1)
+        memory = RigInMemory(rig, run=lambda ticks: frames(rig.run(ticks)))
+        peers = iter(range(100))
+
+        def line():
+            peer = f"modbus:{next(peers)}"
+            return Cable(
+                lambda request: answers(request, memory.answer(request, peer)), lambda: rig.peer_lost(peer)
+            )
+
+        self.rig, self.memory = rig, memory
+        self.access = RawAccess(memory.clock, memory.can, line)
+
+    def examine(self, motion=False) -> dict[str, Observation]:
+        found = examine(self.access, motion=motion, say=lambda text: None)
+        self.report = Report(rig="test", time="virtual", motion=motion, findings=found)
+        return {one.what: one for one in found}
+
+    def wrong(self, motion=False) -> set[str]:
+        return {what for what, one in self.examine(motion).items() if one.outcome is Outcome.WRONG}
+
+
+@pytest.fixture(scope="module")
+def sound():
+    stand = Stand()
+    moved = []
+    stand.memory.clock.every(10**8, lambda: moved.append(stand.rig.state))
+    at_rest = stand.examine()
+    return stand, at_rest, moved
+
+
+def test_a_sound_rig_is_found_sound_and_stays_where_it_is(sound):
+    stand, findings, states = sound
+    assert not stand.report.wrong
+    assert len(findings) > 70
+    assert {state.name for state in states} <= {"OFF", "BOOT", "INIT", "DISABLED"}
+    assert stand.rig.lease.token == 0, "the bench is given back"
+
+
+def test_with_motion_it_is_led_up_and_left_disabled():
+    stand = Stand()
+    findings = stand.examine(motion=True)
+    assert not stand.report.wrong
+    assert findings["the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=3e-4)
+    assert findings["silence, until it holds"].value == pytest.approx(0.1, abs=0.05)
+    for when in ("armed by bits alone, and in HOLD", "in ACTIVE, before the first set-point"):
+        assert findings[f"{when}: heights and displacements"].value < 0.5 * mm
+    ends = ("silence", "the holder's connection is closed in ACTIVE")
+    assert all(findings[f"in force after {end}"].outcome is Outcome.RIGHT for end in ends)
+    assert stand.rig.state.name == "DISABLED"
+    assert stand.rig.lease.token == 0
+
+
+def slow_frames(block: Block) -> Block:
+    """Every other frame of one message is missing."""
+    spring = block["id"] == IDENTIFIER["SpringLeft"]
+    return block[~(spring & (block["time"] // 5_000_000 % 2 == 0))]
+
+
+def hasty_codes(request: bytes, reply: bytes) -> bytes:
+    """Everything that is refused is refused as a failure of the device."""
+    return refuse(request, 4) if reply[7] & 0x80 else reply
+
+
+def swapped_words(request: bytes, reply: bytes) -> bytes:
+    """The two words of every float in the answers come low word first."""
+    if request[7] != 4 or reply[7] & 0x80 or reply[8] != 4:
+        return reply
+    high, low = struct.unpack(">HH", reply[9:13])
+    return reply[:9] + struct.pack(">HH", low, high)
+
+
+def lax(request: bytes, reply: bytes) -> bytes:
+    """What is written wrongly is accepted."""
+    return request[:4] + b"\0\6" + request[6:12] if request[7] == 16 and reply[7] & 0x80 else reply
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "found"),
+    [
+        ({"frames": slow_frames}, {"SpringLeft, rate", "frames lost, by their counters"}),
+        (
+            {"answers": hasty_codes},
+            {"a function that there is not", "half of a float", "somebody else asks for it"},
+        ),
+        ({"answers": swapped_words}, {"readings that differ between CAN and Modbus"}),
+        (
+            {"answers": lax},
+            {"generator.frequency, NaN", "air.left_target, half of it", "somebody else asks for it"},
+        ),
+    ],
+    ids=["slow frames", "codes", "words", "lax"],
+)
+def test_a_spoilt_rig_is_found_out(spoilt, found):
+    assert found <= Stand(**spoilt).wrong()
+
+
+def test_a_rig_that_keeps_what_a_command_has_left_is_found_out_and_brought_to_rest(monkeypatch):
+    monkeypatch.setattr(InForce, "rest", lambda in_force, vented: None)
+    stand = Stand()
+    ends = ("the lease is returned", "the holder's connection is closed")
+    findings = stand.examine()
+    assert {f"in force after {end}" for end in ends} == {one.what for one in stand.report.wrong}
+    found = findings["in force after the lease is returned"].found
+    assert "generator.cycles = 7" in found
+    assert "generator.amplitude = 3 mm" in found
+    assert {name: stand.rig.registers.active[name] for name in REST} == REST
+
+
+def test_a_rig_that_moves_when_it_is_armed_and_in_hold_is_found_out(monkeypatch):
+    """It holds a force that was never there, and follows set-points in HOLD."""
+    handle = Supervisor.handle
+
+    def follow(supervisor, event, tripped=0):
+        changed = handle(supervisor, event, tripped)
+        supervisor._controls["active"] |= supervisor.state.name == "HOLD"
+        return changed
+
+    monkeypatch.setattr(InForce, "_present", lambda in_force, target: 5 * kN)
+    monkeypatch.setattr(Supervisor, "handle", follow)
+    wrong = Stand().wrong(motion=True)
+    assert {
+        "HOLD keeps it where it is, whatever set-point comes",
+        "armed by bits alone, and in HOLD: heights and displacements",
+    } <= wrong
+
+
+def test_a_rig_that_falls_silent_is_told_and_the_rest_is_asked_all_the_same():
+    findings = Stand(answers=lambda request, reply: b"").examine()
+    assert findings["to the end"].outcome is Outcome.WRONG
+    assert "no answer" in findings["to the end"].found
+    assert findings["SpringLeft, rate"].outcome is Outcome.RIGHT
+
+
+def test_two_rigs_are_compared(sound, tmp_path):
+    stand, _, _ = sound
+    path = tmp_path / "sound.json"
+    path.write_bytes(stand.report.to_json())
+    again = read_report(path)
+    assert again == stand.report
+    assert not differences(stand.report, again)
+    other = Stand(answers=hasty_codes)
+    other.examine()
+    apart = {one.what: one for one in differences(other.report, again)}
+    assert apart["half of a float"].here == "exception 4"
+    assert apart["half of a float"].there == "exception 3"
+    assert "SpringLeft, rate" not in apart
+    path.write_text("{}")
+    with pytest.raises(ReportError, match="is no report"):
+        read_report(path)
+
+
+def test_the_page_reads_a_report(sound, tmp_path):
+    stand, _, _ = sound
+    (tmp_path / "local.json").write_bytes(stand.report.to_json())
+    text = PAGE.read_text()
+    (program,) = re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    command = [sys.executable, "-W", "ignore", "-c", program]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout == f"{SLOW_RATE:.1f} Hz at the slowest\n"
+    groups = {one.group for one in stand.report.findings} - {"motion"}
+    assert all(f"\n| {group} |" in text for group in groups)
