@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 from benchmarks.diagnosis.investigated import FAINT, Investigated
-from benchmarks.diagnosis.investigations import Figure, figures
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.measure import machine
+from diagnosis.finding import Verdict
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "investigation-benchmark.md"
 _INTRODUCTION: Final = """\
@@ -27,6 +27,38 @@ A name is right if it is exactly what is hidden, with no rival beside it; wrong 
 Intervals of rates hold 95 % (Clopper and Pearson). The first 54 were counted before the dampers of the vertical frames
 were reckoned with ([decision 46](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md)).
 """
+
+
+class Figure(NamedTuple):
+    """A rate that is told, with the least or (below a half) the largest that was aimed at; NaN for none."""
+
+    what: str
+    aim: float
+    hits: list[bool]
+
+
+def figures(all_: Sequence[Investigated]) -> list[Figure]:
+    """Return how often what came of investigations was right."""
+    hidden = [one for one in all_ if one.hidden]
+    doubtful = [one for one in hidden if one.first == Verdict.AMBIGUOUS.value]
+    return [
+        Figure("something hidden: the right name", math.nan, [one.right for one in hidden]),
+        Figure("ambiguous after the screening: the right name", 0.9, [one.right for one in doubtful]),
+        Figure("nothing hidden: nothing named", 0.99, [one.right for one in all_ if not one.hidden]),
+        Figure("a wrong name", 0.01, [one.wrong for one in all_]),
+        Figure("no verdict", 0.01, [bool(one.failure) for one in all_]),
+    ]
+
+
+def summary(all_: Sequence[Investigated]) -> list[str]:
+    """Return the rates with their exact intervals, as lines for people."""
+    lines = []
+    for what, _, hits in figures(all_):
+        rate = Rate.of(hits)
+        lines.append(f"{what}: {rate.hits} of {rate.count}" + (f", {rate}" if hits else ""))
+    if all_:
+        lines.append(f"minutes of the bench (median): {median(one.minutes for one in all_):.1f}")
+    return lines
 
 
 def write(all_: Sequence[Investigated], path: Path, budget: str) -> None:

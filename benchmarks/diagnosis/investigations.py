@@ -4,59 +4,24 @@ Every rig takes minutes of a core. What is known of each is kept at once as a li
 stopped. In the end the page is written.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from statistics import median
-from typing import Final, NamedTuple
+from typing import Final
 
 import click
 import msgspec
 
 from benchmarks.diagnosis.campaign import COUNTED
 from benchmarks.diagnosis.investigated import Asked, Investigated, investigated
-from benchmarks.diagnosis.statistics import Rate
+from benchmarks.diagnosis.investigation_page import PAGE, summary, write
 from campaigns.core import carried_out
 from campaigns.workers import cluster
-from diagnosis.finding import Verdict
 
 ROUND: Final[tuple[Asked, ...]] = ("single", "faint", "near", "faint", "pair", "null")
 BUDGET: Final = "40 min"
 INVESTIGATIONS: Final = COUNTED / "investigations.jsonl"
-
-
-class Figure(NamedTuple):
-    """A rate that is told, with the least or (below a half) the largest that was aimed at; NaN for none."""
-
-    what: str
-    aim: float
-    hits: list[bool]
-
-
-def figures(all_: Sequence[Investigated]) -> list[Figure]:
-    """Return how often what came of investigations was right."""
-    hidden = [one for one in all_ if one.hidden]
-    doubtful = [one for one in hidden if one.first == Verdict.AMBIGUOUS.value]
-    return [
-        Figure("something hidden: the right name", math.nan, [one.right for one in hidden]),
-        Figure("ambiguous after the screening: the right name", 0.9, [one.right for one in doubtful]),
-        Figure("nothing hidden: nothing named", 0.99, [one.right for one in all_ if not one.hidden]),
-        Figure("a wrong name", 0.01, [one.wrong for one in all_]),
-        Figure("no verdict", 0.01, [bool(one.failure) for one in all_]),
-    ]
-
-
-def summary(all_: Sequence[Investigated]) -> list[str]:
-    """Return the rates with their exact intervals, as lines for people."""
-    lines = []
-    for what, _, hits in figures(all_):
-        rate = Rate.of(hits)
-        lines.append(f"{what}: {rate.hits} of {rate.count}" + (f", {rate}" if hits else ""))
-    if all_:
-        lines.append(f"minutes of the bench (median): {median(one.minutes for one in all_):.1f}")
-    return lines
 
 
 def count(
@@ -103,8 +68,6 @@ def read(kept: Path) -> list[Investigated]:
 )
 def main(number: int, processes: int, budget: str, kept: Path, page: Path | None) -> None:
     """Investigate sealed rigs of which nothing is known yet; print and write down how often the end was right."""
-    from benchmarks.diagnosis.investigation_page import PAGE, write
-
     wanted = [(300_000 + i, ROUND[i % len(ROUND)]) for i in range(number)]
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):

@@ -16,7 +16,8 @@ from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis import investigations
 from benchmarks.diagnosis.ground_truth import GroundTruth, draw
 from benchmarks.diagnosis.investigated import ROOT, Investigated, hidden_in, write_rig
-from benchmarks.diagnosis.investigations import count, read, summary
+from benchmarks.diagnosis.investigation_page import summary
+from benchmarks.diagnosis.investigations import count, read
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
 from benchmarks.diagnosis.sealed import measure, parameters_of
 from diagnosis.engine.config import Config
