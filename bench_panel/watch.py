@@ -51,7 +51,7 @@ VALVES: Final = (
 _IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
-class Reading(msgspec.Struct, frozen=True):
+class KeyReading(msgspec.Struct, frozen=True):
     """A key reading in the unit that people read; None where there is none."""
 
     name: str
@@ -70,7 +70,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     tripped: str = ""  #: the signal that it watches
     program: str = ""
     contacts: dict[str, bool] = {}
-    readings: tuple[Reading, ...] = ()
+    readings: tuple[KeyReading, ...] = ()
     lacking: dict[str, str] = {}  #: measurements of which nothing is known now, each with why
     valves: dict[str, str] = {}  #: `VALVES` as they are in force
     late: int | None = None  #: ticks since the rig started
@@ -247,12 +247,12 @@ class Watch:
             pid=run[1],
         )
 
-    def _reading(self, readings: Readings, one: Shown) -> Reading:
+    def _reading(self, readings: Readings, one: Shown) -> KeyReading:
         sample = readings.sample(one.name) if _comes(readings, one.name) else None
         if sample is None:
-            return Reading(one.name, None, None)
+            return KeyReading(one.name, None, None)
         value = None if np.isnan(sample.value) else sample.value / one.factor
-        return Reading(one.name, value, None if np.isinf(sample.age) else sample.age)
+        return KeyReading(one.name, value, None if np.isinf(sample.age) else sample.age)
 
     def _lacking(self, listening: Listening) -> dict[str, str]:
         readings, absent = listening.readings, listening.wiring.absent

@@ -16,7 +16,7 @@ from bench_records.curves import curve
 from bench_records.layout import RecordedEvent, RecordError
 from bench_records.result import MARGIN, unavailable
 from bench_records.result import check as judged
-from test_plans.analysis.uncertainty import Evaluation, Exact, Measured, Readings, measured
+from test_plans.analysis.uncertainty import Captured, Evaluation, Exact, Measured, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension
@@ -186,7 +186,7 @@ class Run:
         self._judged(one)
         return one.passed
 
-    def measured(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> Measured:
+    def measured(self, evaluate: Evaluation, *captures: Captured, **how: Any) -> Measured:
         """Return what ``evaluate(*captures)`` computes from readings, with its uncertainty.
 
         See `uncertainty.measured`, of which this is the one value; the instruments are those of the rig. What needs
@@ -196,7 +196,7 @@ class Run:
         return one
 
     def measure(
-        self, evaluate: Evaluation, *captures: Readings, over: float = 0.0, **how: Any
+        self, evaluate: Evaluation, *captures: Captured, over: float = 0.0, **how: Any
     ) -> tuple[Measured, ...]:
         """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties.
 

@@ -18,7 +18,7 @@ from test_plans.analysis import Samples, first_harmonic, without_inertia
 from test_plans.analysis.cells import CELLS, ahead_of, bearing, cell_moment, described, unseen, upward_force
 from test_plans.analysis.geometry import actuator_moment, roll_of
 from test_plans.analysis.readings import GENERATOR, HEIGHTS, harmonic
-from test_plans.analysis.uncertainty import Measured, Readings, measured
+from test_plans.analysis.uncertainty import Captured, Measured, measured
 from test_plans.description import Description
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
@@ -82,25 +82,25 @@ class Measuring:
 
         self._compare("bolster_mass", "by its inertia", mass, values)
 
-    def tilted(self, before: Readings, after: Readings) -> None:
+    def tilted(self, before: Captured, after: Captured) -> None:
         """Compare where the lasers stand with what they saw when the platform rolled and the bolster stayed."""
         for side in SIDES:
             height = f"{side}.height"
             if not self._has(across(height), (height, "platform.roll"), ()):
                 continue
 
-            def place(_: Mapping[str, float], one: Readings, other: Readings, name: str = height) -> float:
+            def place(_: Mapping[str, float], one: Captured, other: Captured, name: str = height) -> float:
                 return -(other[name] - one[name]) / (other["platform.roll"] - one["platform.roll"])
 
             self._compare(across(height), "by the roll of the platform", place, before, after)
 
-    def lifted(self, side: str, before: Readings, after: Readings) -> None:
+    def lifted(self, side: str, before: Captured, after: Captured) -> None:
         """Compare where the other actuator stands: it stayed where it was when this one lifted its side."""
         other = f"vertical_{SIDES[1 - SIDES.index(side)]}"
         if not self._has(across(other), HEIGHTS, tuple(map(across, HEIGHTS))):
             return
 
-        def place(rig: Mapping[str, float], one: Readings, two: Readings) -> float:
+        def place(rig: Mapping[str, float], one: Captured, two: Captured) -> float:
             way = {name: np.asarray(two[name] - one[name]) for name in HEIGHTS}
             turned = float(roll_of(way, rig))
             return rig[across(f"{side}.height")] - float(way[f"{side}.height"]) / turned
@@ -279,7 +279,7 @@ class Measuring:
             )
         return not lacking
 
-    def _measured(self, find: Find, *captures: Readings) -> Measured:
+    def _measured(self, find: Find, *captures: Captured) -> Measured:
         instruments = self._bench.instruments or NO_INSTRUMENTS
         came = self._bench.receiver.rates
         (one,) = measured(find, self._rig, *captures, instruments=instruments, came=came, averaged=20)
@@ -295,7 +295,7 @@ class Measuring:
         stated = self._rig.stated(name)
         return stated.uncertainty if stated else 0.0
 
-    def _compare(self, name: str, how: str, find: Find, *captures: Readings, more: float = METHOD) -> None:
+    def _compare(self, name: str, how: str, find: Find, *captures: Captured, more: float = METHOD) -> None:
         """Note what was found of a dimension beside what is stated, with the uncertainties of both."""
         one, si = self._measured(find, *captures), NAMES[name]
         u = self._sure(one, si) + (0.0 if si == "s" else more * abs(one.value))

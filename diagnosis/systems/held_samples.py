@@ -43,7 +43,7 @@ _DIFFERENCE: Final = 0.3
 _TRIED: Final = 201
 
 
-class Reading(NamedTuple):
+class ChannelErrors(NamedTuple):
     """A channel in one run: the clock when its samples were taken (n,), their errors (n,), and dp/dt as predicted (n,).
 
     Errors and rates are 0 where nothing was measured.
@@ -58,15 +58,15 @@ class Reading(NamedTuple):
         """Sampling interval in s."""
         return float(self.clock[1] - self.clock[0])
 
-    def without_lateness(self) -> "Reading":
+    def without_lateness(self) -> "ChannelErrors":
         """Return it without what a constant lateness explains, in units of the standard deviation of the rest."""
         late = float(self.errors @ self.rates) / max(float(self.rates @ self.rates), 1e-300)
         rest = self.errors - late * self.rates
         scale = max(float(np.std(rest)), 1e-300)
-        return Reading(self.clock, rest / scale, self.rates / scale)
+        return ChannelErrors(self.clock, rest / scale, self.rates / scale)
 
 
-def readings_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[Reading]:
+def errors_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[ChannelErrors]:
     """Yield the channels of a run at some ``places`` among its outputs, beside what is ``expected`` of them (n, m)."""
     clock = run.experiment.settings.get("start", 0.0) + run.experiment.time
     for place, values in zip(places, expected.T, strict=True):
@@ -75,7 +75,7 @@ def readings_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Ite
             errors = run.outputs[:, place] - values
             errors -= errors[counted].mean()
             rates = np.gradient(values, run.experiment.step)
-            yield Reading(clock, np.where(counted, errors, 0.0), np.where(counted, rates, 0.0))
+            yield ChannelErrors(clock, np.where(counted, errors, 0.0), np.where(counted, rates, 0.0))
 
 
 def of_period(held: Hypothesis, period: float) -> Hypothesis:
@@ -85,9 +85,9 @@ def of_period(held: Hypothesis, period: float) -> Hypothesis:
     return replace(held, shapes=(known,), grid=((period,),), imitated=())
 
 
-def held_period(readings: Sequence[Reading], shortest: float, longest: float) -> float | None:
-    """Return the period T (s) in which ``readings`` are refreshed, between two bounds; None if they are not held."""
-    together = _together(readings)
+def held_period(channels: Sequence[ChannelErrors], shortest: float, longest: float) -> float | None:
+    """Return the period T (s) in which ``channels`` are refreshed, between two bounds; None if they are not held."""
+    together = _together(channels)
     if not together:
         return None
     together = [one.without_lateness() for one in together]
@@ -103,15 +103,15 @@ def held_period(readings: Sequence[Reading], shortest: float, longest: float) ->
     return max(tried.tolist(), key=lambda period: _taken(together, period))
 
 
-def _together(readings: Sequence[Reading]) -> list[Reading]:
-    """Return the readings that have one spectrum: sampled alike, and not too long after the first."""
-    if not readings:
+def _together(channels: Sequence[ChannelErrors]) -> list[ChannelErrors]:
+    """Return the channels that have one spectrum: sampled alike, and not too long after the first."""
+    if not channels:
         return []
-    first = min(readings, key=lambda one: float(one.clock[0]))
+    first = min(channels, key=lambda one: float(one.clock[0]))
     span = _LONGEST * first.step / _FINE
     return [
         one
-        for one in readings
+        for one in channels
         if abs(one.step - first.step) < 1e-6 * first.step and one.clock[-1] - first.clock[0] < span
     ]
 
@@ -136,13 +136,13 @@ class _Spectrum(NamedTuple):
         return float(np.median(power**2)) / float(np.log(2.0)) if power.size else float("inf")
 
 
-def _spectra(readings: Sequence[Reading]) -> tuple[_Spectrum, _Spectrum]:
+def _spectra(channels: Sequence[ChannelErrors]) -> tuple[_Spectrum, _Spectrum]:
     """Return the spectra of error times rate, and of the size of the rate: even orders of whatever moves steadily."""
-    first = min(float(one.clock[0]) for one in readings)
-    last = max(float(one.clock[-1]) for one in readings)
-    step = readings[0].step
+    first = min(float(one.clock[0]) for one in channels)
+    last = max(float(one.clock[-1]) for one in channels)
+    step = channels[0].step
     signals = np.zeros((2, 1 << int(np.ceil(np.log2(_FINE * (last - first) / step)))))
-    for clock, errors, rates in readings:
+    for clock, errors, rates in channels:
         place = round((float(clock[0]) - first) / step)
         product, size = errors * rates, np.abs(rates)
         part = signals[:, place : place + len(rates)]
@@ -153,10 +153,10 @@ def _spectra(readings: Sequence[Reading]) -> tuple[_Spectrum, _Spectrum]:
     return _Spectrum(frequencies, products), _Spectrum(frequencies, sizes)
 
 
-def _taken(readings: Sequence[Reading], period: float) -> float:
+def _taken(channels: Sequence[ChannelErrors], period: float) -> float:
     """Return how much of the square of the errors readings that are held for a ``period`` take."""
     product, square = 0.0, 0.0
-    for clock, errors, rates in readings:
+    for clock, errors, rates in channels:
         shape = -rates * ((clock + _AT_ONCE) % period - 0.5 * period)
         product += float(shape @ errors)
         square += float(shape @ shape)

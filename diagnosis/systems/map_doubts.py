@@ -58,11 +58,11 @@ _MISTAKES: Final = 3
 _SIGNED: Final = ("N", "m", "rad", "m/s2")
 
 #: (columns by signal, names of records) -> the runs of these records, as the columns read them.
-Reading = Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]]
+ReadRuns = Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]]
 
 
 def map_doubts(
-    mapping: Map, system: System, simulator: Simulator, dataset: Dataset, ambient: float, read: Reading
+    mapping: Map, system: System, simulator: Simulator, dataset: Dataset, ambient: float, read: ReadRuns
 ) -> Iterator[str]:
     """Yield sentences on what of a map cannot be right, with the key that is doubted.
 

@@ -281,7 +281,7 @@ class DescribedWiring:
             if self._player is not None:
                 offsets = self._player.advance(time, active=self._active)
                 self._tell_player(time)
-        active = self._active or "rig.state" not in {*self._description.readings, *self._carried}
+        active = self._active or "rig.state" not in {*self._description.sources, *self._carried}
         self._failure = self._failure or self._streaming.send(values, offsets, time, active=active)
         if self.direct.outlet is not None:
             for row, offset in offsets.items():
@@ -309,8 +309,8 @@ class DescribedWiring:
         told = self._description
         if name in self._carried:
             return self.direct.source(name)
-        if name in told.readings:
-            return ", ".join(told.readings[name].points)
+        if name in told.sources:
+            return ", ".join(told.sources[name].points)
         if name in told.settings:
             one = told.settings[name]
             return one.read or one.point or "fixed"
@@ -320,7 +320,7 @@ class DescribedWiring:
         """Return whose stamps a signal has: those of the first of its points."""
         if name not in self._sources.limits:
             return None
-        transport, _, point = self._description.readings[name].points[0].partition(".")
+        transport, _, point = self._description.sources[name].points[0].partition(".")
         one = self._transports[transport]
         return one.stamp(point) if isinstance(one, Stamping) else None
 
@@ -369,7 +369,7 @@ class DescribedWiring:
             elif name in self._description.settings:
                 found[name] = self._settings.si(name, numbers)
             else:
-                found[name] = self._description.readings[name].si([numbers[p] for p in sources[name]])
+                found[name] = self._description.sources[name].si([numbers[p] for p in sources[name]])
         return found
 
     def act(self, name: str) -> None:
@@ -425,11 +425,11 @@ class DescribedWiring:
     def _points_of(self, name: str) -> tuple[str, ...]:
         if name in self._description.settings:
             return self._settings.source(name)
-        return self._description.readings[name].points
+        return self._description.sources[name].points
 
     def _check_state(self) -> None:
         """WiringError if the rig's state has to be asked for: the bench looks at it on every cycle."""
-        state = self._description.readings.get("rig.state")
+        state = self._description.sources.get("rig.state")
         if state is not None and "rig.state" not in self._sources.limits:
             raise WiringError(
                 f'{self._description.where}: signals."rig.state".from = {", ".join(state.points)} is read only when '

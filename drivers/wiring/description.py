@@ -24,7 +24,7 @@ from drivers.wiring.conversion import Conversion, Linear, conversion, quantity
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
-from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.lines import PLAYED, Description, PlayerLimits, SettingTarget, Source, Target
 from drivers.wiring.sequences import READ, SequenceReader
 from drivers.wiring.transports import open_all
 from drivers.wiring.user_functions import functions_file, user_function
@@ -82,7 +82,7 @@ class _Reader:
         self.points: list[tuple[str, str, bool]] = []
         self._written: dict[str, str] = {}
         self.functions = functions_file(f"{head}functions", keys.functions, where.parent)
-        self._readings: dict[str, Reading] = {}
+        self._sources: dict[str, Source] = {}
         self._setpoints: dict[str, Target] = {}
         self._settings: dict[str, SettingTarget] = {}
         self._actions: dict[str, tuple[str, tuple[float, ...]]] = {}
@@ -115,7 +115,7 @@ class _Reader:
             with wrong.next():
                 latency = duration(f"{head}latency", keys.latency) if keys.latency else 0.0
             reader = SequenceReader(
-                f"{head}{self._called}", keys, self._table, self._readings, self._absent, self._point
+                f"{head}{self._called}", keys, self._table, self._sources, self._absent, self._point
             )
             with wrong.next():
                 sequences = reader.sequences()
@@ -139,7 +139,7 @@ class _Reader:
             player,
             identity,
             self.functions,
-            self._readings,
+            self._sources,
             self._setpoints,
             self._settings,
             self._actions,
@@ -223,7 +223,7 @@ class _Reader:
             return
         _refuse_wrong_keys(where, signal, entry)
         if signal.kind in READ:
-            self._readings[signal.name] = self._reading(where, signal, entry)
+            self._sources[signal.name] = self._source(where, signal, entry)
         elif signal.kind is Kind.SETPOINT:
             point = self._target(where, signal, entry.target)
             if entry.given:
@@ -243,7 +243,7 @@ class _Reader:
                 raise WiringError(f"{where}.value is empty; right is the number that is written to {point}")
             self._actions[signal.name] = point, numbers
 
-    def _reading(self, where: str, signal: Signal, entry: SignalEntry) -> Reading:
+    def _source(self, where: str, signal: Signal, entry: SignalEntry) -> Source:
         points = [entry.source] if isinstance(entry.source, str) else entry.source
         if not points:
             raise WiringError(f'{where}.from is missing: which point of the rig is it? Or absent = "why not"')
@@ -267,7 +267,7 @@ class _Reader:
             raise WiringError(
                 f"{where}.from has {len(points)} points: a value or a function must make one of them"
             )
-        return Reading(tuple(points), combine, self._conversion(where, signal, entry))
+        return Source(tuple(points), combine, self._conversion(where, signal, entry))
 
     def _setting(self, where: str, signal: Signal, entry: SignalEntry) -> SettingTarget:
         if entry.fixed != "":

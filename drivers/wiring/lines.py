@@ -27,7 +27,7 @@ PLAYED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Source:
     """Where a measurement, status or contact comes from."""
 
     points: tuple[str, ...]
@@ -97,7 +97,7 @@ class Description:
     player: PlayerLimits | None  #: None where the rig has a generator
     identity: Mapping[str, float]
     functions: Path | None
-    readings: Mapping[str, Reading]
+    sources: Mapping[str, Source]
     setpoints: Mapping[str, Target]
     settings: Mapping[str, SettingTarget]
     actions: Mapping[

@@ -13,7 +13,7 @@ from drivers.wiring.contract import Order, Sequences, Step
 from drivers.wiring.conversion import Choices
 from drivers.wiring.file_keys import StepTable, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
-from drivers.wiring.lines import Greetings, Reading
+from drivers.wiring.lines import Greetings, Source
 from drivers.wiring.written import order_names, plain_number, si_value
 
 #: What a rig tells, and nobody orders.
@@ -28,20 +28,20 @@ class NotePoint(Protocol):
 
 
 class SequenceReader:
-    """Reads the table ``[sequences]`` of a ``file``, which stands at ``where``, of a rig with these readings."""
+    """Reads the table ``[sequences]`` of a ``file``, which stands at ``where``, of a rig with these sources."""
 
     def __init__(
         self,
         where: str,
         file: WiringFile,
         table: Table,
-        readings: Mapping[str, Reading],
+        sources: Mapping[str, Source],
         absent: Mapping[str, str],
         point: NotePoint,
     ) -> None:
         self._where, self._table = where, table
         self._keys, self._transports = file.sequences, file.transports
-        self._readings, self._absent, self._point = readings, absent, point
+        self._sources, self._absent, self._point = sources, absent, point
 
     def sequences(self) -> Sequences:
         """Return them; WiringError for all steps and orders that cannot be."""
@@ -79,18 +79,18 @@ class SequenceReader:
 
     def _states(self) -> Sequence[str]:
         """Return the states that the rig reports; all, if the line of its state is wrong and told to be."""
-        reading = self._readings.get("rig.state")
-        if reading is None and "rig.state" not in self._absent:
+        source = self._sources.get("rig.state")
+        if source is None and "rig.state" not in self._absent:
             return STATES
-        if reading is None:
+        if source is None:
             if self._keys.up or self._keys.reset or self._keys.rest:
                 raise WiringError(
                     f'{self._where} lead the rig from state to state, and signals."rig.state" is missing or '
                     "absent; right is where the rig tells its state"
                 )
             return ()
-        assert isinstance(reading.conversion, Choices), "a state is a choice"
-        return [STATES[number] for number in reading.conversion.numbers]
+        assert isinstance(source.conversion, Choices), "a state is a choice"
+        return [STATES[number] for number in source.conversion.numbers]
 
     def _state(self, where: str, state: str, states: Sequence[str]) -> None:
         if state not in STATES:

@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS
-from drivers.wiring.lines import Description, Reading
+from drivers.wiring.lines import Description, Source
 
 
-class _Source:
+class _SignalNews:
     """One signal: its points, what they were last, and which of them are news."""
 
-    def __init__(self, row: int, reading: Reading, stale: Mapping[str, int]) -> None:
-        self.row, self._reading, self._stale = row, reading, stale
+    def __init__(self, row: int, source: Source, stale: Mapping[str, int]) -> None:
+        self.row, self._source, self._stale = row, source, stale
         self._last: dict[str, tuple[int, float]] = {}
         self._news: set[str] = set()
 
@@ -25,13 +25,13 @@ class _Source:
 
     def value(self, time: int) -> float | None:
         """Return the SI value once all points have news, NaN if one of them is stale by then; else None."""
-        if len(self._news) < len(self._reading.points):
+        if len(self._news) < len(self._source.points):
             return None
         self._news.clear()
-        last = [(point, *self._last[point]) for point in self._reading.points]
+        last = [(point, *self._last[point]) for point in self._source.points]
         if any(time - came > self._stale[point] for point, came, _ in last):
             return math.nan
-        return self._reading.si([number for _, _, number in last])
+        return self._source.si([number for _, _, number in last])
 
 
 class Sources:
@@ -43,25 +43,25 @@ class Sources:
     def __init__(self, description: Description, stale: Callable[[str], float]) -> None:
         #: After how many ns without news a signal is stale.
         self.limits: dict[str, int] = {}
-        self._by_point: dict[str, list[_Source]] = {}
-        for name, reading in description.readings.items():
-            limits = {point: round(stale(point) * NS) for point in reading.points}
+        self._by_point: dict[str, list[_SignalNews]] = {}
+        for name, source in description.sources.items():
+            limits = {point: round(stale(point) * NS) for point in source.points}
             if description.table[name].kind is Kind.INTERLOCK or not all(limits.values()):
                 continue
             self.limits[name] = max(limits.values())
-            source = _Source(description.table.index[name], reading, limits)
+            news = _SignalNews(description.table.index[name], source, limits)
             for point in limits:
-                self._by_point.setdefault(point, []).append(source)
+                self._by_point.setdefault(point, []).append(news)
 
     def samples(self, prefix: str, time: int, points: Mapping[str, float]) -> dict[int, float]:
         """Return the SI values by table row that are new when ``points`` come, named without ``prefix``.
 
         A signal of several points is new when the last of them has come.
         """
-        touched: dict[int, _Source] = {}
+        touched: dict[int, _SignalNews] = {}
         for point, number in points.items():
-            for source in self._by_point.get(prefix + point, ()):
-                source.receive(prefix + point, time, number)
-                touched[source.row] = source
-        values = {row: source.value(time) for row, source in touched.items()}
+            for news in self._by_point.get(prefix + point, ()):
+                news.receive(prefix + point, time, number)
+                touched[news.row] = news
+        values = {row: news.value(time) for row, news in touched.items()}
         return {row: value for row, value in values.items() if value is not None}

@@ -25,8 +25,8 @@ from test_plans.description import Description
 from test_plans.instruments import Instruments, Piece
 
 Samples = npt.NDArray[np.float64]
-#: Readings by signal: samples at an even rate, or means.
-Readings = Mapping[str, Any]
+#: What was captured, by signal: samples at an even rate, or means.
+Captured = Mapping[str, Any]
 Evaluation = Callable[..., Any]
 
 #: An even distribution of half-width a has the standard deviation a/√3 (JCGM 100, 4.3.7), a step q has q/√12.
@@ -105,7 +105,7 @@ def timed(value: float, *steps: float) -> Measured:
 class _Watched(Mapping[str, Any]):
     """Readings that know which of them were used, whichever way they were read."""
 
-    def __init__(self, readings: Readings) -> None:
+    def __init__(self, readings: Captured) -> None:
         self._readings = readings
         self.used: dict[str, None] = {}
 
@@ -125,7 +125,7 @@ class _Watched(Mapping[str, Any]):
 
 def measured(
     evaluate: Evaluation,
-    *captures: Readings,
+    *captures: Captured,
     instruments: Instruments,
     rate: float | Mapping[str, float] = 200 * Hz,
     averaged: int | Mapping[str, int] = 1,
@@ -209,7 +209,7 @@ def _all_ways(
 
 
 def _dimensions(
-    asked: Iterable[str], captures: Sequence[Readings]
+    asked: Iterable[str], captures: Sequence[Captured]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
     """Yield each dimension that was asked for, with how it moves."""
     for rig in captures:
@@ -244,8 +244,8 @@ def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
         yield "lag", _late(one.lag, rate)
 
 
-def _changed(captures: Sequence[Readings], moves: Mapping[str, Move], way: float) -> list[Readings]:
-    changed: list[Readings] = []
+def _changed(captures: Sequence[Captured], moves: Mapping[str, Move], way: float) -> list[Captured]:
+    changed: list[Captured] = []
     for one in captures:
         moved = {
             name: one[name] + way * move(np.asarray(one[name], float))
@@ -258,7 +258,7 @@ def _changed(captures: Sequence[Readings], moves: Mapping[str, Move], way: float
 
 def _noise(
     evaluate: Evaluation,
-    captures: Sequence[Readings],
+    captures: Sequence[Captured],
     pieces: Sequence[Piece],
     best: Samples,
     averaged: int | Mapping[str, int],
@@ -271,7 +271,7 @@ def _noise(
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
     for _ in range(NOISE_DRAWS):
-        drawn: list[Readings] = []
+        drawn: list[Captured] = []
         for one in captures:
             if isinstance(one, Description):
                 drawn.append(one)

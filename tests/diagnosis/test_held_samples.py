@@ -9,7 +9,7 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from diagnosis.contracts import Experiment, MeasuredRun
 from diagnosis.systems.air_spring.simulator import AirSpring
-from diagnosis.systems.held_samples import held_period, of_period, readings_of
+from diagnosis.systems.held_samples import errors_of, held_period, of_period
 
 STEP, SAMPLES, NOISE = 5e-3, 4000, 30.0
 SHORTEST, LONGEST = 0.01, 0.2
@@ -33,7 +33,7 @@ def measured(held, period, seed=1, noise=NOISE, late=0.0, lost=0.0):
         everywhere = np.ones(SAMPLES, np.bool_)
         experiment = Experiment("one", clock - start, {}, {"start": start})
         run = MeasuredRun(experiment, outputs, everywhere, ~everywhere)
-        readings += readings_of(run, [0], pressure(clock)[:, np.newaxis])
+        readings += errors_of(run, [0], pressure(clock)[:, np.newaxis])
     return readings
 
 

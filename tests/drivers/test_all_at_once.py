@@ -102,6 +102,6 @@ def test_units_of_other_houses_are_known():
     text = GOOD.replace(
         '{ absent = "no thermometer in the chambers" }', '{ from = "plc.gas", unit = "degF" }'
     )
-    readings = described(text.replace('unit = "mm", sign = -1 }', 'unit = "in" }')).readings
-    assert readings["left.auxiliary_temperature"].conversion.si(68.0) == pytest.approx(293.15)
-    assert readings["left.height"].conversion.si(2.0) == pytest.approx(50.8 * mm)
+    sources = described(text.replace('unit = "mm", sign = -1 }', 'unit = "in" }')).sources
+    assert sources["left.auxiliary_temperature"].conversion.si(68.0) == pytest.approx(293.15)
+    assert sources["left.height"].conversion.si(2.0) == pytest.approx(50.8 * mm)

@@ -63,15 +63,15 @@ def good():
 
 
 def test_a_number_of_the_rig_becomes_si_by_unit_sign_and_calibration(good):
-    assert good.readings["left.height"].si([12.5]) == pytest.approx(-12.5 * mm)
-    assert good.readings["left.bellows_pressure"].si([5.0]) == pytest.approx(5.05 * bar + 0.01 * bar)
-    assert good.readings["load_cell.1"].si([1000.0]) == pytest.approx(-9.80665 * kN)
-    assert good.readings["lateral.force"].si([3.0, 5.0]) == pytest.approx(4 * kN)
-    assert math.isnan(good.readings["lateral.force"].si([3.0, math.nan]))
+    assert good.sources["left.height"].si([12.5]) == pytest.approx(-12.5 * mm)
+    assert good.sources["left.bellows_pressure"].si([5.0]) == pytest.approx(5.05 * bar + 0.01 * bar)
+    assert good.sources["load_cell.1"].si([1000.0]) == pytest.approx(-9.80665 * kN)
+    assert good.sources["lateral.force"].si([3.0, 5.0]) == pytest.approx(4 * kN)
+    assert math.isnan(good.sources["lateral.force"].si([3.0, math.nan]))
 
 
 def test_states_and_choices_are_numbers_of_the_rig(good):
-    state = good.readings["rig.state"]
+    state = good.sources["rig.state"]
     names = TABLE["rig.state"].choices
     assert [names[int(state.si([number]))] for number in (0, 1, 2, 12)] == [
         "DISABLED",
@@ -424,7 +424,7 @@ def _with_function(tmp_path, code: str, function: str = "total"):
 
 def test_a_function_of_the_users_own(tmp_path):
     read = _with_function(tmp_path, "def total(a, b):\n    return a - 2 * b\n")
-    assert read.readings["lateral.force"].si([5.0, 1.0]) == pytest.approx(3 * kN)
+    assert read.sources["lateral.force"].si([5.0, 1.0]) == pytest.approx(3 * kN)
 
 
 @pytest.mark.parametrize(

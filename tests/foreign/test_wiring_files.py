@@ -30,7 +30,7 @@ def test_a_wiring_says_of_every_measurement_and_setting_where_it_is_or_why_not(n
     absent = {one: why for one, why in description.absent.items() if why != "the wiring does not mention it"}
     assert set(absent) == missing | {"rig.pipe"}
     told = {
-        *description.readings,
+        *description.sources,
         *description.setpoints,
         *description.settings,
         *absent,

@@ -66,7 +66,7 @@ from diagnosis.systems.air_spring.parity import parity
 from diagnosis.systems.air_spring.runs import PreparedRun, given
 from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.counted import counted_if_recorded
-from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
+from diagnosis.systems.held_samples import ChannelErrors, errors_of, held_period, of_period
 from diagnosis.systems.system import KINDS
 
 _SIDE_NAMES: Final = bench.PLACES
@@ -266,10 +266,10 @@ class AirSpring(CompleteSimulator):
         (shape,) = held.shapes
         pressures = [k for k, channel in enumerate(channels) if channel.kind == "pressure"]
         columns = [self._places[channels[k].name] for k in pressures]
-        readings: list[Reading] = []
+        readings: list[ChannelErrors] = []
         jobs = [Job(run.experiment, {}, {}) for run in runs]
         for run, expected in zip(runs, self.run_many(jobs), strict=True):
-            readings += readings_of(run, pressures, expected[:, columns])
+            readings += errors_of(run, pressures, expected[:, columns])
         period = held_period(readings, shape.low, shape.high)
         return {_HELD: of_period(held, period)} if period else {}
 

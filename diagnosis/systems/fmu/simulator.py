@@ -32,7 +32,7 @@ from diagnosis.contracts import (
 from diagnosis.systems.fmu.description import REALS, Variable
 from diagnosis.systems.fmu.lane import Lanes
 from diagnosis.systems.fmu.worker import Feedback, Request
-from diagnosis.systems.held_samples import held_period, of_period, readings_of
+from diagnosis.systems.held_samples import errors_of, held_period, of_period
 from diagnosis.systems.measurement import driven_by, read_as
 from diagnosis.systems.splines import TensorSplines
 
@@ -124,7 +124,7 @@ class FmuSimulator(CompleteSimulator):
             readings = [
                 one
                 for run, outputs in zip(runs, expected, strict=True)
-                for one in readings_of(run, [k], outputs[:, columns])
+                for one in errors_of(run, [k], outputs[:, columns])
             ]
             (shape,) = held.shapes
             if period := held_period(readings, shape.low, shape.high):
