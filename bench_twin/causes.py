@@ -32,7 +32,7 @@ _ALIKE: Final = 9.0
 
 
 #: Blocks before and after the parting at which a cause may have begun.
-_NEAR: Final = (-8, -6, -4, -3, -2, -1, 0, 1, 2)
+_NEAR: Final = (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2)
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 _POSSIBLE: Final = 4.0
 
@@ -173,7 +173,7 @@ class _Look:
             experiment,
             time=experiment.time[first:] - experiment.time[first],
             inputs={name: values[first:] for name, values in experiment.inputs.items()},
-            settings={**experiment.settings, **there},
+            settings={**experiment.settings, **there, "start": 0.0},  # what drifts has not drifted yet
         )
 
 
