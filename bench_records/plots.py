@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from io import StringIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     import numpy as np
@@ -91,12 +91,34 @@ def panel(
     return figure, axes
 
 
+#: Size of a title, and between it and what stands on the right, in points.
+_TITLE: Final = 9.5
+_BETWEEN: Final = 8.0
+
+
 def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
-    """The title on the left of the axes, what is drawn and its unit on the right."""
-    # With y given nothing else of the drawing is measured to find the place.
-    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold", pad=5, y=1.0)
+    """The title on the left of the axes, what is drawn and its unit on the right; smaller where both have no room."""
     told = ", ".join(filter(None, [what, unit]))
+    room = 72.0 * axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth()
+    size = _TITLE * min(
+        1.0, (room - _width(told, 8.5) - _BETWEEN) / max(_width(title, _TITLE, bold=True), 1.0)
+    )
+    # With y given nothing else of the drawing is measured to find the place.
+    axes.set_title(title, loc="left", fontsize=max(size, 6.0), fontweight="bold", pad=5, y=1.0)
     axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
+
+
+def _width(text: str, size: float, *, bold: bool = False) -> float:
+    """The width in points of a text in the widest of the fonts that pages are shown in."""
+    from matplotlib import font_manager, textpath
+
+    if not text:
+        return 0.0
+    weight = "bold" if bold else "normal"
+    path = textpath.TextPath(
+        (0.0, 0.0), text, prop=font_manager.FontProperties(family="DejaVu Sans", weight=weight, size=size)
+    )
+    return float(path.get_extents().x1)
 
 
 def number(value: float) -> str:

@@ -17,7 +17,7 @@ INSIDE_FUNCTIONS = {
     "bench_fmu": 9,
     "bench_panel": 10,
     "bench_protocol": 4,
-    "bench_records": 112,
+    "bench_records": 113,
     "bench_twin": 1,
     "campaigns": 24,
     "diagnosis": 14,
