@@ -36,7 +36,7 @@ class Parting(msgspec.Struct, frozen=True):
     """Rig and model part: told at ``told`` s, begun about ``since`` s, first in ``channel`` (values in SI).
 
     ``measured``, ``expected`` and ``band`` (k = 2) are means over the block in which it was told. Without ``causes``
-    none of the catalogue explains it, or nobody has looked yet (``looked``).
+    none of the catalogue explains it.
     """
 
     told: float
@@ -46,7 +46,6 @@ class Parting(msgspec.Struct, frozen=True):
     expected: float
     band: float
     causes: tuple[PossibleCause, ...] = ()
-    looked: bool = False
     sentence: str = ""
 
 

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from bench_twin.detector import Detector
-from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, binned, judge, rough
+from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Bins, Columns, judge, rough
 from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
 from diagnosis.systems.air_spring.simulator import AirSpring
 
@@ -90,7 +90,7 @@ class _Look:
     def __init__(self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring) -> None:
         self._run, self._columns, self._belief, self._simulator = run, columns, belief, simulator
         self._fit = _Fit(columns, belief)
-        self._size = round(BIN / run.experiment.step)  # samples in a bin
+        self._bins = Bins(run)
         self._base = next(simulator.run_many([Job(run.experiment, {}, {})]))
 
     def each(self, onset: int) -> Iterator[_Tried]:
@@ -142,7 +142,7 @@ class _Look:
         self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
     ) -> Iterator[Array | None]:
         """Yield what causes of unit size add (n, c) since a bin, by bins; None of one that cannot be simulated."""
-        first = onset * self._size
+        first = onset * self._bins.size
         experiment = self._from(first)
         jobs = [Job(experiment, {}, {})]
         jobs += [
@@ -157,7 +157,7 @@ class _Look:
                 continue
             whole = np.zeros_like(self._base)
             whole[first:] = moved - base
-            yield binned(whole, self._run) / size
+            yield self._bins.mean(whole) / size
 
     def _from(self, first: int) -> Experiment:
         """Return the experiment from a sample on, with the pressures that the model has there."""

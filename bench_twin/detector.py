@@ -79,18 +79,17 @@ def beginning(level: Array) -> int:
 
 
 def _means(white: NDArray[np.float64]) -> Array:
-    """Means (b,) over bins, of variance 1; 0 where nothing was read."""
+    """Means (…) over bins (…, n), of variance 1; 0 where nothing was read."""
     there = np.isfinite(white)
-    return np.asarray(np.where(there, white, 0.0).sum(axis=1) / np.sqrt(np.maximum(there.sum(axis=1), 1)))
+    return np.asarray(np.where(there, white, 0.0).sum(axis=-1) / np.sqrt(np.maximum(there.sum(axis=-1), 1)))
 
 
 def likelihood_ratios(white: NDArray[np.float64]) -> Array:
     """Return log L (b, c, a) of blocks (b, c, n) for the a alternatives; 0 where a channel has no reading."""
     there = np.isfinite(white)
     count = there.sum(axis=2)
-    z = np.where(there, white, 0.0)
-    mean = z.sum(axis=2) / np.sqrt(np.maximum(count, 1))
-    square = (z**2).sum(axis=2)
+    mean = _means(white)
+    square = np.where(there, white**2, 0.0).sum(axis=2)
     shifted = [np.where(count > 0, delta * mean - 0.5 * delta**2, 0.0) for delta in _MEANS]
     louder = [0.5 * (square * (1.0 - 1.0 / kappa) - count * np.log(kappa)) for kappa in _VARIANCES]
     return np.minimum(np.stack([*shifted, *louder], axis=2), MOST)

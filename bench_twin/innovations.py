@@ -144,29 +144,38 @@ def columns_of(
     jobs += [Job(one, {}, {}) for one in _wrongly_driven(run.experiment, simulator.parameters.record)]
     outputs = simulator.run_many(jobs)
     base = next(outputs)
-    counted = run.counted
-    size = _size(run)
-    count = counted[: len(counted) // size * size].reshape(-1, size, counted.shape[1]).sum(axis=1)
+    bins = Bins(run)
     slopes = [
-        binned(moved - base, run) * (one.spread / one.difference)
+        bins.mean(moved - base) * (one.spread / one.difference)
         for one, moved in zip(parameters, outputs, strict=False)
     ]
-    inputs = np.sqrt(sum((binned(moved - base, run) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
-    slopes += _remembered(run.experiment, channels, dict(zip(names, slopes, strict=True)), size, simulator)
+    inputs = np.sqrt(sum((bins.mean(moved - base) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
+    slopes += _remembered(
+        run.experiment, channels, dict(zip(names, slopes, strict=True)), bins.size, simulator
+    )
     if noise is None:
-        noise = np.maximum(_believed(channels), _shown(run.outputs - base, run))
+        noise = np.maximum(_believed(channels), _shown(run.outputs - base, bins))
     return Columns(
-        count, binned(run.outputs, run), binned(base, run), np.stack(slopes, axis=-1), inputs, noise
+        bins.samples, bins.mean(run.outputs), bins.mean(base), np.stack(slopes, axis=-1), inputs, noise
     )
 
 
-def binned(values: Array, run: MeasuredRun) -> Array:
-    """Return means (n, c) over bins of the samples that count, 0 where there is none."""
-    size, counted = _size(run), run.counted
-    shape = -1, size, counted.shape[1]
-    some = len(counted) // size * size
-    total = np.where(counted, values, 0.0)[:some].reshape(shape).sum(axis=1)
-    return np.asarray(total / np.maximum(counted[:some].reshape(shape).sum(axis=1), 1))
+class Bins:
+    """The bins of a run: ``size`` samples each, of which ``samples`` (n, c) count."""
+
+    def __init__(self, run: MeasuredRun) -> None:
+        self.size = max(round(BIN / run.experiment.step), 1)
+        self.counted = run.counted
+        self._some = len(self.counted) // self.size * self.size
+        self.samples: NDArray[np.int64] = self._sum(self.counted)
+
+    def mean(self, values: Array) -> Array:
+        """Return means (n, c) of the samples that count, 0 where there is none."""
+        total = self._sum(np.where(self.counted, values, 0.0))
+        return np.asarray(total / np.maximum(self.samples, 1))
+
+    def _sum(self, values: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(values[: self._some].reshape(-1, self.size, values.shape[1]).sum(axis=1))
 
 
 def _believed(channels: Sequence[Channel]) -> Array:
@@ -174,22 +183,17 @@ def _believed(channels: Sequence[Channel]) -> Array:
     return np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
 
 
-def _shown(errors: Array, run: MeasuredRun) -> Array:
+def _shown(errors: Array, bins: Bins) -> Array:
     """The variance of a reading (c,) by how errors (n, c) differ from one to the next, and from one bin to the next.
 
     By the median of squares: what a model gets wrong, and what jumps, is elsewhere. Noise that remembers shows in bins.
     """
-    counted = run.counted
-    size = _size(run)
-    many = counted[: len(counted) // size * size].reshape(-1, size, counted.shape[1]).sum(axis=1)
-    single = [_from_one_to_the_next(np.where(counted, errors, np.nan)[:, c]) for c in range(errors.shape[1])]
-    bins = np.where(many > 0, binned(errors, run), np.nan)
-    averaged = [
-        _from_one_to_the_next(bins[:, c]) * float(np.median(many[many[:, c] > 0, c]))
-        if many[:, c].any()
-        else 0.0
-        for c in range(errors.shape[1])
-    ]
+    single = [_from_one_to_the_next(one) for one in np.where(bins.counted, errors, np.nan).T]
+    averaged = []
+    for mean, samples in zip(bins.mean(errors).T, bins.samples.T, strict=True):
+        there = samples > 0
+        many = float(np.median(samples[there])) if there.any() else 0.0
+        averaged.append(_from_one_to_the_next(mean[there]) * many)
     return np.maximum(single, averaged)
 
 
@@ -197,11 +201,6 @@ def _from_one_to_the_next(values: Array) -> float:
     """The variance of normal numbers with NaN between them, from the median square of their differences."""
     seen = values[np.isfinite(values)]
     return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
-
-
-def _size(run: MeasuredRun) -> int:
-    """Samples in a bin."""
-    return max(round(BIN / run.experiment.step), 1)
 
 
 def _remembered(

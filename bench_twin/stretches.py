@@ -121,7 +121,7 @@ def _why(record: Record, grid: Array) -> list[str]:
     leveled = np.any([valves[f"{side}.leveling"] > 0.0 for side in SIDES], axis=0)
     received = np.ones(len(grid), np.bool_)
     for side in SIDES:
-        samples = _sampled(record, f"{side}.height", grid)
+        samples, _ = _sums(record, f"{side}.height", grid)
         received &= _nearby(samples > 0, _BRIDGED)
     pressurised = np.ones(len(grid), np.bool_)
     if "rig.state" in record.signals:
@@ -135,11 +135,13 @@ def _why(record: Record, grid: Array) -> list[str]:
     ]
 
 
-def _sampled(record: Record, name: str, grid: Array) -> NDArray[np.int64]:
-    """How many samples (n,) of a signal each step has."""
+def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
+    """How many samples (n,) of a signal each step has, and their sum."""
     times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
+    good = np.isfinite(values)
     edges = np.append(grid, grid[-1] + STEP)
-    return np.histogram(times[np.isfinite(values)], edges)[0]
+    count = np.histogram(times[good], edges)[0]
+    return count, np.histogram(times[good], edges, weights=values[good])[0]
 
 
 def _resting(record: Record, grid: Array) -> NDArray[np.bool_]:
@@ -179,13 +181,7 @@ def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 def _mean(record: Record, name: str, grid: Array) -> Array | None:
     """The mean (n,) of a signal in each step, on straight lines where it has no sample; None without any."""
-    if name not in record.signals:
-        return None
-    times, values = record.series(name)
-    good = np.isfinite(values)
-    edges = np.append(grid, grid[-1] + STEP)
-    count = np.histogram(times[good], edges)[0]
-    total = np.histogram(times[good], edges, weights=values[good])[0]
+    count, total = _sums(record, name, grid)
     seen = count > 0
     return np.interp(grid, grid[seen], total[seen] / count[seen]) if seen.any() else None
 

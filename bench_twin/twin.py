@@ -78,14 +78,14 @@ class Twin:
 
     def _judge(self, stretch: Stretch) -> Judged:
         end = stretch.end - (_WAITS if stretch.open else 0.0)
-        start, length = float(stretch.start), float(end - stretch.start)
-        if stretch.why or length < LEAST:
-            return Judged(start, float(stretch.end), None, stretch.why or "it was too short")
+        start = stretch.start
+        if stretch.why or end - start < LEAST:
+            return Judged(start, stretch.end, None, stretch.why or "it was too short")
         try:
-            channels, run = run_between(self._record, start, float(end), self._simulator)
+            channels, run = run_between(self._record, start, end, self._simulator)
             columns = columns_of(run, channels, self._simulator, self._noise)
         except DiagnosisError as error:
-            return Judged(start, float(stretch.end), None, str(error))
+            return Judged(start, stretch.end, None, str(error))
         rates = gas_rates(self._record, start)
         belief = self._belief.at_a_start(self._parameters, rates)
         told, detector = judge(columns, belief), self._detector.copy()
@@ -94,7 +94,7 @@ class Twin:
             if not stretch.open:
                 self._belief, self._detector, self._noise = told.belief, detector, columns.noise
             self._open = None
-            return Judged(start, float(stretch.end), True)
+            return Judged(start, stretch.end, True)
         since, c = alarm.since * BLOCK, alarm.channel
         before = self._open
         again = before is None or end - start - since > _AGAIN * (self._looked_until - start - since)
@@ -116,10 +116,9 @@ class Twin:
             float(told.expected[alarm.at, c]),
             2.0 * float(told.band[alarm.at, c]),
             causes,
-            looked=True,
         )
         self._open = _told(parting, channels[c])
-        return Judged(start, float(stretch.end), False)
+        return Judged(start, stretch.end, False)
 
 
 def _cause(one: Suspect, hypothesis: Hypothesis) -> PossibleCause:
