@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
+from inspect import signature
 from typing import Any, Final, TypeVar, cast
 
 from bench_protocol.units import kN
@@ -88,11 +89,17 @@ _Experiment = TypeVar("_Experiment", bound=Callable[..., Any])
 
 
 def remembered(experiment: _Experiment) -> _Experiment:
-    """Keep what an experiment returns, by subject and arguments: several checks read the same one."""
+    """Keep what an experiment returns, by subject and arguments: several checks read the same one.
+
+    An argument is the same whether it is given by place, by name, or not at all where it has that value anyway.
+    """
+    asked = signature(experiment)
 
     @wraps(experiment)
     def once(subject: Subject, *args: Any, **changes: Any) -> Any:
-        key = (experiment.__name__, args, tuple(sorted(changes.items())))
+        given = asked.bind(subject, *args, **changes)
+        given.apply_defaults()
+        key = (experiment.__name__, given.args[1:], tuple(sorted(given.kwargs.items())))
         if key not in subject._memo:
             subject._memo[key] = experiment(subject, *args, **changes)
         return subject._memo[key]

@@ -26,7 +26,7 @@ from paper_study.comparisons.comparison import ClaimComparison, compared
 from paper_study.experiments import OTHER_RIDES
 from paper_study.figures.catalogue import GLOBAL, SECTIONS
 from paper_study.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
-from paper_study.subject import LOADS, Subject
+from paper_study.subject import LOADS, Subject, remembered
 from tests.pictures import MARKUP
 
 slow = pytest.mark.slow
@@ -342,7 +342,7 @@ def test_a_quick_run_leaves_every_figure_table_and_claim(quick_study):
 
     rows = list(csv.DictReader(io.StringIO((out / page.TABLE).read_text())))
     others = sum(len(loads) for loads, *_ in OTHER_RIDES.values())
-    assert len(rows) == 4 * (2 * len(LOADS) + others)
+    assert len(rows) == 4 * 2 * len(LOADS) + 2 * others
     assert all(float(row["acceleration_rms"]) > 0.0 for row in rows)
 
     from bench_sim.parameters import load
@@ -350,6 +350,23 @@ def test_a_quick_run_leaves_every_figure_table_and_claim(quick_study):
     fitted, shipped = load(out / study.IDENTIFIED), load("astb")
     assert fitted.digest() != shipped.digest()
     assert float(fitted.entries["effective_area"].value.flat[0]) == pytest.approx(0.26, rel=0.01)
+
+
+def test_an_experiment_that_is_asked_for_in_other_words_is_not_made_again():
+    made = []
+
+    @remembered
+    def experiment(subject, load, other="", *without, cycles=12, **changes):
+        made.append((load, other, without, cycles, changes))
+        return len(made)
+
+    here = Subject()
+    same = [experiment(here, "AW0"), experiment(here, "AW0", ""), experiment(here, load="AW0", cycles=12)]
+    assert same == [1, 1, 1]
+    others = [("AW3",), ("AW0", "x"), ("AW0", "", "friction")]
+    assert [experiment(here, *one) for one in others] == [2, 3, 4]
+    assert [experiment(here, "AW0", cycles=3), experiment(here, "AW0", pressure=1.0)] == [5, 6]
+    assert experiment(Subject(), "AW0") == 7, "another subject has others"
 
 
 def test_progress_is_told_for_each_part_once():
