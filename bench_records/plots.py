@@ -149,7 +149,11 @@ def svg(figure: Figure, name: str) -> str:
     plain_numbers(figure)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = out.getvalue()
+    return element(out.getvalue(), name)
+
+
+def element(text: str, name: str) -> str:
+    """What a figure was saved as (SVG), as an element for the page, as `svg` returns it."""
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' d="[^"]*"', lambda m: FINER_THAN_SEEN.sub("", m.group()).replace("\n", ""), text)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bench_records.plots import plain_numbers, style
-from bench_records.plots import svg as inline
+from bench_records.plots import element, plain_numbers, style
 from paper_study.figures.comfort import comfort
 from paper_study.figures.figure_05 import figure_5
 from paper_study.figures.figure_06 import figure_6
@@ -148,6 +147,7 @@ def draw(name: str, study: Study, out: Path) -> str:
         # The layout is solved once, not for each file.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
-        figure.savefig(out / f"{name}.svg", metadata={"Date": None, "Creator": None})
+        drawing = out / f"{name}.svg"
+        figure.savefig(drawing, metadata={"Date": None, "Creator": None})
         figure.savefig(out / f"{name}.png", dpi=150, metadata={"Software": None})
-        return inline(figure, name)
+    return element(drawing.read_text(encoding="utf-8"), name)
