@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from functools import cache, wraps
+from typing import Any, TypeVar, cast
 
 from bench_protocol.dimensions import NAMES, ORDINARY, UNKNOWN, Dimension, Dimensions, lag, ordinary
 from drivers.errors import NotAvailable
 
+_Follows = TypeVar("_Follows", bound=Callable[..., Any])
+
 
 class Description(Mapping[str, float]):
-    """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`.
+    """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`; they do not change.
 
     NotAvailable, with its name, for one that nobody has stated: there is no default.
     """
 
-    __slots__ = ("dimensions", "rig")
+    __slots__ = ("dimensions", "known", "rig")
 
     def __init__(self, rig: str, dimensions: Dimensions = UNKNOWN) -> None:
         self.rig, self.dimensions = rig, dimensions
+        self.known: dict[Hashable, Any] = {}  #: what follows from them (`once_for_a_rig`)
 
     def __getitem__(self, name: str) -> float:
         if known := self.dimensions.known.get(name):
@@ -49,11 +53,27 @@ class Description(Mapping[str, float]):
         return f"{self.rig} has no {', '.join(missing)}: nobody has stated it ({where})"
 
 
+def once_for_a_rig(follows: _Follows) -> _Follows:
+    """Keep what follows from a description and hashable arguments; from other mappings, which change, it is anew."""
+
+    @wraps(follows)
+    def known(rig: Mapping[str, float], *args: Hashable) -> Any:
+        if not isinstance(rig, Description):
+            return follows(rig, *args)
+        key = follows, args
+        if key not in rig.known:
+            rig.known[key] = follows(rig, *args)
+        return rig.known[key]
+
+    return cast(_Follows, known)
+
+
 def is_dimension(need: str) -> bool:
     """Return whether what a plan needs is a dimension, and not a signal."""
     return need in NAMES
 
 
+@once_for_a_rig
 def lag_of(rig: Mapping[str, float], *signals: str) -> float:
     """Return how late the readings of some signals are (s), the mean of them."""
     return sum(rig[lag(one)] for one in signals) / len(signals)

@@ -14,6 +14,7 @@ from drivers.errors import NotAvailable
 from test_plans.analysis import Samples
 from test_plans.analysis.geometry import Rig, bolster_weight, share_of_spring
 from test_plans.analysis.readings import SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.description import once_for_a_rig
 
 #: Where the upright cells stand, and which way they point.
 CELLS: Final = (
@@ -28,6 +29,7 @@ CELLS_ACROSS: Final = (
 )
 
 
+@once_for_a_rig
 def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
     """Return what one newton on a ``cell`` says of force and moment on the bolster: its column of the wrench.
 
@@ -40,6 +42,7 @@ def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
     return d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
 
 
+@once_for_a_rig
 def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
     """Return the direction of a ``cell``, a unit vector ahead, to the left and up."""
     ahead, left, up = direction(cell)
@@ -48,6 +51,7 @@ def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
     return d_x / size, d_y / size, d_z / size
 
 
+@once_for_a_rig
 def rolling(rig: Rig, cell: str) -> float:
     """Return the roll moment (m) of one newton on a ``cell``; of a height that does not matter nothing is asked."""
     _, d_y, d_z = pointing(rig, cell)
@@ -121,6 +125,7 @@ def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(cell for cell in LOAD_CELLS if cell in there)
 
 
+@once_for_a_rig
 def described(rig: Rig) -> tuple[str, ...]:
     """Return the load cells of which somebody has stated where they stand and which way they point."""
     return tuple(cell for cell in LOAD_CELLS if _is_described(rig, cell))
@@ -130,6 +135,7 @@ def _is_described(rig: Rig, cell: str) -> bool:
     return all(name in rig for name in (*place(cell), *direction(cell)))
 
 
+@once_for_a_rig
 def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
     """Return the load cells that an upright force loads, by ``least`` of it or more: what has to be read.
 
@@ -138,6 +144,7 @@ def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
     return _pointing(rig, 2, least) or VERTICAL_CELLS
 
 
+@once_for_a_rig
 def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
     """Return the load cells that a force sideways loads: those across, where nobody says which way they point."""
     return _pointing(rig, 1, least) or SHEAR_CELLS
@@ -178,14 +185,17 @@ def _sum(
     there = cells_in(values)
     if lacking := [cell for cell in needed if cell not in there]:
         raise NotAvailable(f"without {', '.join(lacking)} nobody knows what the load cells bear together")
-    shares = {cell: share(cell) for cell in there if cell in needed or _is_described(rig, cell)}
+    known = described(rig)
+    shares = {cell: share(cell) for cell in there if cell in needed or cell in known}
     return np.asarray(sum(one * np.asarray(values[cell]) for cell, one in shares.items() if one))
 
 
+@once_for_a_rig
 def _share_of_cell(rig: Rig, side: str, cell: str) -> float:
     return share_of_spring(rig, side, pointing(rig, cell)[2], rolling(rig, cell))
 
 
+@once_for_a_rig
 def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
     """Return the load cells that tell the load on one spring: where they stand below the springs, its own.
 

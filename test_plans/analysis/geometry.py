@@ -10,7 +10,7 @@ and platform tilted together shear the springs further than the bump stop would 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import copysign, pi, tau
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -76,7 +76,7 @@ POSE_SIGNALS: Final = (
 )
 
 
-def roll_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+def roll_of(values: Mapping[str, Any], rig: Rig) -> Samples:
     """Roll θ of the bolster against the platform (rad), from the lasers."""
     left, right = (rig[one] for one in LASERS)
     return np.asarray((values["left.height"] - values["right.height"]) / (left - right))
@@ -94,7 +94,7 @@ def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) 
     return seen + beside * roll_of(values, rig) if beside and both else seen
 
 
-def shear_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+def shear_of(values: Mapping[str, Any], rig: Rig) -> Samples:
     """Lateral displacement y of the top plates against the platform (m); the frame gives way by its force."""
     bolster_roll = roll_of(values, rig) + values["platform.roll"]
     pinned = values["lateral.displacement"] - values["lateral.force"] / rig["lateral_frame_stiffness"]
@@ -105,7 +105,7 @@ def shear_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
     )
 
 
-def stop_travel_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+def stop_travel_of(values: Mapping[str, Any], rig: Rig) -> Samples:
     """What the bump stop sees of it: y_B − y_P (m)."""
     return shear_of(values, rig) - (
         rig["centre_height"] * (roll_of(values, rig) + values["platform.roll"])

@@ -270,22 +270,38 @@ def _noise(
     """
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
+    noisy = [[*_noises(one, pieces, averaged, apart)] for one in captures]
     for _ in range(NOISE_DRAWS):
-        drawn: list[Captured] = []
-        for one in captures:
-            if isinstance(one, Description):
-                drawn.append(one)
-                continue
-            changed = dict(one)
-            for piece in pieces:
-                if piece.signal in one:
-                    values = np.asarray(one[piece.signal], float)
-                    count = averaged.get(piece.signal, 1) if isinstance(averaged, Mapping) else averaged
-                    noise = _drawn(generator, values.shape, apart.get(piece.signal, 1.0))
-                    changed[piece.signal] = values + _sigma(piece, values, count) * noise
-            drawn.append(changed)
+        drawn = [
+            {
+                **one,
+                **{
+                    name: values + sigma * _drawn(generator, values.shape, by)
+                    for name, values, sigma, by in of
+                },
+            }
+            if of
+            else one
+            for one, of in zip(captures, noisy, strict=True)
+        ]
         away += (np.atleast_1d(np.asarray(evaluate(*drawn), float)) - best) ** 2
     return np.sqrt(away / NOISE_DRAWS)
+
+
+def _noises(
+    readings: Captured,
+    pieces: Sequence[Piece],
+    averaged: int | Mapping[str, int],
+    apart: Mapping[str, float],
+) -> Iterator[tuple[str, Samples, float, float]]:
+    """Yield each signal of ``readings`` that has noise: values, standard deviation, how far apart its samples are."""
+    if isinstance(readings, Description):
+        return
+    for piece in pieces:
+        if piece.signal in readings:
+            values = np.asarray(readings[piece.signal], float)
+            count = averaged.get(piece.signal, 1) if isinstance(averaged, Mapping) else averaged
+            yield piece.signal, values, _sigma(piece, values, count), apart.get(piece.signal, 1.0)
 
 
 def _drawn(generator: np.random.Generator, shape: tuple[int, ...], apart: float) -> Samples:

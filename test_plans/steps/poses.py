@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from bench_protocol.units import mbar, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
@@ -26,7 +24,6 @@ from test_plans.analysis.geometry import (
 from test_plans.analysis.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import lag_of, lags
 from test_plans.steps.carrying import FILL_WITHIN, HELD_SIDEWAYS
-from test_plans.steps.waves import pressure_of
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -132,15 +129,18 @@ def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
 
 def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
     """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
-    values = {name: np.array([mean[name]]) for name in (*POSE_SIGNALS, *PRESSURES)}
-    cells = {name: np.asarray(mean[name]) for name in (*VERTICAL_CELLS, *SHEAR_CELLS)}
+    cells = {name: mean[name] for name in (*VERTICAL_CELLS, *SHEAR_CELLS)}
+
+    def of_both(reading: str) -> float:
+        return 0.5 * (mean[f"left.{reading}"] + mean[f"right.{reading}"])
+
     return PoseReading(
-        shear=float(shear_of(values, rig)[0]),
-        height=0.5 * (mean["left.height"] + mean["right.height"]),
-        roll=float(roll_of(values, rig)[0]),
-        stop_travel=float(stop_travel_of(values, rig)[0]),
-        pressure=pressure_of(values),
-        temperature=float(np.mean([mean[name] for name in BELLOWS_TEMPERATURES])),
+        shear=float(shear_of(mean, rig)),
+        height=of_both("height"),
+        roll=float(roll_of(mean, rig)),
+        stop_travel=float(stop_travel_of(mean, rig)),
+        pressure=of_both("bellows_pressure"),
+        temperature=of_both("bellows_temperature"),
         vertical=0.5 * float(upward_force(cells, rig)),
         lateral=-0.5 * float(sideways_force(cells, rig)),
         read=mean,

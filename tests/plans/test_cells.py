@@ -20,7 +20,7 @@ from bench_records.record import read as read_record
 from bench_records.result import Outcome
 from drivers.errors import NotAvailable
 from test_plans.analysis import cells
-from test_plans.description import Description, ours
+from test_plans.description import Description, once_for_a_rig, ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary as ordinary_instruments
@@ -231,3 +231,24 @@ def test_a_rig_on_struts_is_judged_by_its_own_description_and_by_no_other(monkey
     assert verdicts[False].verdict is Outcome.FAIL
     recorded = read_record(tmp_path / "True").signals
     assert [name for name in LOAD_CELLS if name in recorded] == list(LOAD_CELLS[:count])
+
+
+def test_what_follows_from_a_description_is_found_once_and_from_what_changes_anew():
+    rig, asked = ours(), []
+
+    @once_for_a_rig
+    def tilted(of, name):
+        asked.append(name)
+        return of[name] + 1.0
+
+    name = direction(UPRIGHT[0])[2]
+    assert tilted(rig, name) == tilted(rig, name) == rig[name] + 1.0
+    assert asked == [name]
+    moved = {**rig, name: 0.5}
+    assert tilted(moved, name) == 1.5
+    moved[name] = 0.25
+    assert tilted(moved, name) == 1.25
+    for cell in cells.described(rig):
+        assert cells.pointing(rig, cell) == cells.pointing(dict(rig), cell)
+        assert cells.column_of(rig, cell) == cells.column_of(dict(rig), cell)
+    assert cells.bearing(rig, cells.SOME) == cells.bearing(dict(rig), cells.SOME)
