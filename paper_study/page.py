@@ -1,7 +1,7 @@
 """The page of `astb paper`: each figure and table with claim, bench, closed form, deviation and verdict."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,7 +14,7 @@ from paper_study.checks.evaluation import to_json
 from paper_study.comfort import describe_mean_comfort
 from paper_study.comparisons.comparison import MINUS, beside
 from paper_study.comparisons.validation import deviations
-from paper_study.experiments import OTHER_RIDES
+from paper_study.experiments import OTHER_RIDES, WIND_SPEEDS
 from paper_study.figures.catalogue import GLOBAL, SECTIONS, draw
 from paper_study.sensitivity import PAPER, PLANT
 from paper_study.stated import spatial_correlation, tables, topologies
@@ -180,17 +180,21 @@ def _ride_table(study: Study) -> list[dict[str, Any]]:
 
 def _other_rides(study: Study) -> list[tuple[str, str, str, str, str]]:
     """Return what was changed, load, and at the wind speeds: acceleration, index, time on the bump stop."""
-    rows: dict[tuple[str, str], list[ComfortRow]] = {}
+    rows: dict[tuple[str, str], dict[float, ComfortRow]] = {}
     for one in study.rides:
         if one.layer in ("plant", *OTHER_RIDES):
-            rows.setdefault((one.layer, one.load), []).append(one)
+            rows.setdefault((one.layer, one.load), {})[one.wind_speed] = one
+
+    def listed(cells: dict[float, ComfortRow], tell: Callable[[ComfortRow], str]) -> str:
+        return " / ".join(tell(cells[speed]) if speed in cells else "–" for speed in WIND_SPEEDS)
+
     return [
         (
             "with anti-roll bar" if layer == "plant" else layer,
             load,
-            " / ".join(f"{one.acceleration:.3f}" for one in cells),
-            " / ".join(f"{one.comfort:.2f}" for one in cells),
-            " / ".join(f"{100 * one.bump_stop_time:.0f}" for one in cells),
+            listed(cells, lambda one: f"{one.acceleration:.3f}"),
+            listed(cells, lambda one: f"{one.comfort:.2f}"),
+            listed(cells, lambda one: f"{100 * one.bump_stop_time:.0f}"),
         )
         for (layer, load), cells in rows.items()
     ]

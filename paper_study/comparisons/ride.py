@@ -15,7 +15,11 @@ def comfort(study: Study) -> BenchOutcome:
     """What the plant says: the bench has no car."""
     plant = entry_of(study, "T11", "plant")
     bare = {
-        load: ", ".join(f"{one.comfort:.2f}" for one in study.rides if (one.layer, one.load) == (_BARE, load))
+        load: ", ".join(
+            f"{one.comfort:.2f} at {one.wind_speed:g} m/s"
+            for one in study.rides
+            if (one.layer, one.load) == (_BARE, load)
+        )
         for load in LOADS
     }
     return BenchOutcome(
