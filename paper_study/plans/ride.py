@@ -11,7 +11,7 @@ import numpy as np
 
 from bench_protocol.units import FACTORS, Hz, ms, s
 from bench_records.curves import Axis
-from paper_study.comfort import WINDOW, WINDOWS, block_percentiles, mean_comfort, weighted, window_rms
+from paper_study.comfort import WINDOW, window_rms
 from paper_study.hybrid.agreement import (
     CARRIED,
     CARRIED_U,
@@ -29,6 +29,7 @@ from paper_study.hybrid.agreement import (
 )
 from paper_study.hybrid.car import STEP, Car, Ride, linear
 from paper_study.hybrid.coupling import COUPLED, Course, Delay, move_on, path_of
+from paper_study.hybrid.floor import BLOCK, COMPARED, JUDGED, JUDGED_OF, MADE_OF, ridden
 from paper_study.hybrid.loop import FREQUENCIES, LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
 from paper_study.hybrid.shaking import shake_loose
 from test_plans import steps
@@ -52,24 +53,16 @@ CAR: Final = Car()
 COOL: Final = 120 * s
 #: What swings when wind and track begin dies away; then a ride counts.
 RUN_IN: Final = 20 * s
-#: A block of EN 12299: five minutes.
-BLOCK: Final = WINDOW * WINDOWS
 #: The wind's samples; the car's length lets nothing faster through.
 WIND_STEP: Final = 0.01 * s
 #: Where the springs' stiffness and damping are taken for the margins: the track's frequency.
 AT: Final = 1.2 * Hz
-#: The largest lateral index that is comfortable, and what shakes and leans more than any car should.
-COMFORTABLE: Final = 2.0
-SHAKE_MOST: Final = 0.5
-LEAN_MOST: Final = 0.035
 #: So much of the delay may be left uncompensated, either way: of the stiffness it makes 4 % of loss at 1.2 Hz.
 LATE_MOST: Final = 5 * ms
 COMPUTED: Final = "it was computed of the files of rig and specimen, and the delay that was measured"
 #: More than so large a part of what is compared, its uncertainty hides what the comparison is for.
 TELLS: Final = 0.2
 A_COMPARISON: Final = "it is a difference over its uncertainty"
-#: All of the time is no more than all of it.
-ROUNDED: Final = 1e-6
 
 PHASE: Final = CheckName(
     "phase margin of the loop",
@@ -85,36 +78,11 @@ FOLLOWS: Final = CheckName(
     "How much later than the car the springs were where it had them: what the compensation leaves of the delay acts "
     "as damping that is not there.",
 )
-SHAKES: Final = CheckName(
-    "lateral acceleration of the floor, rms",
-    "How hard wind and track shake the floor on these springs, about the mean.",
-)
-COMFORT: Final = CheckName(
-    "comfort index N, lateral",
-    "Mean comfort by EN 12299: six times the 95th percentile of the weighted 5-s values of five minutes.",
-)
-TOUCHES: Final = CheckName(
-    "time on the bump stop",
-    "For how much of the time the car leans on its bump stop, which is harder than the springs.",
-)
-LEANS: Final = CheckName(
-    "mean lean", "How far the mean wind leans the car over on springs and anti-roll bar."
-)
 AGREES: Final = CheckName(
     "{what} against the simulation, E_n",
     "How the same car rides in the same wind on the model's springs: beyond ±1 the difference is more than loop and "
     "readings account for, and springs and model are not alike.",
 )
-
-#: What is judged of the ride itself: check, unit, limits.
-JUDGED: Final = (
-    (SHAKES, "m/s2", None, SHAKE_MOST),
-    (COMFORT, "1", None, COMFORTABLE),
-    (TOUCHES, "%", None, 1.0 + ROUNDED),
-    (LEANS, "mrad", None, LEAN_MOST),
-)
-#: What is held against the simulation, by its short name.
-COMPARED: Final = {"acceleration": SHAKES, "comfort index": COMFORT, "mean lean": LEANS}
 
 
 def car_mass(load: Load, rig: Rig) -> float:
@@ -205,7 +173,7 @@ def ride_in(
     teardown=leave_connected,
     lasts=260 * s,
     requires=(*on_the_bench("load"), STABLE),
-    checks=(PHASE, GAIN, FOLLOWS, SHAKES, COMFORT, TOUCHES, LEANS, AGREES),
+    checks=(PHASE, GAIN, FOLLOWS, *JUDGED_OF, AGREES),
 )
 def ride(
     run: Run,
@@ -224,8 +192,8 @@ def ride(
     begins only if car, delay and springs together are stable by their gain and phase.
 
     Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at
-    1.2 Hz, lateral and vertical. The same number `draw` makes the same wind. The comfort index by EN 12299 needs a
-    `duration` of five minutes; good is one below 2.
+    1.2 Hz, lateral and vertical. The same number `draw` makes the same wind. Comfort indices by EN 12299, lateral
+    (W_d), vertical (W_b) and of both, need a `duration` of five minutes; good is one below 2.
 
     Afterwards the same car rides in the same wind on the springs of the `model` that the specimen's file names: both
     have to agree within their uncertainty.
@@ -268,7 +236,7 @@ def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
         )
         if longest := longest_delay(load, run.rig, delay):
             reason += f". It would with {1e3 * longest:.0f} ms"
-        run.lack((PHASE, GAIN, SHAKES, COMFORT, TOUCHES, LEANS), reason)
+        run.lack((PHASE, GAIN, *JUDGED_OF), reason)
         return False
     phase, gain = (Exact(one, unknown=COMPUTED) for one in (found.phase, found.gain))
     run.check(PHASE, phase, "deg", low=LEAST_PHASE, note=told)
@@ -284,20 +252,6 @@ def longest_delay(load: Load, rig: Rig, delay: Delay) -> float:
 
 def _least(rig: Rig, delay: Delay) -> float:
     return path_of(rig).delay - path_of(rig).latency + 0.5 * (delay.hold - path_of(rig).hold)
-
-
-def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
-    """Return what the floor did between two times (s) of a ride, by check (SI); an index only of a whole block."""
-    a, stop, roll = (course.of(name, since, until) for name in ("acceleration", "bump_stop", "roll"))
-    found: dict[str, float] = {
-        SHAKES: float(a.std()),
-        TOUCHES: float(np.mean(stop != 0.0)),
-        LEANS: abs(float(roll.mean())),
-    }
-    if until - since >= BLOCK:
-        shaken = weighted(course.of("acceleration", 0.0, until), 1.0 / STEP)[round(since / STEP) :]
-        found[COMFORT] = float(mean_comfort(block_percentiles(window_rms(shaken, 1.0 / STEP))).mean())
-    return found
 
 
 def follow(run: Run, course: Course, times: tuple[float, float]) -> dict[str, Followed]:
@@ -370,7 +324,8 @@ def hold_against_the_simulation(
         return
     simulated = ridden(alone, *times)
     scattered = scatter((course, alone), ridden, times)
-    scattered[COMFORT] = scattered[SHAKES] / found[SHAKES] * found.get(COMFORT, 0.0)
+    for index, of in MADE_OF.items():
+        scattered[index] = scattered[of] / found[of] * found.get(index, 0.0)
     for what, check in COMPARED.items():
         if check not in found:
             continue
@@ -386,15 +341,16 @@ def hold_against_the_simulation(
 def _draw(run: Run, rides: Mapping[str, Rode], times: tuple[float, float]) -> None:
     for name, rode in rides.items():
         at = np.arange(*times, WINDOW) + 0.5 * WINDOW
-        shaken = window_rms(rode.of("acceleration", *times), 1.0 / STEP)
-        run.curve(
-            name,
-            Axis("time", "s"),
-            Axis("acceleration, rms of 5 s", "m/s2"),
-            at[: len(shaken)],
-            shaken,
-            group="Floor of the car, lateral",
-        )
+        for column, way in (("acceleration", "lateral"), ("rising", "vertical")):
+            shaken = window_rms(rode.of(column, *times), 1.0 / STEP)
+            run.curve(
+                name,
+                Axis("time", "s"),
+                Axis("acceleration, rms of 5 s", "m/s2"),
+                at[: len(shaken)],
+                shaken,
+                group=f"Floor of the car, {way}",
+            )
 
 
 def _compare(run: Run, what: str, check: str, both: Agreement) -> None:

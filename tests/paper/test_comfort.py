@@ -1,4 +1,4 @@
-"""Ride comfort: W_d against the standard and its own digital form, and the index of rides known in closed form."""
+"""Ride comfort: W_d and W_b against standard and digital form, and the index of rides known in closed form."""
 
 from math import inf, pi, sqrt, tau
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from paper_study.comfort import (
+    W_B,
+    W_D,
     NotARide,
     block_percentiles,
     describe_continuous_comfort,
@@ -17,8 +19,38 @@ from paper_study.comfort import (
     weighting,
     window_rms,
 )
+from paper_study.hybrid.floor import COMFORT, COMFORT_OF_BOTH, COMFORT_UPWARD, JUDGED_OF, RISES, ridden
 
 RATE = 1000.0
+
+#: ISO 8041-1:2017, tables B.1 and B.3: factor in each third-octave band from 10^(-10/10) to 10^(26/10) Hz.
+TABLE_W_B = """
+    0.02494 0.03941 0.06198 0.09645 0.1464 0.2113 0.28 0.3347 0.3666 0.3808 0.3853 0.3864 0.3916 0.4168 0.496 0.6653
+    0.885 1.026 1.054 1.026 0.9745 0.9042 0.8144 0.7088 0.5973 0.4906 0.395 0.3118 0.2389 0.1734 0.1154 0.06929 0.03818
+    0.01999 0.0102 0.005154 0.002591
+"""
+TABLE_W_D = """
+    0.06242 0.09867 0.1553 0.242 0.3682 0.533 0.7097 0.854 0.9443 0.9914 1.011 1.007 0.9707 0.8913 0.7733 0.6398 0.5143
+    0.4081 0.3226 0.255 0.2017 0.1597 0.1266 0.1004 0.07958 0.06299 0.04965 0.03872 0.02946 0.0213 0.01414 0.008478
+    0.004668 0.002442 0.001246 0.0006293 0.0003164
+"""
+BANDS = 10.0 ** (np.arange(-10, 27) / 10.0)
+
+
+@pytest.mark.parametrize(("by", "table"), [(W_B, TABLE_W_B), (W_D, TABLE_W_D)], ids=["W_b", "W_d"])
+def test_third_octave_factors_of_iso_8041(by, table):
+    """All 37 bands to the four digits that are printed, and at 100 rad/s what its table 1 has."""
+    printed = np.array(table.split(), float)
+    np.testing.assert_allclose(np.abs(weighting(BANDS, by)), printed, rtol=6e-4)
+    reference = {W_B: 0.8126, W_D: 0.1261}[by]
+    assert np.abs(weighting(100.0 / tau, by)) == pytest.approx(reference, rel=5e-4)
+
+
+def test_phases_of_w_b():
+    """ISO 8041-1:2017, table B.1, in degrees: they tell a step upward from one that is mirrored."""
+    printed = {-10: 160.0, -3: 75.73, 0: 42.42, 4: 46.57, 8: 1.77, 12: -49.93, 16: -101.7, 19: -150.9}
+    found = np.degrees(np.angle(weighting(10.0 ** (np.array(list(printed)) / 10.0), W_B)))
+    np.testing.assert_allclose(found, list(printed.values()), atol=0.06)
 
 
 def test_gains_of_iso_2631():
@@ -41,14 +73,20 @@ def test_weighting_at_its_ends():
 
 
 @pytest.mark.parametrize(
-    ("rate", "up_to", "error"), [(1000.0, 16.0, 1e-3), (1000.0, 100.0, 0.04), (500.0, 10.0, 2e-3)]
+    ("by", "rate", "up_to", "error"),
+    [
+        (W_D, 1000.0, 16.0, 1e-3),
+        (W_D, 1000.0, 100.0, 0.04),
+        (W_D, 500.0, 10.0, 2e-3),
+        (W_B, 1000.0, 16.0, 5e-3),
+    ],
 )
-def test_digital_filter_follows_the_exact_response(rate, up_to, error):
+def test_digital_filter_follows_the_exact_response(by, rate, up_to, error):
     from scipy.signal import sosfreqz
 
     f = np.geomspace(0.05, up_to, 200)
-    _, response = sosfreqz(sections(rate), f, fs=rate)
-    assert np.max(np.abs(np.abs(response) / np.abs(weighting(f)) - 1.0)) < error
+    _, response = sosfreqz(sections(rate, by), f, fs=rate)
+    assert np.max(np.abs(np.abs(response) / np.abs(weighting(f, by)) - 1.0)) < error
 
 
 def test_digital_filter_gets_better_with_the_rate():
@@ -133,3 +171,27 @@ def test_phase_of_the_filter_is_that_of_the_weighting():
         found = weighted(np.sin(tau * f * t), RATE)[20_000:]
         amplitude = 2j * np.mean(found * np.exp(-1j * tau * f * t[20_000:]))
         assert np.angle(amplitude / weighting(f)) == pytest.approx(0.0, abs=pi * f / RATE)
+
+
+def test_a_floor_that_sways_and_rises_at_once():
+    """N_MV = √(N_y² + N_z²), each 6 |W| a/√2 of a sine at its own frequency."""
+    t = np.arange(320_000) / RATE
+    columns = {
+        "acceleration": 0.2 * np.sin(tau * 1.2 * t),
+        "rising": 0.3 * np.sin(tau * 2.4 * t),
+        "bump_stop": 0.0 * t,
+        "roll": 0.0 * t + 0.01,
+    }
+
+    class Sines:
+        def of(self, name, since, until):
+            return columns[name][round(since * RATE) : round(until * RATE)]
+
+    found = ridden(Sines(), 20.0, 320.0)
+    N_y = 6.0 * np.abs(weighting(1.2, W_D)) * 0.2 / sqrt(2.0)
+    N_z = 6.0 * np.abs(weighting(2.4, W_B)) * 0.3 / sqrt(2.0)
+    assert found[COMFORT] == pytest.approx(N_y, rel=2e-3)
+    assert found[COMFORT_UPWARD] == pytest.approx(N_z, rel=2e-3)
+    assert found[COMFORT_OF_BOTH] == pytest.approx(np.hypot(N_y, N_z), rel=2e-3)
+    assert found[RISES] == pytest.approx(0.3 / sqrt(2.0), rel=1e-3)
+    assert set(ridden(Sines(), 0.0, 100.0)) == set(JUDGED_OF) - {COMFORT, COMFORT_UPWARD, COMFORT_OF_BOTH}
