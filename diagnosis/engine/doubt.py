@@ -17,6 +17,11 @@ spring leaves. Whether the spring is a cause or a likeness is asked of both:
 Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells
 something itself, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
 
+A form that is wrong in a way that no surface follows either, such as a spring that softens with what it has been
+through, is imitated by both: by a cubic spring for the most part, and by a surface for a part of the rest. None of the
+three questions finds that. But where a cause that a surface could do is not clearly larger than what that surface sees
+*beside* it, one thing without a name is likelier than two (`no_clearer`). Both are told on fit runs and select runs.
+
 One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
 The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`:
 by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an interval as wide.
@@ -33,6 +38,7 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import (
+    CLEAR_OF_FORM,
     FORETOLD,
     GAIN_BESIDE_SURFACE,
     IMITATED_INFORMATION,
@@ -63,6 +69,18 @@ def doubtful(
     if likenesses and _superfluous(model, test, likenesses, select, config):
         return tuple(one.effect for one in likenesses)
     return ()
+
+
+def no_clearer(model: FittedModel, clear: Sequence[Omnibus], accepted: Sequence[Accepted]) -> tuple[str, ...]:
+    """Return the accepted effects that a ``clear`` surface could do, if they are not clear of what it sees besides."""
+    return tuple(
+        one.effect
+        for one in accepted
+        if any(
+            one.explained < CLEAR_OF_FORM**2 * test.excess and _imitable(model, test, one.effect)
+            for test in clear
+        )
+    )
 
 
 def vague(

@@ -42,6 +42,11 @@ class Omnibus:
     start: Array
     cosines: Array
 
+    @property
+    def excess(self) -> float:
+        """Return what χ² exceeds chance by."""
+        return self.statistic - self.freedom
+
 
 def score_tests(
     linearisation: Linearisation,

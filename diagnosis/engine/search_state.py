@@ -127,6 +127,12 @@ class Accepted:
     lpd_gain: float  #: NaN where there are no select runs
     rivals: tuple[Trial, ...]  #: physical models with another effect in its place, best first
 
+    @property
+    def explained(self) -> float:
+        """Return what it explains of fit runs and select runs, in χ²; of the latter nothing where there are none."""
+        # NaN counts as none: it is never the larger one.
+        return self.lambda_**2 + max(0.0, 2.0 * self.lpd_gain)
+
     def near(self, bic: float, gap: float) -> list[Trial]:
         """Return the rivals that come within a ``gap`` of the ``bic`` of the model with this effect."""
         return [trial for trial in self.rivals if trial.bic - bic < gap]

@@ -49,12 +49,11 @@ def clear_surfaces(
     How clear they are is what the model says that saw fit runs and select runs ``together``; what their fit starts from
     is what the fit runs say.
     """
-    # The gain in log predictive density is NaN, and counts as none, where there are no select runs.
-    explained = sum(one.lambda_**2 + max(0.0, 2.0 * one.lpd_gain) for one in accepted)
+    explained = sum(one.explained for one in accepted)
     tests = []
     for test, seen in zip(screened.tests, together.tests, strict=True):
         p = bonferroni(seen.p, len(screened.tests))
-        if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
+        if p < config.alpha_unknown and seen.excess > REMAINDER * explained:
             tests.append(replace(test, statistic=seen.statistic, freedom=seen.freedom, p=p))
     return sorted(tests, key=lambda test: (test.p, -test.statistic))
 

@@ -36,7 +36,7 @@ from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.constancy import owed_to_form
-from diagnosis.engine.doubt import doubtful, vague
+from diagnosis.engine.doubt import doubtful, no_clearer, vague
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
@@ -131,6 +131,7 @@ def _leaving(
     if owed and clear:  # what has no name may be all that is wrong with the form
         explained, _ = explain(model, clear[0], screened.screening, problem.select)
         owed = owed_to_form(explained, found.accepted)
+    owed = (*owed, *no_clearer(model, clear, found.accepted))
     owed = tuple(name for name in owed if not foretold(model, name, problem.select, found.floors))
     return dict.fromkeys(owed, OWED)
 

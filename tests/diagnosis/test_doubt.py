@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis.engine.config import Config
+from diagnosis.engine.config import CLEAR_OF_FORM, Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.engine.doubt import vague
+from diagnosis.engine.doubt import no_clearer, vague
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
@@ -88,3 +88,23 @@ def test_the_form_widens_no_amplitude_by_more_than_the_select_runs_leave(laborat
     assert none == pytest.approx(free)
     accepted = [SimpleNamespace(effect="quadratic", lambda_=1.0)]
     assert vague(model, found.tests, accepted) == ("quadratic",)  # χ² hardly rises at 0
+
+
+@pytest.mark.parametrize("effect", ["quadratic", "lag"])
+def test_what_a_surface_could_do_must_be_clear_of_what_it_sees_besides(laboratory, force_surface, effect):
+    """A surface of a force over displacement and speed could be a quadratic spring, and not what delays a reading."""
+    lab = laboratory()
+    hidden = {"force": coefficients_of(0.3 * ONE_WAY)}
+    replay = Replay(replace(lab.simulator, surfaces=(force_surface,)), lab.measure(3, hidden).of("fit"), 1)
+    one = lab.simulator.catalogue[effect]
+    start = base_point(lab.simulator.nuisances, replay.names).extended(effect_coordinates(one), (0.0,))
+    near = fit(replay, white([c.noise for c in lab.simulator.channels]), start)
+    others = candidates([other for other in lab.simulator.catalogue.values() if other is not one])
+    around = with_surfaces(replay, footprints(replay, near.point, others))
+    found = fit_and_screen(replay, around, alpha=0.01, seed=0)
+    (test,) = found.tests
+    assert test.excess > 100.0
+    limit = CLEAR_OF_FORM**2 * test.excess
+    small, large = (SimpleNamespace(effect=effect, explained=part * limit) for part in (0.99, 1.01))
+    assert no_clearer(found.model, [test], [small, large]) == ((effect,) if effect == "quadratic" else ())
+    assert no_clearer(found.model, [], [small]) == ()
