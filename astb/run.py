@@ -145,7 +145,7 @@ def run_plan(
     stopped: KeyboardInterrupt | None = None
     try:
         with (
-            watched(directory, keeping.twin, display.warn),
+            watched(directory, keeping.twin, session.bench.clock, display.warn) as twin,
             undisturbed(),
             kept_frames(session, directory if keeping.frames else None),
         ):
@@ -160,6 +160,7 @@ def run_plan(
                 specimen=specimen,
                 operator=with_hand(keeping.called(operator, plan), session.bench.hand),
                 suspension=suspension,
+                twin=twin,
             )
     except KeyboardInterrupt as stop:
         if not (directory / RESULT).exists():  # stopped once more, while the files were written

@@ -1,4 +1,7 @@
-"""A run with its twin: `astb watch` in a process of its own beside it, so that nothing of the run waits for it."""
+"""A run with its twin: `astb watch` in a process of its own beside it, so that nothing of the run waits for it.
+
+Only a plan that asks in virtual time waits, while its clock stands: no twin would be as fast as the rig is there.
+"""
 
 import subprocess
 import sys
@@ -7,21 +10,63 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.clock import Clock, RealClock, VirtualClock
+from bench_protocol.units import NS
 from bench_records.layout import RecordError
-from bench_records.twin import read_twin
+from bench_records.twin import TWIN, Parting, TwinStory, read_twin
+from test_plans.beside import Alone, Beside
 
-#: So long (s) the twin may take for its last look after the run has ended.
+#: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
 _PATIENCE: Final = 120.0
+#: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
+_BEHIND: Final = 2.0
+_AGAIN: Final = 0.1
+
+
+class TwinBeside:
+    """The twin of the run that writes into ``directory``, as its plan sees it; ``clock`` is that of its bench."""
+
+    def __init__(self, twin: "subprocess.Popen[str]", directory: Path, clock: Clock) -> None:
+        self._twin, self._directory, self._clock = twin, directory, clock
+        self._begun, self._virtual = clock.now(), isinstance(clock, VirtualClock)
+        self._read: tuple[int, TwinStory | None] = (0, None)
+
+    @property
+    def watching(self) -> bool:
+        """Whether the twin still lives."""
+        return self._twin.poll() is None
+
+    @property
+    def parted(self) -> Parting | None:
+        """What it says last of rig and model that part."""
+        story = self._caught_up() if self._virtual else self._story()
+        return story.partings[-1] if story is not None and story.partings else None
+
+    def _caught_up(self) -> TwinStory | None:
+        now, wall = (self._clock.now() - self._begun) / NS, RealClock()
+        until = wall.now() + round(_PATIENCE * NS)
+        while (story := self._story()) is None or story.until < now - _BEHIND:
+            if not self.watching or wall.now() > until:
+                break
+            wall.sleep_until(wall.now() + round(_AGAIN * NS))
+        return story
+
+    def _story(self) -> TwinStory | None:
+        with suppress(OSError, RecordError):
+            now = (self._directory / TWIN).stat().st_mtime_ns
+            if now != self._read[0]:
+                self._read = now, read_twin(self._directory)
+        return self._read[1]
 
 
 @contextmanager
-def watched(directory: Path, wanted: bool, warn: Callable[[str], None]) -> Iterator[None]:
+def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[Beside]:
     """Let a twin watch the run that writes into ``directory`` while the block lasts, and ``warn`` of what it found.
 
     It ends by itself with the run. Whatever becomes of it, the run goes on.
     """
     if not wanted:
-        yield
+        yield Alone()
         return
     # In a session of its own: Ctrl-C ends the plan, and the twin sees the end of it.
     twin = subprocess.Popen(
@@ -33,7 +78,7 @@ def watched(directory: Path, wanted: bool, warn: Callable[[str], None]) -> Itera
         start_new_session=True,
     )
     try:
-        yield
+        yield TwinBeside(twin, directory, clock)
     finally:
         _conclude(twin, directory, warn)
 

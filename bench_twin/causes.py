@@ -56,13 +56,12 @@ def suspects(
     look = _Look(run, columns, belief, simulator)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
     tried = [one for onset in onsets for one in look.each(onset) if one.fit.size != 0.0]
-    looked: dict[tuple[str, int], Suspect] = {}
+    chosen: dict[tuple[str, int], _Tried] = {}
     for one in sorted(tried, key=lambda one: one.fit.left):
-        if len(looked) >= _CLOSELY:
-            break
-        if (one.cause.name, one.onset) not in looked:
-            looked[one.cause.name, one.onset] = look.closely(one)
-    ranked = sorted((one for one in looked.values() if one.explains), key=lambda one: one.left)
+        if len(chosen) < _CLOSELY:
+            chosen.setdefault((one.cause.name, one.onset), one)
+    looked = look.closely(list(chosen.values()))
+    ranked = sorted((one for one in looked if one.explains), key=lambda one: one.left)
     best = {one.name: one for one in reversed(ranked) if one.left < ranked[0].left + _ALIKE}
     return sorted(best.values(), key=lambda one: one.left)
 
@@ -84,14 +83,22 @@ class _Tried(NamedTuple):
     fit: _Fitted
 
 
+class _Near(NamedTuple):
+    """A cause that begins near where it was tried: the χ² that it leaves, its bin, what it adds (n, c), and its fit."""
+
+    left: float
+    onset: int
+    column: Array
+    fit: _Fitted
+
+
 class _Look:
     """One look at a stretch."""
 
     def __init__(self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring) -> None:
-        self._run, self._columns, self._belief, self._simulator = run, columns, belief, simulator
+        self._columns, self._belief, self._simulator = columns, belief, simulator
         self._fit = _Fit(columns, belief)
-        self._bins = Bins(run)
-        self._base = next(simulator.run_many([Job(run.experiment, {}, {})]))
+        self._replays = Replays(run, simulator)
 
     def each(self, onset: int) -> Iterator[_Tried]:
         """Yield every cause at every point of its grid, at its typical size, since a bin."""
@@ -101,47 +108,67 @@ class _Look:
             for point in cause.grid
         ]
         sizes = [(cause, shapes, _typical(cause)) for cause, shapes in points]
-        for (cause, shapes), column in zip(points, self._columns_of(sizes, onset), strict=True):
+        for (cause, shapes), column in zip(points, self._replays.columns(sizes, onset), strict=True):
             if column is not None:
                 fit = self._fit.with_(column, _typical(cause))
                 if not cause.one_sided or fit.size * _typical(cause) > 0.0:
                     yield _Tried(cause, shapes, onset, fit)
 
-    def closely(self, tried: _Tried) -> Suspect:
-        """Return a cause at the size and with the beginning that its own simulations at that size tell."""
-        cause, fit = tried.cause, tried.fit
-        best, span = (np.zeros_like(self._columns.measured), fit, tried.onset), (fit.size, fit.size)
+    def closely(self, chosen: Sequence[_Tried]) -> list[Suspect]:
+        """Return causes at the size and with the beginning that simulations at that size tell.
+
+        All that may have begun with a bin are simulated together.
+        """
+        sizes = [one.fit.size for one in chosen]
+        near = [self._near(one.onset) for one in chosen]
+        found: list[list[_Near]] = [[] for _ in chosen]
         for _ in range(_ROUNDS):
-            at = float(np.clip(fit.size, cause.amplitude.low, cause.amplitude.high))
-            fitted = list(self._near(tried, at)) if at else []
-            if not fitted:
-                break
-            best = min(fitted, key=lambda one: one[1].left)
-            fit = best[1]
-            possible = [one for _, one, _ in fitted if one.left <= fit.left + _POSSIBLE]
-            span = (
-                min(one.size - 2.0 * one.deviation for one in possible),
-                max(one.size + 2.0 * one.deviation for one in possible),
-            )
-        column, _, onset = best
-        explained = self._columns._replace(simulated=self._columns.simulated + fit.size * column)
+            sizes = [
+                float(np.clip(size, one.cause.amplitude.low, one.cause.amplitude.high))
+                for size, one in zip(sizes, chosen, strict=True)
+            ]
+            fitted: list[list[_Near]] = [[] for _ in chosen]
+            for onset in sorted(set().union(*near)):
+                some = [k for k, onsets in enumerate(near) if onset in onsets and sizes[k]]
+                asked = [(chosen[k].cause, chosen[k].shapes, sizes[k]) for k in some]
+                for k, column in zip(some, self._replays.columns(asked, onset), strict=True):
+                    if column is not None:
+                        fit = self._fit.with_(column, _typical(chosen[k].cause))
+                        fitted[k].append(_Near(fit.left, onset, column, fit))
+            found = [new or old for new, old in zip(fitted, found, strict=True)]
+            sizes = [min(one, key=lambda near: near.left).fit.size if one else 0.0 for one in fitted]
+        return [self._suspect(one.cause, tried) for one, tried in zip(chosen, found, strict=True) if tried]
+
+    def _near(self, onset: int) -> set[int]:
+        """Return the bins with which a cause may have begun that was tried with one."""
+        last = len(self._columns.measured) - 2 * BINS
+        return (
+            {one for one in (onset + BINS * blocks for blocks in _NEAR) if 0 < one <= last} if onset else {0}
+        )
+
+    def _suspect(self, cause: Hypothesis, tried: Sequence[_Near]) -> Suspect:
+        best = min(tried, key=lambda one: one.left)
+        possible = [one.fit for one in tried if one.left <= best.left + _POSSIBLE]
+        low = min(one.size - 2.0 * one.deviation for one in possible)
+        high = max(one.size + 2.0 * one.deviation for one in possible)
+        explained = self._columns._replace(simulated=self._columns.simulated + best.fit.size * best.column)
         white = judge(explained, self._belief, rough(self._columns)).white
         along = Detector(white.shape[1], BLOCK).look(white) is None
-        return Suspect(cause.name, fit.size, *span, onset * BIN, fit.left, along)
+        return Suspect(cause.name, best.fit.size, low, high, best.onset * BIN, best.left, along)
 
-    def _near(self, tried: _Tried, size: float) -> Iterator[tuple[Array, _Fitted, int]]:
-        """Yield columns and fits of a cause that begins near where it was tried."""
-        last = len(self._columns.measured) - 2 * BINS
-        near = {tried.onset + BINS * blocks for blocks in _NEAR} if tried.onset else {0}
-        for onset in sorted(one for one in near if 0 < one <= last or one == tried.onset):
-            (column,) = self._columns_of([(tried.cause, tried.shapes, size)], onset)
-            if column is not None:
-                yield column, self._fit.with_(column, _typical(tried.cause)), onset
 
-    def _columns_of(
+class Replays:
+    """What causes do to a stretch that began with a bin of it: differences of two replays that begin there."""
+
+    def __init__(self, run: MeasuredRun, simulator: AirSpring) -> None:
+        self._run, self._simulator = run, simulator
+        self._bins = Bins(run)
+        self._base = next(simulator.run_many([Job(run.experiment, {}, {})]))
+
+    def columns(
         self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
     ) -> Iterator[Array | None]:
-        """Yield what causes of unit size add (n, c) since a bin, by bins; None of one that cannot be simulated."""
+        """Yield what causes (with shapes) add since a bin, per unit of their sizes (n, c); None of impossible ones."""
         first = onset * self._bins.size
         experiment = self._from(first)
         jobs = [Job(experiment, {}, {})]
@@ -189,23 +216,22 @@ class _Fit:
     def __init__(self, columns: Columns, belief: Belief) -> None:
         variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
         weight = np.where(columns.samples > 0, 1.0 / variance, 0.0)
-        self._weight = weight
         errors = columns.measured - columns.simulated
         H = columns.parameters.reshape(-1, columns.parameters.shape[-1])
         w = weight.reshape(-1)
-        self._H, self._w = H, w
+        self._w, self._weighted = w, np.ascontiguousarray((H * w[:, None]).T)
         information = np.linalg.inv(belief.covariance)
-        self._inverse = np.linalg.inv(information + (H * w[:, None]).T @ H)
+        self._inverse = np.linalg.inv(information + self._weighted @ H)
         e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ belief.mean
-        self._e = e - H @ (self._inverse @ (H.T @ (w * e)))
-        self._chi2 = float(e @ (w * self._e))
+        self._pull = w * (e - H @ (self._inverse @ (self._weighted @ e)))  # of a column on what is left
+        self._chi2 = float(e @ self._pull)
 
     def with_(self, column: Array, typical: float) -> _Fitted:
         """Return what a ``column`` (n, c) explains; nothing of what would not even be seen at its typical size."""
         x = column.reshape(-1)
-        beside = x - self._H @ (self._inverse @ (self._H.T @ (self._w * x)))
-        strength = float(x @ (self._w * beside))
+        imitated = self._weighted @ x
+        strength = float(x @ (self._w * x) - imitated @ self._inverse @ imitated)
         if strength * typical**2 < 1.0:
             return _Fitted(0.0, np.inf, self._chi2)
-        size = float(x @ (self._w * self._e)) / strength
+        size = float(x @ self._pull) / strength
         return _Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)

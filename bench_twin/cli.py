@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from astb.exit_codes import FAIL, INCOMPLETE, PASS, blocked, misuse
+from bench_protocol.system.one_core import keep_algebra_to_one_core
 
 if TYPE_CHECKING:
     from bench_records.twin import TwinStory
@@ -23,6 +24,7 @@ def watch_command(directory: Path, model: str) -> None:
     Ends with 0 if the rig went along with its model, 1 if they part, 2 for misuse, 3 if there is no run that can be
     read, 4 if nothing could be judged.
     """
+    keep_algebra_to_one_core()
     from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
 
     told = 0

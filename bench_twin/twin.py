@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -13,9 +13,9 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
 from bench_twin.causes import Suspect, suspects
 from bench_twin.detector import Detector
-from bench_twin.innovations import BLOCK, Belief, columns_of, gas_rates, judge, parameters_of
+from bench_twin.innovations import BLOCK, Belief, Columns, columns_of, gas_rates, judge, parameters_of
 from bench_twin.stretches import LEAST, STEP, Stretch, stretches
-from diagnosis.contracts import Array, Channel, DiagnosisError, Hypothesis
+from diagnosis.contracts import Array, Channel, DiagnosisError, Hypothesis, MeasuredRun
 from diagnosis.finding import decimals
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import run_between
@@ -26,6 +26,16 @@ _WAITS: Final = 0.5
 _AGAIN: Final = 1.6
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size.
 _ROUGHLY: Final = 0.01
+
+
+class Seen(NamedTuple):
+    """A stretch as it is judged: what was measured, and what is believed where it starts."""
+
+    run: MeasuredRun
+    channels: tuple[Channel, ...]
+    columns: Columns
+    belief: Belief
+    rates: dict[str, float]  #: K/s, of the gas where it starts
 
 
 class Twin:
@@ -76,18 +86,22 @@ class Twin:
             self._partings.append(self._open)
             self._open = None
 
+    def _see(self, start: float, end: float) -> Seen:
+        """Return what there is of a stretch. DiagnosisError if it cannot be replayed."""
+        channels, run = run_between(self._record, start, end, self._simulator)
+        columns = columns_of(run, channels, self._simulator, self._noise)
+        rates = gas_rates(self._record, start)
+        return Seen(run, channels, columns, self._belief.at_a_start(self._parameters, rates), rates)
+
     def _judge(self, stretch: Stretch) -> Judged:
         end = stretch.end - (_WAITS if stretch.open else 0.0)
         start = stretch.start
         if stretch.why or end - start < LEAST:
             return Judged(start, stretch.end, None, stretch.why or "it was too short")
         try:
-            channels, run = run_between(self._record, start, end, self._simulator)
-            columns = columns_of(run, channels, self._simulator, self._noise)
+            run, channels, columns, belief, rates = self._see(start, end)
         except DiagnosisError as error:
             return Judged(start, stretch.end, None, str(error))
-        rates = gas_rates(self._record, start)
-        belief = self._belief.at_a_start(self._parameters, rates)
         told, detector = judge(columns, belief), self._detector.copy()
         alarm = detector.look(told.white)
         if alarm is None:

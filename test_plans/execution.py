@@ -25,6 +25,7 @@ from drivers.errors import BenchError
 from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
+from test_plans.beside import Alone, Beside
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.interruptions import Interruptions
 from test_plans.loads import SpecimenError
@@ -70,6 +71,7 @@ def execute(
     specimen: Specimen | None = None,
     operator: Operator | None = None,
     suspension: Suspension | None = None,
+    twin: Beside | None = None,
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
@@ -98,6 +100,7 @@ def execute(
         suspension or Suspension(),
         plan.values,
         plan.judges,
+        twin=twin or Alone(),
     )
     told = {name: str(facts.get(name, "")) for name in ("operator", "ambient")}
     rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed, **told}

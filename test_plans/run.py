@@ -18,6 +18,7 @@ from bench_records.result import MARGIN, unavailable
 from bench_records.result import check as judged
 from test_plans.analysis.uncertainty import Captured, Evaluation, Exact, Measured, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
+from test_plans.beside import Alone, Beside
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension
 from test_plans.instruments import UNKNOWN, Instruments
@@ -122,6 +123,7 @@ class Run:
     suspension: Suspension = field(default_factory=Suspension)
     values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
     judges: bool = True  #: as the plan
+    twin: Beside = field(default_factory=Alone)  #: the model beside it, if one watches
     held: list[tuple[int, int]] = field(default_factory=list)  #: from when to when it was held (ns)
     preconditions: list[Condition] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  #: what whoever reads the result has to know

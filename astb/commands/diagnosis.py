@@ -1,6 +1,5 @@
 """`astb diagnose`, `astb investigate` and `astb identify`: what a model gets wrong, and what springs are."""
 
-import os
 import signal
 from pathlib import Path
 from typing import Final
@@ -18,6 +17,7 @@ from astb.commands.options import (
 )
 from astb.exit_codes import BLOCKED, blocked, misuse
 from astb.tables import open_console, plain_console, print_json
+from bench_protocol.system.one_core import keep_algebra_to_one_core
 from bench_records.layout import RecordError
 from drivers.errors import BenchError
 
@@ -69,7 +69,7 @@ def diagnose_command(
     and, where something was found on the bench, extended.toml: a model that `astb run --model` takes; of an FMU
     parameters.toml and parameters.ssv. Ends with 0 whatever the verdict, 2 for misuse.
     """
-    _keep_algebra_to_one_core()
+    keep_algebra_to_one_core()
     from astb.diagnose import Request, diagnose_data, show
 
     try:
@@ -106,7 +106,7 @@ def investigate_command(
     Writes DIR/investigation.json, the log of decisions; a directory for each record; finding, report and extended
     model as `astb diagnose` does. Ends with 0 whatever the verdict, 2 for misuse, 3 if the rig keeps it from one.
     """
-    _keep_algebra_to_one_core()
+    keep_algebra_to_one_core()
     from astb.investigate import investigate_rig
 
     rig, path = read_rig(rig_named)
@@ -159,7 +159,7 @@ def identify_command(
     """
     if out is not None and not data:
         misuse(f"--out {out}: without a record nothing is identified; name a RUN, or leave --out out")
-    _keep_algebra_to_one_core()
+    keep_algebra_to_one_core()
     from astb.identify import Request, identify_data, show
 
     specimen = read_specimen(specimen_name) if specimen_name else None
@@ -173,11 +173,3 @@ def identify_command(
         print_json(answer)
     else:
         show(answer, out, open_console())
-
-
-def _keep_algebra_to_one_core() -> None:
-    """Let a diagnosis use its cores itself; numpy reads this when it is loaded.
-
-    On a machine that has other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
-    """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

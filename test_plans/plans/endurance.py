@@ -1,6 +1,7 @@
 """Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from math import ceil
@@ -8,8 +9,10 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
-from bench_protocol.units import Hz, kN, mm, s
+from bench_protocol.units import NS, Hz, kN, mm, s
 from bench_protocol.words import SIDES
+from bench_records.twin import Parting
+from drivers.errors import BenchTimeout
 from drivers.generator import MARGIN
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, straight_line
@@ -49,6 +52,11 @@ LOOK_OVER: Final = 10 * s
 PRELOAD_RATE: Final = 5 * kN / s
 STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
+#: A twin is asked every so many s whether rig and model part.
+ASKED_EVERY: Final = 20 * s
+NOBODY_WATCHES: Final = (
+    "no twin watches this run: nobody says whether rig and model part, and the cycles go on"
+)
 A_THOUSAND: Final = 1000.0
 CYCLES: Final = ("cycles", "1")
 MADE: Final = CheckName(
@@ -129,13 +137,13 @@ class Looks:
             series.read.append(heights)
 
     def judge(self, run: Run) -> None:
-        """Keep all curves, and check what changed, if there is more than one look."""
+        """Keep all curves, and check what changed, if there are looks before and after some cycles."""
         for name, quantity, limit, unit in JUDGED:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
             for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
                 self._keep(run, where, quantity, series.known(run, place))
-                if len(self.cycles) > 1:
+                if len(set(self.cycles)) > 1:
                     change = self._change(run, series, place, unit)
                     check_band(run, name.of(where=where), change, unit, band)
 
@@ -196,6 +204,7 @@ def endurance(
     frequency: Annotated[float, Range(0.2 * Hz, 3 * Hz, "Hz")] = 1 * Hz,
     cycles: Annotated[int, Range(200, 1_000_000)] = 300,
     intervals: Annotated[int, Range(1, 100)] = 3,
+    parting: Literal["noted", "ends"] = "noted",
 ) -> None:
     """Endurance: how stiffness, damping, height and tightness change over many cycles.
 
@@ -208,7 +217,12 @@ def endurance(
     Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
     air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third
     of a per cent in 1000. A run that is stopped keeps and judges what it has seen.
+
+    Where a twin watches the run (`astb run --watch`), the `parting` of rig and model *ends* the cycles: there is one
+    more look, and the run says since when they part, and why perhaps. Springs that break do so after that.
     """
+    if parting == "ends" and not run.twin.watching:
+        run.warn(NOBODY_WATCHES)
     case = run.specimen.load(load)
     for _, _, limit, unit in JUDGED:
         run.specimen.limits.band(f"endurance.{limit}", unit)
@@ -229,8 +243,12 @@ def endurance(
                     _cycle(run, axis, amplitude, frequency, run_in, Looks())
                     _look(run, case, axis, home, Looks())  # as before any other interval
             with run.phase(f"cycles to {until}"):
-                _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
+                done = _cycle(
+                    run, axis, amplitude, frequency, until - looks.made, looks, ends=parting == "ends"
+                )
             _look(run, case, axis, home, looks)
+            if not done:
+                break
     finally:
         run.check(MADE, counted(looks.made), "1", low=cycles)
         looks.judge(run)
@@ -244,17 +262,42 @@ def _cycle(
     frequency: float,
     count: int,
     looks: Looks,
-) -> None:
-    """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made."""
+    *,
+    ends: bool = False,
+) -> bool:
+    """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
+
+    Return whether all were: with ``ends`` they end where rig and model part, which is told.
+    """
     while count > 0:
         some = min(count, PROGRAM)
         # A program that does not begin has made no cycles, whatever the one before has made.
         run.bench.generator.start(axis, amplitude=amplitude, frequency=frequency, cycles=some)
         try:
-            run.bench.generator.wait_done(within=some / frequency + MARGIN)
+            parted = _wait_done(run, some / frequency + MARGIN, ends)
         finally:
             looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
+        if parted is not None:
+            run.bench.generator.stop()
+            run.warn(f"the cycles were ended, as rig and model part. {parted.sentence}")
+            return False
         count -= some
+    return True
+
+
+def _wait_done(run: Run, within: float, ends: bool) -> Parting | None:
+    """Wait until the cycles are done; with ``ends``, or until rig and model part: return what is said of it."""
+    last = run.now + round(within * NS)
+    while ends:
+        if (parted := run.twin.parted) is not None:
+            return parted
+        if last - run.now <= ASKED_EVERY * NS:
+            break
+        with suppress(BenchTimeout):
+            run.bench.generator.wait_done(within=ASKED_EVERY)
+            return None
+    run.bench.generator.wait_done(within=(last - run.now) / NS)
+    return None
 
 
 def _look(

@@ -12,6 +12,7 @@ from astb.rig_in_memory import RigInMemory
 from bench_records.layout import STREAM, SignalInfo
 from bench_records.record import Record, read
 from bench_records.recorder import Recorder
+from bench_records.result import read_result
 from bench_records.twin import TwinStory, read_twin
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
@@ -20,6 +21,7 @@ from bench_twin.twin import Twin
 from diagnosis.contracts import DiagnosisError
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.plans.endurance import NOBODY_WATCHES
 
 
 def run(plan: str, out: Path, seed: int, *faults: PlannedFault) -> Path:
@@ -164,3 +166,43 @@ def test_a_record_without_anything_to_compare_is_refused(tmp_path):
         recorder.receive([0], [0], [0.0])
     with pytest.raises(DiagnosisError, match="nothing to hold a model against"):
         Twin(read(tmp_path), load("astb"), "astb")
+
+
+RIG = """
+time = "virtual"
+name = "leaks"
+description = "a bellows gets a hole while it cycles"
+
+[simulation]
+parameters = "astb"
+seed = 3
+
+[[simulation.faults]]
+name = "leak"
+values = { side = "left", area = "0.5 mm2" }
+at = "230 s"
+"""
+
+
+@pytest.mark.slow
+def test_an_endurance_plan_ends_with_the_reason_instead_of_a_broken_bellows(tmp_path):
+    rig = tmp_path / "leaks.toml"
+    rig.write_text(RIG)
+    arguments = ["run", "endurance", f"--rig={rig}", "--set=parting=ends", f"--out={tmp_path}"]
+    CliRunner().invoke(commands, [*arguments, "--watch"])
+    result = read_result(tmp_path / "endurance")
+    (why,) = (text for text in result.warnings if "the cycles were ended" in text)
+    assert "leak of a bellows (orifice), left" in why
+    made = next(one.number for one in result.checks if one.name == "cycles")
+    assert 11 <= made <= 11 + 40, "it is asked every 20 s"
+    assert why in (tmp_path / "endurance" / "report.html").read_text()
+    assert {phase.name for phase in result.phases} >= {f"look after {made:.0f} cycles"}
+
+
+@pytest.mark.slow
+def test_without_a_twin_the_same_plan_says_that_nobody_watches_and_goes_on(tmp_path):
+    given = {"parting": "ends", "cycles": "200", "intervals": "1"}
+    with RigInMemory(Rig(load("astb"), seed=3)).bench(seed=3) as bench:
+        result = execute(plans()["endurance"].given(given), bench, tmp_path / "run", rig="virtual", seed=3)
+    assert NOBODY_WATCHES in result.warnings
+    assert next(one.number for one in result.checks if one.name == "cycles") == 200

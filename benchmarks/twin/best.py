@@ -1,0 +1,51 @@
+"""How soon the best possible test would have told: the same one, with the cause, its size and its beginning known.
+
+The innovations z of a block have the mean d that the cause gives them, by the same filter that has learnt the same. So
+log L = d·z − |d|²/2, and its sum since the cause began is as much evidence as there is. It tells where the detector
+would: where the sum is the logarithm of the mean time between two false alarms, in blocks. Nothing bounds a block.
+"""
+
+import numpy as np
+
+from bench_records.record import Record
+from bench_sim.parameters import Parameters
+from bench_twin.causes import Replays
+from bench_twin.detector import BETWEEN
+from bench_twin.innovations import BIN, BINS, BLOCK, judge, rough
+from bench_twin.twin import Seen, Twin
+from benchmarks.twin.cases import Case
+
+
+class WatchedWith(Twin):
+    """A twin that also knows what begins: ``best`` is when it could have been told at the earliest (s), or None."""
+
+    def __init__(self, record: Record, parameters: Parameters, case: Case) -> None:
+        super().__init__(record, parameters, "astb")
+        self.best: float | None = None
+        self._case, self._sum = case, 0.0
+
+    def _see(self, start: float, end: float) -> Seen:
+        seen = super()._see(start, end)
+        case = self._case
+        if case.effect and not case.creeps and self.best is None and end > case.at:
+            self._weigh(start, seen)
+        return seen
+
+    def _weigh(self, start: float, seen: Seen) -> None:
+        case, columns, belief = self._case, seen.columns, seen.belief
+        onset = max(round((case.at - start) / BIN), 0)
+        cause = self._simulator.catalogue[case.effect]
+        shapes = {shape.name: shape.nominal for shape in cause.shapes}
+        (column,) = Replays(seen.run, self._simulator).columns([(cause, shapes, case.size)], onset)
+        if column is None:
+            return
+        alone = columns._replace(measured=columns.simulated + case.size * column)
+        off = rough(columns)
+        d = np.nan_to_num(judge(alone, belief._replace(mean=np.zeros_like(belief.mean)), off).white)
+        z = np.nan_to_num(judge(columns, belief, off).white)
+        ratios = (d * z - 0.5 * d**2).sum(axis=(1, 2))
+        for b in range(onset // BINS, len(ratios)):
+            self._sum += float(ratios[b])
+            if self._sum >= np.log(BETWEEN / BLOCK):
+                self.best = round(start + (b + 1) * BLOCK, 2)
+                return

@@ -1,0 +1,98 @@
+"""The cases of a count: which plan, on which rig, and what begins in the middle of it.
+
+Every second case is sound, one in three of these a *sibling*: springs as they are delivered, and a form somewhere
+that no parameter of the model and no effect covers (`benchmarks.diagnosis.sibling_forms`). In the others an effect of
+the catalogue begins where the plan has long begun, all at once or creeping, in one of three sizes.
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.effects.effect import Effect, ShownBy
+
+#: Plans of faulty rigs, and the part (s) of each in which an effect begins.
+PLANS: Final = {
+    "aw0": (56.0, 85.0),
+    "screening": (45.0, 500.0),
+    "endurance": (55.0, 500.0),
+    "leveling": (50.0, 120.0),
+}
+#: Sizes of an effect, in those of an ordinary fault.
+SIZES: Final = (1.0, 3.0, 10.0)
+#: So long (s) a creeping effect grows to its size.
+CREEPS: Final = 30.0
+#: An effect stays within so much of what is possible.
+_WITHIN: Final = 0.8
+#: A clock is not slow all at once, and where actuators go wrong no replay of their motion sees it.
+_NOT_BEGUN: Final = ("clock_skew",)
+#: Sound rigs run many plans, and long ones: an hour of motion is judged like an hour of anything else.
+_SOUND: Final = ("aw0", "aw3", "screening", "leveling", "leak_down", "tightness", "endurance")
+_LONG: Final = 0.75  #: so many of them are endurance or a hold
+
+
+class Case(msgspec.Struct, frozen=True):
+    """One run. Without an ``effect`` the rig is sound; it begins at ``at`` s and takes ``creeps`` s to its size."""
+
+    plan: str
+    seed: int
+    values: dict[str, str] = {}  #: of the plan's parameters, as people write them
+    sibling: bool = False
+    effect: str = ""
+    size: float = 0.0  #: the amplitude in SI
+    step: int = 0  #: which of `SIZES`
+    at: float = 0.0
+    creeps: float = 0.0
+
+
+def sound(count: int, seed: int) -> Iterator[Case]:
+    """Yield as many sound rigs."""
+    rng = np.random.default_rng([seed, 0])
+    for _ in range(count):
+        values: dict[str, str] = {}
+        plan = str(rng.choice(_SOUND))
+        if rng.random() < _LONG:
+            plan = str(rng.choice(("endurance", "tightness"), p=(0.8, 0.2)))
+        if plan == "endurance":
+            values = {
+                "load": str(rng.choice(("AW0", "AW3"))),
+                "axis": str(rng.choice(("vertical", "lateral"))),
+                "amplitude": f"{rng.uniform(3.0, 15.0):.1f} mm",
+                "frequency": f"{rng.uniform(0.3, 2.0):.2f} Hz",
+                "cycles": str(int(rng.integers(300, 900))),
+                "intervals": str(int(rng.integers(1, 5))),
+            }
+        elif plan == "tightness":
+            values = {"hold": f"{rng.uniform(60.0, 900.0):.0f} s"}
+        yield Case(plan, int(rng.integers(2**31)), values, sibling=bool(rng.random() < 1.0 / 3.0))
+
+
+def faulty(count: int, seed: int) -> Iterator[Case]:
+    """Yield as many rigs in which an effect begins: each of the catalogue in turn, its sizes, and both ways."""
+    rng = np.random.default_rng([seed, 1])
+    names = [name for name, effect in CATALOGUE.items() if effect.diagnosable and name not in _NOT_BEGUN]
+    for k in range(count):
+        if k % len(names) == 0:
+            rng.shuffle(names)
+        effect = CATALOGUE[names[k % len(names)]]
+        plan = "leveling" if effect.shown_by is ShownBy.CONNECTED_VALVES else str(rng.choice(list(PLANS)))
+        step = int(rng.integers(len(SIZES)))
+        place = f".{rng.choice(effect.places)}" if effect.places else ""
+        yield Case(
+            plan,
+            int(rng.integers(2**31)),
+            effect=f"{effect.name}{place}",
+            size=amplitude(effect, step),
+            step=step,
+            at=round(float(rng.uniform(*PLANS[plan])), 1),
+            creeps=float(rng.choice((0.0, CREEPS))),
+        )
+
+
+def amplitude(effect: Effect, step: int) -> float:
+    """Return an amplitude (SI) of one of the `SIZES`, as far as it is possible."""
+    one = effect.amplitude
+    return float(np.clip(one.typical * SIZES[step], _WITHIN * one.low, _WITHIN * one.high))

@@ -1,0 +1,70 @@
+"""The rig of a case, in virtual time, on which an effect of the catalogue begins while it runs."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.frames import Block
+from bench_protocol.rates import TICK
+from bench_sim.parameters import load
+from bench_sim.parameters.effects import find_effect
+from bench_sim.rig.faults.panel import PlannedFault
+from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.rig import Rig
+from benchmarks.diagnosis.ground_truth import draw
+from benchmarks.diagnosis.sealed import parameters_of
+from benchmarks.diagnosis.sibling_forms import CURVED, Curved
+from benchmarks.twin.cases import Case
+from drivers.bench import Bench
+
+#: An effect that creeps grows in steps of so many s.
+_STEP: Final = 0.1
+#: What drifts does so from the start of the rig; one that begins later is a fault of its own.
+_DRIFT: Final = "pressure_drift"
+
+
+@contextmanager
+def bench_of(case: Case) -> Iterator[Bench]:
+    """Yield a connected bench on the rig of a case."""
+    if case.sibling:
+        truth = draw(case.seed, "null", "sibling")
+        rig = Rig(parameters_of(truth), seed=case.seed)
+        bent = Curved(rig, truth.form[CURVED]) if CURVED in truth.form else rig
+    else:
+        bent = rig = Rig(load("astb"), seed=case.seed)
+    if case.effect:
+        begin(rig, case)
+    run: Callable[[int], Block] = bent.run
+    with RigInMemory(rig, run).bench(seed=case.seed) as bench:
+        yield bench
+
+
+def begin(rig: Rig, case: Case) -> None:
+    """Let the effect of a case begin when its time has come."""
+    kind, _, place = case.effect.partition(".")
+    if kind == _DRIFT:
+        values = {"sensor": f"{place}.bellows_pressure", "value": f"{case.size} Pa/s"}
+        rig.faults.plan(PlannedFault("drift", values, case.at, None))
+        return
+    points = rig.faults.points
+    mend: Mend | None = None
+
+    def grow(share: float) -> None:
+        nonlocal mend
+        if mend is not None:
+            mend()
+        mend = points.parameters.change(tuple(rig.plant.parameters.dtype.names), changed(case, share))
+
+    steps = max(round(case.creeps / _STEP), 1)
+    for k in range(1, steps + 1):
+        at = case.at + (k - 1) * _STEP if case.creeps else case.at
+        points.schedule.at(round(at / TICK), lambda share=k / steps: grow(share))  # type: ignore[misc]
+
+
+def changed(case: Case, share: float = 1.0) -> Callable[[Any], None]:
+    """Return what gives a record of parameters so much of the effect of a case."""
+    effect, place = find_effect(case.effect)
+    values = {shape.name: shape.nominal for shape in effect.shapes}
+    values[effect.amplitude.name] = share * case.size
+    return lambda par: effect.change(par, place, values)

@@ -1,0 +1,131 @@
+"""What was counted, as tables with exact intervals."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from scipy.stats import gamma
+
+from bench_records.twin import Parting
+from bench_sim.parameters.effects import find_effect
+from benchmarks.diagnosis.statistics import Rate
+from benchmarks.twin.cases import SIZES, Case
+
+
+class Counted(msgspec.Struct, frozen=True):
+    """What the twin said of a case: seconds judged, its partings, and when the best test would have told (s)."""
+
+    case: Case
+    judged: float
+    partings: tuple[Parting, ...]
+    best: float | None
+
+    @property
+    def told(self) -> Parting | None:
+        """The first parting since the effect began."""
+        return next((one for one in self.partings if one.told >= self.case.at), None)
+
+    @property
+    def early(self) -> bool:
+        """Whether rig and model were said to part before anything had begun."""
+        return any(one.told < self.case.at for one in self.partings)
+
+    @property
+    def named(self) -> bool:
+        """Whether the effect, or another law of the same phenomenon at its place, is among the causes."""
+        return self.told is not None and any(alike(one.name, self.case.effect) for one in self.told.causes)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether there are causes, and none of them is right."""
+        return self.told is not None and bool(self.told.causes) and not self.named
+
+
+def alike(name: str, other: str) -> bool:
+    """Return whether two effects are one, or laws of one phenomenon at one place."""
+    (one, _), (two, _) = find_effect(name), find_effect(other)
+    same = one.phenomenon == two.phenomenon != "" and name.partition(".")[2] == other.partition(".")[2]
+    return name == other or same
+
+
+def page(counted: Sequence[Counted]) -> str:
+    """Return all tables, in Markdown."""
+    sound = [one for one in counted if not one.case.effect]
+    faulty = [one for one in counted if one.case.effect]
+    return "\n".join([*_sound(sound), "", *_faulty(faulty)])
+
+
+def _sound(sound: Sequence[Counted]) -> list[str]:
+    kinds = {
+        "as the model": [one for one in sound if not one.case.sibling],
+        "siblings": [one for one in sound if one.case.sibling],
+        "together": sound,
+    }
+    lines = [
+        "| Sound rigs | runs | judged (h) | false alarms | in 100 h (95 %) |",
+        "| --- | ---: | ---: | ---: | ---: |",
+    ]
+    for name, some in kinds.items():
+        hours, false = sum(one.judged for one in some) / 3600.0, sum(len(one.partings) for one in some)
+        lines.append(f"| {name} | {len(some)} | {hours:.2f} | {false} | {_in_a_hundred(false, hours)} |")
+    return lines
+
+
+def _in_a_hundred(count: int, hours: float) -> str:
+    """How many in 100 h, with the exact interval of a Poisson number."""
+    if not hours:
+        return "–"
+    low = float(gamma.ppf(0.025, count)) if count else 0.0
+    high = float(gamma.ppf(0.975, count + 1))
+    return f"{100.0 * count / hours:.1f} ({100.0 * low / hours:.1f} to {100.0 * high / hours:.1f})"
+
+
+_ROWS: Final[tuple[tuple[str, Callable[[Counted], bool]], ...]] = (
+    ("told before it began", lambda one: one.early),
+    ("told", lambda one: one.told is not None),
+    ("named", lambda one: one.named),
+    ("unknown", lambda one: one.told is not None and not one.told.causes),
+    ("wrong", lambda one: one.wrong),
+)
+
+
+def _faulty(faulty: Sequence[Counted]) -> list[str]:
+    lines = [
+        "| Effects that begin | runs | "
+        + " | ".join(name for name, _ in _ROWS)
+        + " | delay (s) | best (s) |",
+        "| --- | ---: | " + "---: | " * len(_ROWS) + "---: | ---: |",
+        _line("all", faulty),
+        _line("all at once", [one for one in faulty if not one.case.creeps]),
+        _line("creeping", [one for one in faulty if one.case.creeps]),
+    ]
+    for step, size in enumerate(SIZES):
+        lines.append(_line(f"{size:g} × ordinary", [one for one in faulty if one.case.step == step]))
+    for plan in sorted({one.case.plan for one in faulty}):
+        lines.append(_line(f"in {plan}", [one for one in faulty if one.case.plan == plan]))
+    lines.append(_line("where the best test would tell", [one for one in faulty if one.best is not None]))
+    for name in sorted({_kind(one) for one in faulty}):
+        lines.append(_line(f"`{name}`", [one for one in faulty if _kind(one) == name]))
+    return lines
+
+
+def _kind(one: Counted) -> str:
+    return one.case.effect.partition(".")[0]
+
+
+def _line(name: str, some: Sequence[Counted]) -> str:
+    rates = [str(Rate.of([of(one) for one in some])) if some else "–" for _, of in _ROWS]
+    both = [one for one in some if one.told and one.best is not None]
+    delay = _middle(one.told.told - one.case.at for one in both if one.told)
+    best = _middle(one.best - one.case.at for one in both if one.best is not None)
+    return f"| {name} | {len(some)} | " + " | ".join(rates) + f" | {delay} | {best} |"
+
+
+def _middle(values: Iterable[float]) -> str:
+    """The median and the quartiles."""
+    found = np.array(list(values))
+    if not len(found):
+        return "–"
+    low, middle, high = np.quantile(found, (0.25, 0.5, 0.75))
+    return f"{middle:.1f} ({low:.1f} to {high:.1f})"

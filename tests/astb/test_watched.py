@@ -1,0 +1,95 @@
+"""A run with its twin as its plan sees it: what is known by now in real time, all of it in virtual time."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from astb import watched
+from astb.watched import TwinBeside
+from bench_protocol.clock import RealClock, VirtualClock
+from bench_protocol.units import NS
+from bench_records.twin import Parting, TwinStory, write_twin
+from test_plans.beside import Alone
+from test_plans.plans.endurance import ASKED_EVERY, _wait_done
+
+
+def story(until, *partings):
+    return TwinStory(
+        "astb", until, (), tuple(Parting(told, told, "left.height", 0.0, 0.0, 0.0) for told in partings)
+    )
+
+
+def process(alive=True):
+    return SimpleNamespace(poll=lambda: None if alive else 1)
+
+
+def test_in_real_time_it_says_what_is_known_and_what_is_withdrawn(tmp_path):
+    twin = TwinBeside(process(), tmp_path, RealClock())
+    assert twin.watching and twin.parted is None
+    write_twin(tmp_path, story(10.0, 4.0, 9.0))
+    assert twin.parted.told == 9.0
+    write_twin(tmp_path, story(12.0))
+    assert twin.parted is None
+
+
+def test_in_virtual_time_it_waits_until_the_twin_has_come(tmp_path, monkeypatch):
+    clock = VirtualClock()
+    twin = TwinBeside(process(), tmp_path, clock)
+    clock.sleep_until(60 * NS)
+    write_twin(tmp_path, story(30.0))
+
+    class Waits(RealClock):
+        def sleep_until(self, _):
+            write_twin(tmp_path, story(59.0, 55.0))
+
+    monkeypatch.setattr(watched, "RealClock", Waits)
+    assert twin.parted.told == 55.0
+
+
+def test_in_virtual_time_it_does_not_wait_for_a_twin_that_is_gone(tmp_path):
+    clock = VirtualClock()
+    twin = TwinBeside(process(alive=False), tmp_path, clock)
+    clock.sleep_until(60 * NS)
+    write_twin(tmp_path, story(30.0, 20.0))
+    assert not twin.watching
+    assert twin.parted.told == 20.0
+
+
+class Generator:
+    """Runs for so many s of a clock."""
+
+    def __init__(self, lasts):
+        self.now, self.lasts = 0.0, lasts
+
+    def wait_done(self, within):
+        from drivers.errors import BenchTimeout
+
+        self.now += min(within, self.lasts - self.now)
+        if self.now < self.lasts:
+            raise BenchTimeout("the program runs")
+
+
+@pytest.mark.parametrize(("ends", "parts_at"), [(True, 30.0), (True, 1e9), (False, 30.0)])
+def test_cycles_end_with_the_parting_only_where_that_is_wished(ends, parts_at):
+    generator = Generator(100.0)
+    parting = object()
+
+    class Twin(Alone):
+        @property
+        def parted(self):
+            return parting if generator.now >= parts_at else None
+
+    class Run:
+        bench, twin = SimpleNamespace(generator=generator), Twin()
+
+        @property
+        def now(self):
+            return round(generator.now * NS)
+
+    told = _wait_done(Run(), 110.0, ends)
+    if ends and parts_at < 100.0:
+        assert told is parting
+        assert parts_at <= generator.now <= parts_at + ASKED_EVERY
+    else:
+        assert told is None
+        assert generator.now == 100.0
