@@ -46,17 +46,37 @@ class Waveform(Device):
         """Begin what :meth:`run` does and return while it goes on."""
         link = self._link
         names = {name: f"{name}_setpoint" for name in offsets}
-        if lacking := link.lacks(*names.values()):
-            raise NotAvailable(lacking)
-        cycles = _cycles(times, offsets)
-        for name, way in cycles.items():
+        cycles = self._foreseen(times, offsets)
+        for name in cycles:
             self._refuse_mode(name)
-            self._refuse_pace(names[name], way)
         if link.commander.moving(*names.values()):
             raise Misuse(
                 f"{', '.join(names.values())}: a waveform begins at rest, and one is still on its way"
             )
         link.commander.play({names[name]: way for name, way in cycles.items()})
+
+    def foresee(self, times: Floats, offsets: Mapping[str, Floats]) -> None:
+        """Refuse what :meth:`run` would refuse wherever the set-points are by then, and in whichever control mode.
+
+        For what is known before anything moves: a shape, a pace, or more than the wire carries around 0.
+        """
+        for name, way in self._foreseen(times, offsets).items():
+            signal = self._link.table[f"{name}_setpoint"]
+            far = int(np.argmax(np.maximum(way - signal.high, signal.low - way)))
+            if not signal.low <= way[far] <= signal.high:
+                raise Misuse(
+                    f"{signal.name} would be {signal.show(way[far])} at {far * CYCLE / NS:g} s; "
+                    f"{signal.show(signal.low)} to {signal.show(signal.high)} would be right"
+                )
+
+    def _foreseen(self, times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Return ``offsets`` at each cycle; NotAvailable or Misuse for what the rig has not, or follows too slowly."""
+        if lacking := self._link.lacks(*(f"{name}_setpoint" for name in offsets)):
+            raise NotAvailable(lacking)
+        cycles = _cycles(times, offsets)
+        for name, way in cycles.items():
+            self._refuse_pace(f"{name}_setpoint", way)
+        return cycles
 
     def wait_done(self, within: float) -> None:
         """Wait until all of it has gone out and shows; whatever ends the wait before ends the waveform where it is.

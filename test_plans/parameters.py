@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from bench_protocol.units import WRITTEN_UNITS
@@ -46,17 +47,36 @@ class Range:
 
 
 @dataclass(frozen=True, slots=True)
+class File:
+    """What a file may be, in words, and which names stand for what needs none: ``File("a table of …", ("none",))``."""
+
+    about: str
+    names: tuple[str, ...]
+
+    def __contains__(self, text: object) -> bool:
+        return text in self.names
+
+    def __str__(self) -> str:
+        return f"{', '.join(self.names)}, or a file: {self.about}"
+
+
+@dataclass(frozen=True, slots=True)
 class Parameter:
-    """One keyword parameter of a plan: a number within a ``range``, or one of some ``choices``."""
+    """One keyword parameter of a plan: a number within a ``range``, one of some ``choices``, or a ``file``."""
 
     name: str
     default: Value
     range: Range | None = None
     choices: tuple[str, ...] = ()
+    file: File | None = None
     whole: bool = False  #: a number without fraction
 
     def read(self, text: Any) -> Value:
         """Return ``text``, such as ``20 mm`` or ``AW3``, as the plan takes it (SI). ParameterRefused if it does not."""
+        if self.file is not None:
+            if text not in self.file and not Path(text).is_file():
+                raise ParameterRefused(f"{self.name} = {text} is no file; {self.file} would be right")
+            return str(text)
         if self.range is None:
             if text not in self.choices:
                 raise ParameterRefused(f"{self.name} = {text!r} is none of {', '.join(self.choices)}")
@@ -83,7 +103,7 @@ class Parameter:
     @property
     def allowed(self) -> str:
         """What it may be, in words."""
-        return str(self.range) if self.range else ", ".join(self.choices)
+        return str(self.range or self.file or ", ".join(self.choices))
 
 
 def declared_parameters(function: Callable[..., None]) -> tuple[Parameter, ...]:
@@ -104,6 +124,8 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
     kind, *rest = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if get_origin(kind) is Literal:
         one = Parameter(name, default, choices=get_args(kind))
+    elif kind is str and rest and isinstance(rest[0], File):
+        one = Parameter(name, default, file=rest[0])
     elif kind in {float, int} and rest and isinstance(rest[0], Range):
         one = Parameter(name, default, rest[0], whole=kind is int)
     else:
@@ -111,7 +133,7 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
             f"parameter {name} is declared {hint}; Annotated[float, Range(1 * mm, 50 * mm, 'mm')] or "
             "Literal['AW0', 'AW3'] would be right"
         )
-    if default not in (one.range or one.choices):
+    if default not in (one.range or one.file or one.choices):
         raise TypeError(
             f"parameter {name} has the default {one.show(default)}, which is not one of {one.allowed}"
         )

@@ -157,8 +157,8 @@ def stochastic_crosswind(
     found = run.measure(partial(_swings, at < BEFORE, steady), run.rig, values, rate=RATE)
     for (name, limit, unit), value in zip(SWINGS, found, strict=True):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
-    _check_stiffness(run, load, "lateral", values, partial(_sideways, steady))
-    _check_stiffness(run, load, "vertical", values, partial(_upright, steady))
+    _check_stiffness(run, load, "lateral", values, partial(sideways, steady))
+    _check_stiffness(run, load, "vertical", values, partial(upright, steady))
 
 
 def _swings(
@@ -171,7 +171,7 @@ def _swings(
     return float(y.std()), float(np.percentile(np.abs(y), 99.0)), swing
 
 
-def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
+def sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' shear and of the force that they oppose to it."""
     y = shear_of(values, rig) - values["platform.lateral"]
     force = -sideways_force(values, rig)
@@ -179,7 +179,7 @@ def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectr
     return spectra(y[steady], force[steady], RATE, segment=SEGMENT, x_lag=late[0], y_lag=late[1])
 
 
-def _upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
+def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' compression, the mean of both, and of the load on one."""
     down = -0.5 * (values["left.height"] + values["right.height"])
     force = 0.5 * upward_force(values, rig)
@@ -214,7 +214,7 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
 def _check_stiffness(
     run: Run, load: str, direction: str, values: Values, of: Callable[[Rig, Values], Spectra]
 ) -> None:
-    """Check K' over the band, upright the loss angle too, and keep |K| over frequency with its uncertainty."""
+    """Check K' over the band, upright the loss angle too, and keep it over frequency."""
     limits = run.specimen.load(load).limits
     found = of(run.rig, values)
     K = found.between(*BAND)
@@ -238,6 +238,11 @@ def _check_stiffness(
             "deg",
             lost,
         )
+    keep_stiffness(run, load, direction, found)
+
+
+def keep_stiffness(run: Run, load: str, direction: str, found: Spectra) -> None:
+    """Keep |K| over frequency with its uncertainty."""
     lines = [found.between(f - 0.125 * Hz, f + 0.125 * Hz) for f in LINES]
     sizes = [(abs(one.value), SIGMAS_OF_95 * one.uncertainty) for one in lines]
     for name, ys in (

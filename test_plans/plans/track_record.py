@@ -1,0 +1,230 @@
+"""A measured track: the platform runs it under the springs as a train of some speed meets it, in a wind or without."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import FACTORS, m, mm, mrad, ms, s
+from bench_records.curves import Axis
+from drivers.errors import Misuse, NotAvailable
+from test_plans import steps
+from test_plans.analysis import NotMeasured, Samples
+from test_plans.analysis.cells import CELLS, CELLS_ACROSS
+from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, stop_travel_of
+from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.check_names import CheckName
+from test_plans.description import lags
+from test_plans.parameters import File, Range
+from test_plans.plan import plan
+from test_plans.plans.stochastic_crosswind import (
+    LEVEL,
+    RATE,
+    STEP,
+    irregularity,
+    keep_stiffness,
+    sideways,
+    take_up,
+    upright,
+)
+from test_plans.preconditions import ConditionResult, Precondition, on_the_bench
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.wind import RISE, fade, random_process, side_force
+from test_plans.track_file import NoTrack, TrackRecord, read_track
+
+Values = Mapping[str, Samples]
+
+#: What stands for a file: a track that is drawn, of the low level of ERRI B 176, always the same.
+DRAWN: Final = "ERRI-low"
+DRAWN_LENGTH: Final = 20_000 * m
+DRAWN_STEP: Final = 0.5 * m
+#: Of its waves: the ranges D1 and D2 of EN 13848-1. Longer ones are the line, shorter ones no wheel follows.
+WAVES: Final = (3 * m, 70 * m)
+WAYS: Final = ("platform.vertical", "platform.lateral", "platform.roll")
+READ: Final = (*POSE_SIGNALS, *WAYS[:2], *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
+BEFORE: Final = 2 * s
+#: So much later than it was asked to the platform may be.
+LATEST: Final = 0.5 * s
+#: Of what was asked for, rms, so much may be lacking or too much: lost between set-points 20 ms apart, lag, noise.
+BESIDE_MOST: Final = 0.1
+#: What moves less, rms, is as little as its transducer tells (m, rad).
+LEAST: Final = 2e-4
+#: Every how many samples is drawn.
+KEPT: Final = 4
+
+BESIDE: Final = CheckName(
+    "platform beside the record, {way}",
+    "What is left between the platform and the record, rms, over the record: without it the springs met another track.",
+)
+TRAVEL: Final = CheckName(
+    "largest travel of the bolster",
+    "How far track and wind together move the car sideways: beyond the limit it leans on its bump stop.",
+)
+
+
+def drawn() -> TrackRecord:
+    """Return the track that stands for a file: vertical and lateral, with the spectrum of ERRI B 176."""
+    places: Samples = DRAWN_STEP * np.arange(round(DRAWN_LENGTH / DRAWN_STEP), dtype=np.float64)
+    waves = np.asarray(np.fft.rfftfreq(places.size, DRAWN_STEP), np.float64)
+    passing = (waves >= 1.0 / WAVES[1]) & (waves <= 1.0 / WAVES[0])
+    generator = np.random.default_rng(1)
+    ways = {
+        axis: random_process(places, irregularity(waves, level, 1.0) * passing, generator)
+        for axis, level in zip(WAYS, LEVEL, strict=False)
+    }
+    return TrackRecord(DRAWN, places, ways)
+
+
+def read(track: str) -> TrackRecord:
+    """Return the track that a parameter names; NoTrack for a file that is none."""
+    return drawn() if track == DRAWN else read_track(Path(track))
+
+
+def excitation(track: str, speed: float, duration: float, wind: float) -> tuple[Samples, dict[str, Samples]]:
+    """Return times (s) and what is added to each set-point (SI): a track under a train, and a steady wind across it.
+
+    All of it comes within 4 s and goes within 4 s, and counts for ``duration`` s in between.
+    """
+    count = round((duration + 2 * RISE) / STEP)
+    times = np.linspace(0.0, count * STEP, count + 1)
+    share, record = fade(times), read(track)
+    if (lasts := float(record.times(speed)[-1])) < times[-1]:
+        under = "" if record.timed else f" at {speed:.4g} m/s"
+        raise NoTrack(
+            f"{record.name} lasts {lasts:.4g} s{under}; with {2 * RISE:g} s to come and go, "
+            f"{lasts - 2 * RISE:.4g} s is the longest duration"
+        )
+    moves = {name: share * way for name, way in record.at(times, speed).items()}
+    if wind:
+        moves["lateral.force"] = share * side_force(wind, speed)
+    return times, moves
+
+
+def _asked(run: Run) -> tuple[Samples, dict[str, Samples]]:
+    values = run.values
+    speed, duration, wind = (float(values[name]) for name in ("speed", "duration", "wind"))
+    return excitation(str(values["track"]), speed, duration, wind)
+
+
+def _look_at_the_track(run: Run) -> ConditionResult:
+    try:
+        record = read(str(run.values["track"]))
+        run.bench.waveform.foresee(*_asked(run))
+    except (NoTrack, Misuse, NotAvailable) as error:
+        return ConditionResult(False, str(error))
+    told = f"{record.name}, {record.times(float(run.values['speed']))[-1]:.4g} s"
+    told += f", SHA-256 {record.digest[:16]}" if record.digest else ""
+    told += f"; not read: {', '.join(record.unread)}" if record.unread else ""
+    return ConditionResult(True, told)
+
+
+CAN_RUN: Final = Precondition("the track is a record that the platform can follow", _look_at_the_track)
+
+
+@plan(
+    setup=take_up,
+    needs=(
+        *steps.CARRYING,
+        *READ,
+        *FREE_SIDEWAYS,
+        *(f"{axis}_setpoint" for axis in WAYS),
+        *SEEING,
+        *CELLS,
+        *CELLS_ACROSS,
+        "stop_gap",
+        *lags(("lateral.displacement", *HEIGHTS, *SHEAR_CELLS, *VERTICAL_CELLS)),
+    ),
+    teardown=leave_connected,
+    lasts=121 * s,
+    requires=(*on_the_bench("load"), CAN_RUN),
+    checks=(BESIDE, TRAVEL),
+)
+def track_record(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    track: Annotated[
+        str, File("a table of distance or time, vertical, lateral, cant or roll, with units", (DRAWN,))
+    ] = DRAWN,
+    speed: Annotated[float, Range(5.0, 100.0, "m/s")] = 100 * FACTORS["km/h"],
+    duration: Annotated[float, Range(20 * s, 600 * s, "s")] = 60 * s,
+    wind: Annotated[float, Range(0.0, 6.5, "m/s")] = 0.0,
+) -> None:
+    """Track record: the springs on a track that somebody measured, as a train of some speed meets it.
+
+    The springs carry the load, shut in at design height; the vertical actuators hold the bolster where it is, as the
+    inertia of a car does, and the lateral one pushes it with what one bogie bears of a steady `wind`, or lets it go.
+    The platform runs the record in its three ways together, about its mean, from its beginning on: a record by distance
+    at `speed`, one by time as it is. All axes follow one time base, come and go within 4 s, and are streamed by the
+    host; what is beyond the platform's ways or paces is refused before anything moves. Instead of a file, ERRI-low is
+    the low level of ERRI B 176 between waves of 3 and 70 m.
+
+    Good is a platform that goes where the record has it, and a bolster that stays clear of its bump stop. The stiffness
+    of the springs over frequency is kept, and not judged: limits hold for the motion for which they were stated.
+    """
+    del track, speed, duration, wind  # as `_asked` has them
+    times, moves = _asked(run)
+    with run.phase("track"):
+        with run.bench.capture(*READ) as capture:
+            run.bench.wait(BEFORE)
+            run.bench.waveform.run(times, moves)
+            run.bench.wait(LATEST)
+        at, values = capture.aligned(RATE)
+    at = at - BEFORE
+    if not all(np.isfinite(values[name]).all() for name in READ):
+        raise NotMeasured("samples of the track are missing")
+    for name in WAYS:
+        if name in moves:
+            _compare(run, name, at, values, times, moves[name])
+    calm, shaken = at < 0.0, (at >= RISE) & (at < times[-1] - RISE)
+    travel = run.measured(partial(_travel, calm, shaken), run.rig, values, rate=RATE)
+    run.check(TRAVEL, travel, "mm", high=run.rig["stop_gap"])
+    for direction, of in (("lateral", sideways), ("vertical", upright)):
+        keep_stiffness(run, load, direction, of(shaken, run.rig, values))
+
+
+def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
+    """Check how the platform moved beside a ``way`` (n,) at ``times`` (n,), and draw both."""
+    played = (at >= 0.0) & (at <= times[-1])
+    asked = float(np.std(np.interp(at[played], times, way)))
+    shown = name.partition(".")[2]
+    if asked < LEAST:
+        few = f"{asked / mm:.2g} {'mrad' if shown == 'roll' else 'mm'} rms"
+        run.lack([BESIDE.of(way=shown)], f"it moves by {few}, as little as its transducer tells")
+        return
+
+    def left(late: float, read: Samples) -> Samples:
+        apart = (read - np.interp(at - late, times, way))[played]
+        return np.asarray(apart - apart.mean())
+
+    delays = np.arange(0.0, LATEST, 0.1 / RATE)
+    late = min(delays.tolist(), key=lambda one: float(left(one, values[name]).std()))
+
+    def beside(_: Rig, read: Values) -> float:
+        return float(left(late, read[name]).std()) / asked
+
+    note = f"{late / ms:.0f} ms late; asked for {asked / mm:.3g} {'mrad' if shown == 'roll' else 'mm'} rms"
+    run.check(
+        BESIDE.of(way=shown),
+        run.measured(beside, run.rig, values, rate=RATE),
+        "%",
+        high=BESIDE_MOST,
+        note=note,
+    )
+    unit = Axis(shown, "mrad", mrad) if shown == "roll" else Axis(shown, "mm", mm)
+    seen = values[name] - values[name][at < 0.0].mean()
+    for told, xs, ys in (("record", times, way), ("platform", at - late, seen)):
+        run.curve(told, Axis("time", "s"), unit, xs[::KEPT], ys[::KEPT], group=f"Track, {shown}")
+
+
+def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:
+    """Return how far the bolster went towards its bump stop at the most (m), without the noise of a sample."""
+    way = stop_travel_of(values, rig) - values["platform.lateral"]
+    return float(np.percentile(np.abs(way - way[calm].mean())[shaken], 99.9))

@@ -1,0 +1,181 @@
+"""A track as somebody measured it: how far rails lie beside the line that they should follow, by distance or by time.
+
+A table (CSV, Parquet, Arrow) with a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
+left), ``cant`` (how much higher the left rail is) and ``roll`` (left side up), each with its unit in the head, such as
+``vertical [mm]``. Further columns are not read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.account import Account
+from bench_protocol.units import UNITS, m
+from bench_records.layout import RecordError
+from bench_records.tables.keys import FileKeys, Source
+from bench_records.tables.numbers import numbers, of_the_file
+from bench_records.tables.reading import format_of, read_sheet
+from bench_records.tables.sheet import Sheet
+from test_plans.analysis import Samples
+
+#: What a platform follows, by what a column is called; the SI unit of the column.
+WAYS: Final[Mapping[str, tuple[str, str]]] = {
+    "vertical": ("platform.vertical", "m"),
+    "lateral": ("platform.lateral", "m"),
+    "cant": ("platform.roll", "m"),
+    "roll": ("platform.roll", "rad"),
+}
+#: By what a table goes on, and its SI unit.
+CLOCKS: Final[Mapping[str, str]] = {"distance": "m", "time": "s"}
+_NAMED: Final = re.compile(r"\s*(?P<name>[^\[(]*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
+#: Between the middles of the rails, over which cant is told (EN 13848-1).
+BASE: Final = 1.5 * m
+#: Fewer rows are no track.
+LEAST_ROWS: Final = 8
+#: A step that is so many times as long as most is a gap.
+GAP: Final = 4.0
+
+
+class NoTrack(ValueError):
+    """A file that is no track record; the text has file, column, line, value and what would be right."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackRecord:
+    """A track: ``ways`` (m, rad; each (n,)) by the platform's reading, at ``places`` (n,) that rise.
+
+    These are m of the line, or s where ``timed``. ``unread`` are the columns that were left out.
+    """
+
+    name: str
+    places: Samples
+    ways: Mapping[str, Samples]
+    timed: bool = False
+    digest: str = ""
+    unread: tuple[str, ...] = ()
+
+    def times(self, speed: float) -> Samples:
+        """Return when a train of ``speed`` (m/s) is at each place (s), from 0 on; of a record by time, its times."""
+        return (self.places - self.places[0]) / (1.0 if self.timed else speed)
+
+    def at(self, times: Samples, speed: float) -> dict[str, Samples]:
+        """Return the ways at even ``times`` (s, (n,)) under a train of ``speed`` (m/s), about their means.
+
+        Straight lines join the rows, and the mean over one step counts, so that no wave shorter than two steps becomes
+        a longer one. Beyond its ends the outermost lines go on.
+        """
+        when = self.times(speed)
+        half = 0.5 * (times[1] - times[0])
+        edges = np.append(times - half, times[-1] + half)
+        found = {}
+        for name, way in self.ways.items():
+            area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(when) * (way[1:] + way[:-1]))])
+            k = np.clip(np.searchsorted(when, edges, "right") - 1, 0, when.size - 2)
+            within, slope = edges - when[k], np.diff(way)[k] / np.diff(when)[k]
+            mean = np.diff(area[k] + within * (way[k] + 0.5 * slope * within)) / np.diff(edges)
+            found[name] = mean - mean.mean()
+        return found
+
+
+def read_track(path: Path) -> TrackRecord:
+    """Return the track of a table. NoTrack for a file that is none: gaps, units, places that do not rise."""
+    try:
+        keys = FileKeys()
+        if format_of(path, keys) == "mdf":
+            raise NoTrack(f"{path} is an MDF file; a table as CSV, Parquet or Arrow would be right")
+        sheet = _plainly_named(read_sheet(path, keys, [], Account()))
+        clock = _clock(sheet)
+        columns = {name: sheet.place(name, str(path)) for name in WAYS if sheet.places(name)}
+        if not columns:
+            raise NoTrack(
+                f"{path} has none of the columns {', '.join(WAYS)}; it has {', '.join(sheet.names)}"
+            )
+        if {"cant", "roll"} <= set(columns):
+            raise NoTrack(f"{path} has cant and roll, which say the same; leave one of them out")
+        places = _column(sheet, clock, CLOCKS[clock])
+        read = {name: _column(sheet, name, WAYS[name][1]) for name in columns}
+    except RecordError as error:
+        raise NoTrack(str(error)) from None
+    _refuse_steps(sheet, clock, places)
+    ways = {WAYS[name][0]: np.arctan(way / BASE) if name == "cant" else way for name, way in read.items()}
+    unread = tuple(name for name in sheet.names if name != clock and name not in columns)
+    digest = sha256(path.read_bytes()).hexdigest()
+    return TrackRecord(str(path), places, ways, clock == "time", digest, unread)
+
+
+def _plainly_named(sheet: Sheet) -> Sheet:
+    """Let columns be called without the unit that stands behind their name."""
+    for column in sheet.columns:
+        if found := _NAMED.fullmatch(column.name):
+            column.name = found["name"].lower()
+            column.unit = column.unit or (found["unit"] or "").strip()
+    return sheet
+
+
+def _clock(sheet: Sheet) -> str:
+    found = [name for name in CLOCKS if sheet.places(name)]
+    if len(found) == 1:
+        return found[0]
+    said = "both" if found else "neither"
+    raise NoTrack(f"{sheet.path} has {said} of the columns distance and time; one of them would be right")
+
+
+def _column(sheet: Sheet, name: str, si: str) -> Samples:
+    """Return the numbers of a column (SI). NoTrack without a unit, with another one, or with cells that have none."""
+    index = sheet.place(name, str(sheet.path))
+    column, where = sheet.columns[index], f"{sheet.path}: {name}"
+    right = ", ".join(one for one in ("mm", "m", "km", "s", "ms", "mrad", "rad") if _factor(one, si))
+    factor = _factor(column.unit, si)
+    if factor is None:
+        told = f"has the unit {column.unit!r}" if column.unit else "tells no unit"
+        raise NoTrack(
+            f'{where} {told}; a head such as "{name} [{right.partition(",")[0]}]" would be right ({right})'
+        )
+    if column.kind == "text":
+        source = Source(column=index + 1)
+        values = numbers(sheet, index, source, of_the_file(sheet, FileKeys(), [(index, source)]), None, where)
+    elif column.kind == "number":
+        values = np.asarray(column.cells, np.float64)
+    else:
+        raise NoTrack(f"{where} has no numbers but {column.what or column.kind}")
+    if values.size < LEAST_ROWS:
+        raise NoTrack(f"{sheet.path} has {values.size} rows; {LEAST_ROWS} or more are a track")
+    lacking = np.flatnonzero(~np.isfinite(values))
+    if lacking.size:
+        more = f", and in {lacking.size - 1} more" if lacking.size > 1 else ""
+        raise NoTrack(
+            f"{where} has no number in {sheet.at(int(lacking[0]))}{more}; fill the gap, or cut the file there"
+        )
+    return values * factor
+
+
+def _factor(unit: str, si: str) -> float | None:
+    if unit == "km":
+        return 1000.0 if si == "m" else None
+    one = UNITS.get({"µm": "um", "°": "deg"}.get(unit, unit))
+    return one.factor if one is not None and one.si == si else None
+
+
+def _refuse_steps(sheet: Sheet, clock: str, places: Samples) -> None:
+    unit = CLOCKS[clock]
+    rises = np.diff(places)
+    if (rises <= 0.0).any():
+        at = int(np.argmax(rises <= 0.0)) + 1
+        how = "stands still at" if rises[at - 1] == 0.0 else f"falls from {places[at - 1]:.10g} to"
+        raise NoTrack(
+            f"{sheet.path}: {clock} {how} {places[at]:.10g} {unit} in {sheet.at(at)}; it has to rise from row to row"
+        )
+    usual = float(np.median(rises))
+    at = int(np.argmax(rises))
+    if rises[at] > GAP * usual:
+        raise NoTrack(
+            f"{sheet.path}: {clock} jumps by {rises[at]:.4g} {unit} in {sheet.at(at + 1)}, where rows are mostly "
+            f"{usual:.4g} {unit} apart: a gap; cut the file there"
+        )
