@@ -157,7 +157,7 @@ def stochastic_crosswind(
     found = run.measure(partial(_swings, at < BEFORE, steady), run.rig, values, rate=RATE)
     for (name, limit, unit), value in zip(SWINGS, found, strict=True):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
-    _check_stiffness(run, load, "lateral", values, partial(sideways, steady))
+    _check_stiffness(run, load, "lateral", values, partial(_sideways, steady))
     _check_stiffness(run, load, "vertical", values, partial(upright, steady))
 
 
@@ -171,7 +171,7 @@ def _swings(
     return float(y.std()), float(np.percentile(np.abs(y), 99.0)), swing
 
 
-def sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
+def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' shear and of the force that they oppose to it."""
     y = shear_of(values, rig) - values["platform.lateral"]
     force = -sideways_force(values, rig)

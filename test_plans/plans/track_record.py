@@ -28,7 +28,6 @@ from test_plans.plans.stochastic_crosswind import (
     STEP,
     irregularity,
     keep_stiffness,
-    sideways,
     take_up,
     upright,
 )
@@ -40,6 +39,7 @@ from test_plans.steps.wind import RISE, fade, random_process, side_force
 from test_plans.track_file import NoTrack, TrackRecord, read_track
 
 Values = Mapping[str, Samples]
+KMH: Final = FACTORS["km/h"]
 
 #: What stands for a file: a track that is drawn, of the low level of ERRI B 176, always the same.
 DRAWN: Final = "ERRI-low"
@@ -96,7 +96,7 @@ def excitation(track: str, speed: float, duration: float, wind: float) -> tuple[
     times = np.linspace(0.0, count * STEP, count + 1)
     share, record = fade(times), read(track)
     if (lasts := float(record.times(speed)[-1])) < times[-1]:
-        under = "" if record.timed else f" at {speed:.4g} m/s"
+        under = "" if record.timed else f" at {speed / KMH:.4g} km/h"
         raise NoTrack(
             f"{record.name} lasts {lasts:.4g} s{under}; with {2 * RISE:g} s to come and go, "
             f"{lasts - 2 * RISE:.4g} s is the longest duration"
@@ -153,7 +153,7 @@ def track_record(
     track: Annotated[
         str, File("a table of distance or time, vertical, lateral, cant or roll, with units", (DRAWN,))
     ] = DRAWN,
-    speed: Annotated[float, Range(5.0, 100.0, "m/s")] = 100 * FACTORS["km/h"],
+    speed: Annotated[float, Range(20 * KMH, 360 * KMH, "km/h")] = 100 * KMH,
     duration: Annotated[float, Range(20 * s, 600 * s, "s")] = 60 * s,
     wind: Annotated[float, Range(0.0, 6.5, "m/s")] = 0.0,
 ) -> None:
@@ -166,8 +166,9 @@ def track_record(
     host; what is beyond the platform's ways or paces is refused before anything moves. Instead of a file, ERRI-low is
     the low level of ERRI B 176 between waves of 3 and 70 m.
 
-    Good is a platform that goes where the record has it, and a bolster that stays clear of its bump stop. The stiffness
-    of the springs over frequency is kept, and not judged: limits hold for the motion for which they were stated.
+    Good is a platform that goes where the record has it, and a bolster that stays clear of its bump stop. The vertical
+    stiffness of the springs over frequency is kept, and not judged: limits hold for the motion for which they were
+    stated.
     """
     del track, speed, duration, wind  # as `_asked` has them
     times, moves = _asked(run)
@@ -186,8 +187,8 @@ def track_record(
     calm, shaken = at < 0.0, (at >= RISE) & (at < times[-1] - RISE)
     travel = run.measured(partial(_travel, calm, shaken), run.rig, values, rate=RATE)
     run.check(TRAVEL, travel, "mm", high=run.rig["stop_gap"])
-    for direction, of in (("lateral", sideways), ("vertical", upright)):
-        keep_stiffness(run, load, direction, of(shaken, run.rig, values))
+    # Not sideways: the lateral actuator lets the bolster go, so that hardly a force tells of its springs.
+    keep_stiffness(run, load, "vertical", upright(shaken, run.rig, values))
 
 
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
@@ -221,7 +222,7 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
     unit = Axis(shown, "mrad", mrad) if shown == "roll" else Axis(shown, "mm", mm)
     seen = values[name] - values[name][at < 0.0].mean()
     for told, xs, ys in (("record", times, way), ("platform", at - late, seen)):
-        run.curve(told, Axis("time", "s"), unit, xs[::KEPT], ys[::KEPT], group=f"Track, {shown}")
+        run.loop(told, Axis("time", "s"), unit, xs[::KEPT], ys[::KEPT], group=f"Track, {shown}")
 
 
 def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:

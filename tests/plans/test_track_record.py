@@ -181,7 +181,7 @@ def test_a_file_that_is_none_is_refused_before_anything_begins(tmp_path):
     [
         (
             {"speed": "90 m/s"},
-            "lasts 9.997 s at 90 m/s; with 8 s to come and go, 1.997 s is the longest duration",
+            "lasts 9.997 s at 324 km/h; with 8 s to come and go, 1.997 s is the longest duration",
         ),
         ({"track": "high.csv"}, "platform.vertical_setpoint would be"),
         ({"track": "steep.csv"}, "platform.vertical_setpoint would move with"),
