@@ -92,7 +92,7 @@ def remainder(
 
 def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
     """Return the least part of the explainable error that remains in any channel that has one."""
-    squares = np.array([_squares(before), _squares(after)]) / floors**2
+    squares = np.array([mean_squares(before), mean_squares(after)]) / floors**2
     some = squares[0] > EXPLAINABLE**2
     if not some.any():
         return float("nan")
@@ -106,14 +106,14 @@ def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: b
     A channel that hardly has any, and reaches its noise by chance, does not speak for the others. ``unsure``: at most,
     if what the noise floors are uncertain by were left as well.
     """
-    explainable, left = np.maximum(np.array([_squares(before), _squares(after)]) / floors**2 - 1.0, 0.0).sum(
-        axis=1
-    )
+    explainable, left = np.maximum(
+        np.array([mean_squares(before), mean_squares(after)]) / floors**2 - 1.0, 0.0
+    ).sum(axis=1)
     left += (FLOOR_SLACK - 1.0) * unsure
     return float(np.sqrt(left / explainable)) if explainable > EXPLAINABLE**2 - 1.0 else float("nan")
 
 
-def _squares(prediction: Prediction) -> Array:
+def mean_squares(prediction: Prediction) -> Array:
     """Return the mean squared error of each channel (c,), 0 where nothing counts."""
     errors = [
         np.where(run.counted, run.outputs - predicted, np.nan)

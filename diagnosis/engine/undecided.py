@@ -4,7 +4,10 @@ Theory of operation
 -------------------
 BIC compares causes in units of the noise. Where a model leaves many times that, each of its errors is worth a gap of
 thousands, and the largest gap goes to whatever takes up most of them. What counts then is what runs say that nothing
-was fitted to. A rival that passed for physical in the place of a cause, and predicts them as well, is one still.
+was fitted to. A rival that passed for physical in the place of a cause, and predicts them as well, is one still. That
+is asked of all channels together, and of those alone in which the cause acts: where nearly all of the error is in
+others, the sum hardly changes with the cause, and so with any rival. A clock that falls behind was said so beside a
+delay, which the pressures told from it, for the error was in the forces.
 
 So is a relative that is in the model already. Friction that turns over between two samples and a force that lags are
 one corner of a loop, rounded: with a lag beside it, the friction has no presliding that the samples would resolve, and
@@ -17,13 +20,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.engine.before import noise_ratio
 from diagnosis.engine.config import FORETELLS_AS_WELL, GAINS_NOTHING
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.intervals import below_resolution
-from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.remainder import Remainder, mean_squares
 from diagnosis.engine.search_state import Accepted, SearchResult
 
 
@@ -54,11 +59,26 @@ def undecided(
         return []
     rivals = []
     for accepted in found.accepted:
-        for rival in (*_swapped(accepted, model), *_alone(accepted, found, model, hypotheses, left)):
-            forecast = predict(rival.model, after.replay.runs, after.linearisation, fixed=True)
-            if noise_ratio(forecast, floors) < FORETELLS_AS_WELL * left.after:
+        among = [*_swapped(accepted, model), *_alone(accepted, found, model, hypotheses, left)]
+        absent = _forecast(found.without[accepted.effect], after) if among else after
+        for rival in among:
+            forecast = _forecast(rival.model, after)
+            as_well = noise_ratio(forecast, floors) < FORETELLS_AS_WELL * left.after
+            if as_well and (rival.alone or _as_well_where_it_acts(forecast, after, absent)):
                 rivals.append(rival)
     return rivals
+
+
+def _forecast(model: FittedModel, after: Prediction) -> Prediction:
+    """Return what a model predicts, as fitted, of the runs of another prediction."""
+    return predict(model, after.replay.runs, after.linearisation, fixed=True)
+
+
+def _as_well_where_it_acts(rival: Prediction, after: Prediction, absent: Prediction) -> bool:
+    """Return whether a rival predicts those channels as well that the cause makes better, ``absent`` from one."""
+    left, other, without = (mean_squares(one) for one in (after, rival, absent))
+    acts = without > FORETELLS_AS_WELL**2 * left
+    return not acts.any() or bool(np.mean(other[acts] / left[acts]) < FORETELLS_AS_WELL**2)
 
 
 def _swapped(accepted: Accepted, model: FittedModel) -> Iterator[Undecided]:

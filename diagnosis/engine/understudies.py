@@ -10,8 +10,15 @@ would have found it. A longer list of candidates must not give a poorer model.
 So each cause that left while others were in the model is fitted alone, as it was fitted when it was a candidate. Where
 one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
 that were in the model when it left, and without all others that left. A name comes before a surface: what that predicts
-does not count. What that finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
-the select runs clearly better and leaves no more of the error in the runs that it was fitted to.
+does not count.
+
+One cause may also stand for two: a clock that is behind for delays of all that it times. These then leave beside it,
+and one of them still scores in the end. Then the search is repeated without that cause in the final model which is most
+like the one that left beside it.
+
+What the second search finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
+the select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two in the place of
+one must leave nothing that scores: where much remains, whatever has more parameters imitates a little more of it.
 """
 
 from __future__ import annotations
@@ -38,11 +45,13 @@ INSTEAD: Final = "the model without it predicts the select runs better"
 
 def without_understudies(problem: Problem, first: Judgement) -> Judgement:
     """Return a judgement, or a better one of what left for the sake of others."""
-    cause = _best_alone(problem, first)
-    if not cause:
+    if not problem.select:
         return first
-    state = first.found.state
-    out = {*state.left, *state.beside[cause], *first.found.model.effects} - {cause}
+    out = _understudies(problem, first)
+    one_for_two = set() if out else _in_the_place_of(first)
+    out = out or one_for_two
+    if not out:
+        return first
     narrower = replace(problem, hypotheses={k: v for k, v in problem.hypotheses.items() if k not in out})
     found = search(narrower)
     if not found.accepted:
@@ -52,14 +61,35 @@ def without_understudies(problem: Problem, first: Judgement) -> Judgement:
     better = FORETELLS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
     if first.found.accepted:  # what foretells better by chance explains less
         better = better and _error(*after, problem.replay.runs) <= _error(*before, problem.replay.runs)
+    if one_for_two:
+        better = better and not second.screened.screening.exceeding
     return second if better and second.found.accepted else first
+
+
+def _understudies(problem: Problem, first: Judgement) -> set[str]:
+    """Return what stood beside a cause that left and that alone predicts better than the judgement; mostly nothing."""
+    cause = _best_alone(problem, first)
+    state = first.found.state
+    return {*state.left, *state.beside[cause], *first.found.model.effects} - {cause} if cause else set()
+
+
+def _in_the_place_of(first: Judgement) -> set[str]:
+    """Return the accepted effect that is most like one which left beside it and still scores; mostly nothing."""
+    state, screening = first.found.state, first.screened.screening
+    scoring = [screening.candidates[i].effect.name for i in screening.exceeding]
+    initial = first.found.steps[0].screening
+    likeness = {
+        (stayed, gone): abs(float(initial.projection.cosines[initial.best(stayed), initial.best(gone)]))
+        for gone in scoring
+        for stayed in state.beside.get(gone, ())
+        if stayed in first.found.model.effects
+    }
+    return {max(likeness, key=likeness.__getitem__)[0]} if likeness else set()
 
 
 def _best_alone(problem: Problem, first: Judgement) -> str:
     """Return which cause that left beside others predicts the select runs best alone, if better than the judgement."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
-    if not problem.select:
-        return ""
     errors = {}
     left = (one for one, others in state.beside.items() if others and one not in model.effects)
     for name in (one for one in left if one in state.last_fit):

@@ -40,6 +40,9 @@ SENTENCES: Final = {
     "identified. {unknown}",
 }
 
+#: The amplitude of what arrives late by a time.
+DELAY: Final = "delay"
+
 
 def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estimate]:
     """Return amplitude and shapes of an effect where a fit ended, in the units that people read."""
@@ -195,6 +198,7 @@ def sentence(
     parts = [said.strip()]
     if verdict is not Verdict.UNRESOLVED:
         parts += [_which_law(one, alone=len(causes) == 1) for one in causes]
+        parts.append(_late_together(causes))
     if causes or unknowns or left.large:
         parts.append(_gained(left))
     if verdict is not Verdict.UNRESOLVED:
@@ -220,6 +224,22 @@ def _which_law(one: Cause, *, alone: bool) -> str:
     of = "it" if alone else one.phenomenon
     would = f" What would tell: {one.separated_by}." if one.separated_by else ""
     return f"Which law {of} follows these runs do not tell: {told}.{would}"
+
+
+def _late_together(causes: Sequence[Cause]) -> str:
+    """Say of several delays that they are one; "" where their intervals have nothing in common."""
+    delays = [one.parameters[0] for one in causes if one.parameters[0].name == DELAY]
+    low, high = (
+        [end for end in ends if end is not None]
+        for ends in ([one.low for one in delays], [one.high for one in delays])
+    )
+    if len(delays) < 2 or len(low) < len(delays) or len(high) < len(delays) or max(low) > min(high):
+        return ""
+    late = f"{0.5 * (max(low) + min(high)):.{decimals(max(low), min(high))}f} {delays[0].unit}"
+    return (
+        f"All of these are late by the same {late}: what they have in common may be late, such as their device or its "
+        "clock, or what drives the simulation may be ahead of them."
+    )
 
 
 def _with_size(one: Cause | Rival) -> str:
