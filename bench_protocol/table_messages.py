@@ -166,6 +166,20 @@ MESSAGES: Final = (
         ),
         "Who else tried to command the bench",
     ),
+    _message(
+        "CarSprings",
+        0x284,
+        COMMAND_RATE,
+        _fields("car.shear", "car.height", "car.roll"),
+        "How the car in the loop has its springs",
+    ),
+    _message(
+        "CarMotion",
+        0x285,
+        COMMAND_RATE,
+        _fields("car.acceleration", "car.rising", "car.bump_stop", "car.wind", bits=14),
+        "What the car in the loop does",
+    ),
     _command(
         "Control",
         0x201,
@@ -175,8 +189,10 @@ MESSAGES: Final = (
                 for name in ("enable", "hold", "active", "reset")
             ),
             _word(TOKEN),
+            # No set-point of the bench; here it costs the bus nothing.
+            Field("car.wind_setpoint", 16),
         ),
-        "Feeds the watchdog and asks for a state",
+        "Feeds the watchdog and asks for a state, and lets wind blow on the car in the loop",
     ),
     _command(
         "ForceSetpoints",

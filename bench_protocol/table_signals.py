@@ -5,8 +5,11 @@ positive downward (a preload is positive), lateral forces positive to the left. 
 added takes a free one.
 """
 
+from collections.abc import Iterator
+from itertools import count
 from typing import Final, NamedTuple
 
+from bench_protocol.car import STOP_POINTS
 from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.units import K, N, bar, kN, m, mbar, mm, mrad, ms, rad, s, us
@@ -177,6 +180,20 @@ STATUS: Final = (
         "rig.stranger", 212, "TCP port that the last of them came from, 0 where the wire does not tell", 65535
     ),
     _count("rig.stranger_identifier", 214, "CAN identifier of the last of them, 0 for Modbus", 65535),
+    *(
+        Signal(
+            f"car.{name}", Kind.STATUS, unit, -span, span, step, f"Car in the loop: {text}", address=address
+        )
+        for name, address, unit, span, step, text in (
+            ("shear", 218, "mm", 300 * mm, 0.01 * mm, "how far it has the springs sheared"),
+            ("height", 220, "mm", 300 * mm, 0.01 * mm, "how far it has them lengthened"),
+            ("roll", 1100, "mrad", 0.3 * rad, 0.01 * mrad, "its roll against the track, left side up"),
+            ("acceleration", 1102, "m/s2", 16.0, 0.002, "lateral acceleration of its floor"),
+            ("rising", 1104, "m/s2", 16.0, 0.002, "vertical acceleration"),
+            ("bump_stop", 1106, "kN", 200 * kN, 25 * N, "force of its bump stop"),
+            ("wind", 1108, "kN", 60 * kN, 8 * N, "force of the wind on it"),
+        )
+    ),
 )
 
 
@@ -212,6 +229,7 @@ SETPOINTS: Final = (
         for axis in PLATFORM_AXES[:2]
     ),
     _setpoint("platform.roll_setpoint", "mrad", 0.3, 0.01 * mrad, "Vibration platform, left up"),
+    _setpoint("car.wind_setpoint", "kN", 60 * kN, 2 * N, "Wind on the car in the loop, to the left"),
     _word("lease.nonce", "Any number: by it the asker knows the answer that is meant for it"),
     _word("lease.token", "0 asks for the lease; the holder's token returns it"),
 )
@@ -227,6 +245,45 @@ def _number(
     return Signal(name, Kind.SETTING, unit, *span, step, text, (), default, address)
 
 
+def _of_a_car() -> Iterator[Signal]:
+    """Yield what a car in the loop is: half of one, on one bogie."""
+    addresses = count(140, 2)
+
+    def one(name: str, unit: str, most: float, step: float, text: str) -> Signal:
+        return _number(f"car.{name}", next(addresses), unit, (0.0, most), step, f"Car in the loop: {text}")
+
+    yield one(
+        "mass",
+        "kg",
+        1e9,
+        1.0,
+        "mass of its half; one that is too heavy to move shakes the springs by its track",
+    )
+    yield one("roll_gyration", "m", 10 * m, 1 * mm, "radius of gyration in roll")
+    yield one("centre_height", "m", 5 * m, 1 * mm, "centre of gravity above the top plates of the springs")
+    yield one("floor_depth", "m", 5 * m, 1 * mm, "floor below the centre of gravity")
+    yield one("wind_height", "m", 5 * m, 1 * mm, "where the wind acts above the centre of gravity")
+    yield one("damper_rate", "kN*s/m", 500 * kN, 1 * N, "lateral damper")
+    yield one("damper_depth", "m", 5 * m, 1 * mm, "lateral damper below the centre of gravity")
+    yield one("bump_stop_depth", "m", 5 * m, 1 * mm, "bump stop below the centre of gravity")
+    yield one("anti_roll_stiffness", "kN*m/rad", 20_000 * kN, 10 * N, "anti-roll bar")
+    for point in range(1, STOP_POINTS + 1):
+        yield one(
+            f"stop_travel_{point}", "mm", 300 * mm, 0.01 * mm, f"travel of the bump stop, point {point}"
+        )
+        yield one(f"stop_force_{point}", "kN", 1000 * kN, 1 * N, f"its force there, point {point}")
+    yield one("track_frequency", "Hz", 30.0, 1e-4, "waves of the track, unilateral cosines, in a second")
+    yield one("track_waves", "1", 10_000, 1, "whole waves of the track; with the last the ride ends")
+    yield one("track_lateral", "mm", 100 * mm, 0.01 * mm, "height of a wave to the left")
+    yield one("track_vertical", "mm", 100 * mm, 0.01 * mm, "height of a wave upward")
+    yield one("track_roll", "mrad", 0.15 * rad, 0.01 * mrad, "height of a wave in roll, left side up")
+    yield one(
+        "piston_lead", "ms", 200 * ms, 0.01 * ms, "how late the pistons are: so much they are told ahead"
+    )
+    yield one("platform_lead", "ms", 200 * ms, 0.01 * ms, "how late the platform is")
+
+
+_CAR: Final = tuple(_of_a_car())
 _VALVES: Final = "hold: all valves shut; level: leveling valve; fill: to the target"
 _TARGET: Final = "Gauge pressure that fill and vent aim for"
 _JOINED: Final = "on: bellows and auxiliary chamber joined by the orifice"
@@ -286,6 +343,7 @@ SETTINGS: Final = (
         1 * ms,
         "From the start of the program to that of this wave",
     ),
+    *_CAR,
 )
 
 
@@ -308,6 +366,11 @@ ACTIONS: Final = (
         "program_add",
         10,
         f"Keep the wave that is set: the next run starts all that were kept, {WAVES_AT_ONCE} at the most, at once",
+    ),
+    _coil(
+        "program_car",
+        11,
+        "Start a ride of the car that is set: the springs' forces move it, it moves the springs",
     ),
 )
 

@@ -14,6 +14,7 @@ from bench_protocol.units import NS, s
 from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES, PLATFORM_AXES
 from drivers.air import Air
 from drivers.axes import Lateral, Platform, Vertical, VerticalActuator
+from drivers.car import Car
 from drivers.declarations import Device, no_such_attribute
 from drivers.devices import (
     Actions,
@@ -52,6 +53,7 @@ class Bench(Link):
         "about": "What records say of where this bench is from, by keyword.",
         "action": "The coils: `bench.action.program_stop()`.",
         "air": "The valves of both springs.",
+        "car": "A car that the rig computes in its tick.",
         "closing": "What else ends with this bench: a context stack that `close` closes.",
         "control": "The bits of the Control message.",
         "devices": "All devices.",
@@ -95,6 +97,7 @@ class Bench(Link):
         self.interlock = Interlocks(self, "interlock")
         self.air = Air(self, "air")
         self.generator = Generator(self, "generator")
+        self.car = Car(self, "car")
         self.waveform = Waveform(self, "waveform")
         self.about: Mapping[str, Any] = {}
         self.hand: Any = None

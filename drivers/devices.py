@@ -134,6 +134,7 @@ class Actions(Device):
     program_hold = Action()
     program_stop = Action()
     program_add = Action()
+    program_car = Action()
 
 
 class Interlocks(Device):

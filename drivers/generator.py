@@ -9,7 +9,7 @@ from bench_protocol.units import s
 from bench_protocol.words import PROGRAM_STATES, GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import Misuse, NotAvailable, Refused, RigFault
-from drivers.link import STREAM_CYCLES
+from drivers.link import STREAM_CYCLES, Link
 
 #: What a program may take longer than its cycles.
 MARGIN: Final = 10 * s
@@ -150,17 +150,7 @@ class Generator(Device):
 
     def wait_done(self, within: float) -> None:
         """Wait until the program has ended by itself; RigFault if it ended before its last cycle."""
-        link = self._link
-        link.wait_for(
-            lambda: self._program() in ("IDLE", "STOPPED"),
-            within=within,
-            what="end of the generator's program",
-        )
-        cycles, done = self.cycles, link.readings.value("rig.generator_cycle")
-        if not done >= cycles:
-            raise RigFault(
-                f"the generator's program ended after {done:g} of {cycles:g} cycles: {link.describe()}"
-            )
+        wait_for_the_end(self._link, self.cycles, within)
 
     def hold(self) -> None:
         """Freeze the wave where it is; :meth:`resume` goes on."""
@@ -202,3 +192,17 @@ class Generator(Device):
         if mode == "force":
             return "force_amplitude"
         return "roll_amplitude" if axis == "roll" else "amplitude"
+
+
+def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
+    """Wait until a program of so many ``cycles`` has ended by itself; RigFault if it ended before."""
+    link.wait_for(
+        lambda: link.readings.choice("rig.program") in ("IDLE", "STOPPED"),
+        within=within,
+        what="end of the generator's program",
+    )
+    done = link.readings.value("rig.generator_cycle")
+    if not done >= cycles:
+        raise RigFault(
+            f"the generator's program ended after {done:g} of {cycles:g} cycles: {link.describe()}"
+        )

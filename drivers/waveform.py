@@ -112,7 +112,7 @@ class Waveform(Device):
     def _refuse_mode(self, name: str) -> None:
         """Misuse if the axis of the reading ``name`` is controlled by something else now."""
         device, _, wanted = name.partition(".")
-        if device == "platform":
+        if device in ("platform", "car"):
             return
         control = "lateral.control" if device == "lateral" else "vertical.control"
         if self._link.has(control) and (mode := self._link.settings.choice(control)) != wanted:

@@ -250,21 +250,39 @@ def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
         readings[k] = min(max(readings[k], par.sensor_low[k]), par.sensor_high[k])
 
 
+@compiled
+def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
+    """The reading of sensor ``k`` where the sensors deliver ``values``; ``counter`` picks the noise."""
+    s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
+    if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:
+        for other in range(6):
+            s += par.load_cell_crosstalk[k - Sensor.LOAD_CELL_1, other] * values[Sensor.LOAD_CELL_1 + other]
+    if par.sensor_noise[k] > 0.0:
+        s += par.sensor_noise[k] * normal(mem.seed, counter, k)
+    step = par.sensor_resolution[k]
+    if step > 0.0:
+        s = step * floor(s / step + 0.5)
+    return min(max(s, par.sensor_low[k]), par.sensor_high[k])
+
+
 @compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
     """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
     deliver(mem, par, values)
     for k in range(SENSORS):
-        s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
-        if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:
-            for other in range(6):
-                s += (
-                    par.load_cell_crosstalk[k - Sensor.LOAD_CELL_1, other]
-                    * values[Sensor.LOAD_CELL_1 + other]
-                )
-        if par.sensor_noise[k] > 0.0:
-            s += par.sensor_noise[k] * normal(mem.seed, counter, k)
-        step = par.sensor_resolution[k]
-        if step > 0.0:
-            s = step * floor(s / step + 0.5)
-        readings[k] = min(max(s, par.sensor_low[k]), par.sensor_high[k])
+        readings[k] = one_reading(mem, par, values, counter, k)
+
+
+@compiled
+def read_cells(mem: Any, par: Any, counter: int, values: Any, readings: Any) -> None:
+    """Readings of the six load cells as they stood one step ago, without another look at the plant.
+
+    ``values`` (SENSORS) is room to work in; of ``readings`` (SENSORS) only theirs are written.
+    """
+    late = arrives_late(par)
+    for k in range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_6 + 1):
+        values[k] = mem.sensor_output[k]
+        if late:  # the last that was kept is of the step before
+            values[k] = delayed(mem, k, values[k], lateness(mem, par, k) + mem.lag_step)
+    for k in range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_6 + 1):
+        readings[k] = one_reading(mem, par, values, counter, k)

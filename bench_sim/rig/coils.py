@@ -29,6 +29,7 @@ def coil_actions(
             "program_hold": generator.hold,
             "program_stop": generator.stop,
             "program_add": supervisor.add_to_program,
+            "program_car": supervisor.run_car,
         },
     )
 

@@ -34,6 +34,7 @@ _NONCE_ROW: Final = TABLE.index["lease.nonce"]
 assert TABLE.index["lease.token"] == _NONCE_ROW + 1
 
 _REJECTED_ROW: Final = TABLE.index["rig.rejected_commands"]
+_WIND_ROW: Final = TABLE.index["car.wind_setpoint"]
 _STRANGERS_ROW: Final = TABLE.index["rig.strangers"]
 _STRANGER_ROW: Final = TABLE.index["rig.stranger"]
 _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
@@ -123,6 +124,12 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
                 changes[c.changed] = bits
                 c.changed += 1
                 c.bits = bits
+        elif row == _WIND_ROW:
+            if outside(signals, values, k, 1, steering.ranges):
+                c.refused += 1
+            elif c.active != 0 and not np.isnan(values[k]):
+                c.wind_goal = values[k]
+                c.wind_slew = SLEW_TICKS
         elif (
             target >= 0
             and c.active != 0

@@ -8,6 +8,7 @@ from bench_sim.model.compiled import Compiler, digest_of
 #: The modules of the rig that the compiled tick contains beside its own.
 OF_THE_TICK: Final = (
     "black_box",
+    "car",
     "commands",
     "controls",
     "faults/in_tick",

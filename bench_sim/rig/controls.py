@@ -1,15 +1,17 @@
 """What the tick keeps of its own: set-points, generator, air control and watchdog as one record, and its numbering."""
 
+from dataclasses import asdict
 from enum import IntEnum, IntFlag
 from typing import Final
 
 import numpy as np
 
+from bench_protocol.car import MovingCar
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, HOLD_AFTER, SLOW_RATE, TICK
 from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import NS, s
 from bench_protocol.words import WAVES_AT_ONCE
-from bench_sim.model.layout import Sensor
+from bench_sim.model.layout import SENSORS, Sensor
 
 TICK_NS: Final = round(TICK * NS)
 #: The number of the tick on the wires: 24 bits with one code left for "unknown".
@@ -81,7 +83,24 @@ class Happened(IntFlag):
     COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
     RECORDED = 2048  #: the black box has the ten seconds after an incident
+    ASTRAY = 4096  #: a car in the loop wanted more than the actuators can do, or felt no force
 
+
+#: Load cells.
+CELLS: Final = Sensor.LOAD_CELL_6 - Sensor.LOAD_CELL_1 + 1
+#: A car in the loop: `MovingCar`, and what couples it to the bench.
+CAR: Final = np.dtype(
+    [
+        *((name, "<f8", np.shape(value)) for name, value in asdict(MovingCar()).items()),
+        ("track_size", "<f8", (3,)),  # height of a wave of the track, each way
+        ("lead", "<f8", (TARGETS,)),  # by how much what moves each set-point is told ahead, s
+        ("of_cells", "<f8", (3, CELLS)),  # what the springs do by one newton on each cell
+        ("to_targets", "<f8", (TARGETS, 6)),  # set-points by place of the springs and by what they do
+        ("rest", "<f8", (CELLS,)),  # what the cells read before
+        ("delivered", "<f8", (SENSORS,)),  # room to read in
+        ("readings", "<f8", (SENSORS,)),
+    ]
+)
 
 #: A snapshot of the rig's tick is a copy of this record.
 CONTROLS: Final = np.dtype(
@@ -138,6 +157,13 @@ CONTROLS: Final = np.dtype(
         ("cycles", "<f8", (WAVES_AT_ONCE,)),
         ("phase", "<f8", (WAVES_AT_ONCE,)),  # cycles since the start of the wave, below 0 before
         ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
+        ("riding", "<i8"),  # 1: the program is a ride of a car in the loop
+        ("resting", "<i8"),  # ticks for which the cells are read before it, and how many are left
+        ("waits", "<i8"),
+        ("wind_goal", "<f8"),  # N
+        ("wind", "<f8"),
+        ("wind_slew", "<i8"),  # ticks until the goal
+        ("car", CAR),
         ("node_state", "<i8"),  # `bench_protocol.canopen.NmtState`
         ("heartbeat", "<i8"),  # ticks between two of the node's heartbeats, 0 for none
         ("heartbeat_due", "<i8"),  # tick of the next

@@ -5,13 +5,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.rates import TICK
-from bench_protocol.units import s
 from bench_protocol.words import AXES, CONTROL_MODES, STEEPEST, WAVES, WAVES_AT_ONCE, Program
+from bench_sim.rig.car import RETURN_TICKS, Couplings
 from bench_sim.rig.controls import TARGETS, Target
 from bench_sim.rig.setpoints import too_fast
 
-_RETURN_TICKS: Final = round(1 * s / TICK)  # a stopped generator's axes take one second to come back
 _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 #: A wave as it is set: axis, form, amplitudes and so on (SI, by name).
 Wave = Mapping[str, float]
@@ -21,14 +19,17 @@ class FunctionGenerator:
     """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
 
     A program is the wave that is set, or all waves that were added before it is run: these start on one tick, each
-    after its delay, and end, are held and are stopped together. ``lever``: m per rad, of a roll at the vertical
-    actuators.
+    after its delay, and end, are held and are stopped together. Or it is the ride of a car, which ``couplings`` join to
+    the bench. ``lever``: m per rad, of a roll at the vertical actuators.
     """
 
-    def __init__(self, controls: Any, settings: Mapping[str, float], lever: float) -> None:
+    def __init__(
+        self, controls: Any, settings: Mapping[str, float], lever: float, couplings: Couplings
+    ) -> None:
         self._controls = controls
         self._settings = settings
         self._lever = lever
+        self._couplings = couplings
         self._added: list[Wave] = []
         #: Whether a wave of the program is one of the actuators, and not all are of the platform.
         self.moves_actuators = False
@@ -74,6 +75,17 @@ class FunctionGenerator:
         self._added = []
         return True
 
+    def ride(self) -> bool:
+        """Start the ride of the car that is set; return whether that is possible: all actuators hold displacements."""
+        c = self._controls
+        if self.busy or self._added or (c["control"] != _DISPLACEMENT).any():
+            return False
+        if not self._couplings.begin(c, self._settings):
+            return False
+        c["program"] = Program.RUN
+        self.moves_actuators = True
+        return True
+
     def hold(self) -> bool:
         """Stay where the program is; return whether one ran."""
         if self._controls["program"] != Program.RUN:
@@ -88,7 +100,7 @@ class FunctionGenerator:
             return some
         self._absorb_offset()
         self._controls["program"] = Program.STOPPED
-        self._controls["slew"][:] = _RETURN_TICKS
+        self._controls["slew"][:] = RETURN_TICKS
         return True
 
     def freeze(self) -> None:
@@ -150,3 +162,4 @@ class FunctionGenerator:
         c["setpoint"] += c["offset"]
         c["offset"] = 0.0
         c["phase"] = 0.0
+        c["riding"] = 0

@@ -21,8 +21,10 @@ from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
+from bench_sim.parameters.dimensions import dimensions_of
 from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.canopen import CanopenNode
+from bench_sim.rig.car import Couplings
 from bench_sim.rig.coils import coil_actions, contacts
 from bench_sim.rig.commands import Incoming
 from bench_sim.rig.controls import CONTROLS, FAST, HOLDING, TICK_NS, ControlBit, Happened
@@ -106,9 +108,8 @@ class Rig:
         self._incoming = Incoming.of(self._decoder)
         self._tick_state = self._arrays(every_tick)
         self._bind_kernels()
-        self.generator = FunctionGenerator(
-            self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
-        )
+        lever, couplings = self.plant.parameters.actuator_half_spacing, Couplings(dimensions_of(parameters))
+        self.generator = FunctionGenerator(self._controls, self.registers.active, lever, couplings)
         self._in_force = InForce(self._controls, self.values, self.registers, self.generator, self.plant)
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         watched = limits, self._detectors

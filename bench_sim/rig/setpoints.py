@@ -58,6 +58,17 @@ assert len(_TABLE) == TARGETS
 #: The same for the tick: the longest step of a set-point in one of them.
 _STEPS: Final = np.array([[pace.travel * TICK if pace else math.inf for pace in row] for row in _TABLE])
 _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
+#: In displacement control: the longest step of a wave, and how far a set-point goes.
+LONGEST_WAVE_STEP: Final = np.array([pace.wave * TICK for row in _TABLE if (pace := row[_DISPLACEMENT])])
+REACH: Final = np.array(
+    [
+        TABLE[f"{one}_setpoint"].high
+        for one in (
+            *(f"{a}.displacement" for a in ACTUATORS),
+            *(f"platform.{axis}" for axis in PLATFORM_AXES),
+        )
+    ]
+)
 _ACTUATORS: Final = len(ACTUATORS)
 
 
@@ -83,6 +94,9 @@ def travel(c: Any) -> None:
                 c.slew[row] -= 1
             else:
                 c.setpoint[row] += math.copysign(longest, way)
+    if c.wind_slew > 0:
+        c.wind += (c.wind_goal - c.wind) / c.wind_slew
+        c.wind_slew -= 1
 
 
 def frames_of_setpoints() -> npt.NDArray[np.int64]:

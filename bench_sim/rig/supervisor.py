@@ -28,6 +28,9 @@ from bench_sim.rig.states import (
     StateMachine,
 )
 
+ASTRAY: Final = (
+    "the car in the loop wanted more than the actuators can do, or felt no force: its ride has ended"
+)
 _BOOT_TICKS: Final = round(0.2 * s / TICK)
 #: What a limit that trips asks of the state machine; the milder actions ask nothing.
 _ON_TRIP: Final = {
@@ -125,6 +128,13 @@ class Supervisor:
             self.engage()
         return True
 
+    def run_car(self) -> bool:
+        """Start the ride of the car that is set; return whether that is possible now."""
+        if self.state is not BenchState.ACTIVE or not self._in_force.generator.ride():
+            return False
+        self.engage()
+        return True
+
     def add_to_program(self) -> bool:
         """Keep the wave that is set for the program that is started next; return whether that is possible now."""
         return self.state is BenchState.ACTIVE and self._in_force.generator.add()
@@ -152,6 +162,8 @@ class Supervisor:
         self._in_force.generator.drop()
         self._bits = ControlBit.NONE
         c["bits"] = ControlBit.NONE
+        c["wind"] = c["wind_goal"] = 0.0
+        c["wind_slew"] = 0
         if c["token"]:
             self.handle(Event.NEW_HOLDER)
         if self.state in (*SAFE, *SHUT_IN):  # from all others a fault leads there
@@ -241,6 +253,8 @@ class Supervisor:
             self._alarm()
         if Happened.RECORDED in happened:
             self._black_box.keep()
+        if Happened.ASTRAY in happened:
+            self._black_box.note(int(self._controls["tick"]), ASTRAY)
         if Happened.LIMIT in happened:
             self._trip()
         if Happened.COMMAND_LATE in happened:

@@ -40,6 +40,7 @@ from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
 from bench_sim.model.sensors import read_sensors
 from bench_sim.rig.black_box import Tape, write_sample
+from bench_sim.rig.car import ride, tell_car
 from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.compiled import compiled, compiled_entry
 from bench_sim.rig.controls import (
@@ -145,6 +146,14 @@ def _generate(c: Any) -> int:
             for row in range(TARGETS):
                 c.offset[row] += c.amplitude[k, row] * unit
     return happened
+
+
+@compiled
+def _go_on(c: Any, mem: Any, par: Any, sampling: Any) -> int:
+    """Advance the program by one tick: its waves, or the car that rides."""
+    if c.riding != 0:
+        return int(ride(c, mem, par, sampling.faults, sampling.readings))
+    return int(_generate(c))
 
 
 @compiled
@@ -297,6 +306,7 @@ def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int
     values[_PROGRAM_ROW] = c.program
     values[_CYCLE_ROW] = math.floor(max(c.phase[max(c.waves - 1, 0)], 0.0))
     values[_REFUSED_ROW] = c.refused
+    tell_car(c, values)
     if c.tick % MEDIUM == 0:
         position = _send(values, sending, sending.medium, time, out, position)
     if c.tick % SLOW == 0:
@@ -366,7 +376,7 @@ def run_ticks(
             happened |= count_lateness(values, late, pacing)
         done += 1
         c.tick += 1
-        happened |= _generate(c)
+        happened |= _go_on(c, mem, par, sampling)
         _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
         hold_inputs(sampling.faults, u)
         if c.refitted != 0:

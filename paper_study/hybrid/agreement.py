@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.places import Springs
 from bench_protocol.units import ms
-from paper_study.hybrid.car import STEP, Ride, Springs
+from paper_study.hybrid.car import STEP, Ride
 from paper_study.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
 from test_plans.analysis.readings import HEIGHTS
 from test_plans.description import lag_of
@@ -45,7 +46,11 @@ COVERAGE: Final = 2.0
 
 
 class Rode(Protocol):
-    """What came of a ride."""
+    """What came of a ride, a row for each ``step`` (s)."""
+
+    @property
+    def step(self) -> float:
+        """The time between two rows."""
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""
@@ -64,8 +69,10 @@ class Followed:
         return copysign(hypot(self.late, LAGS_U), self.late)
 
 
-def followed(asked: Floats, moved: Floats, hold: float, rig: Rig) -> dict[str, Followed]:
-    """Return by way how springs that were ``asked`` to stand so ``moved``, both (n, 3) of the host's steps.
+def followed(
+    asked: Floats, moved: Floats, hold: float, rig: Rig, step: float = HOST_STEP
+) -> dict[str, Followed]:
+    """Return by way how springs that were ``asked`` to stand so ``moved``, both (n, 3) of so long steps (s).
 
     moved = part · asked − late · d(asked)/dt, by least squares. What the car is told of it is as late as load cells,
     and readings that are held for ``hold`` s, have it, and not as the readings of the motion.
@@ -74,7 +81,7 @@ def followed(asked: Floats, moved: Floats, hold: float, rig: Rig) -> dict[str, F
     told = lag_of(rig, *FORCES) + 0.5 * hold
     for k, (way, readings) in enumerate(WAYS.items()):
         x, y = (one[:, k] - one[:, k].mean() for one in (asked, moved))
-        rates = np.column_stack([x, -np.gradient(x, HOST_STEP)])
+        rates = np.column_stack([x, -np.gradient(x, step)])
         (part, late), *_ = np.linalg.lstsq(rates, y, rcond=None)
         found[way] = Followed(float(part), float(late) - lag_of(rig, *readings) + told)
     return found
@@ -82,16 +89,20 @@ def followed(asked: Floats, moved: Floats, hold: float, rig: Rig) -> dict[str, F
 
 @dataclass(slots=True)
 class LinearSprings:
-    """Springs of stiffness and damping (3, each way) that answer otherwise than they should, and cells with noise."""
+    """Springs of stiffness and damping (3, each way) that answer otherwise than they should, and cells with noise.
+
+    What the cells read is held for ``hold`` s.
+    """
 
     stiffness: Floats
     damping: Floats
     part: Floats = field(default_factory=lambda: np.ones(3))
     late: Floats = field(default_factory=lambda: np.zeros(3))
     noise: Iterator[Springs] | None = None
+    hold: float = HOST_STEP
 
     def carry(self, ride: Ride, whole: float) -> Course:
-        """Let a car ride on them for ``whole`` s, as the host does: forces are held for its step."""
+        """Let a car ride on them for ``whole`` s."""
         course, before = Course(0.0), ride.place_at(0.0)
         ways = list(
             zip(
@@ -102,7 +113,7 @@ class LinearSprings:
                 strict=True,
             )
         )
-        each = round(HOST_STEP / STEP)
+        each = round(self.hold / STEP)
         more = Springs(0.0, 0.0, 0.0)
         for n in range(round(whole / STEP)):
             if self.noise and n % each == 0:
@@ -144,6 +155,7 @@ def of_the_loop(
     start: Callable[[], tuple[Ride, float]],
     amounts: Amounts,
     times: tuple[float, float],
+    hold: float = HOST_STEP,
 ) -> dict[str, dict[str, float]]:
     """Return the parts of the standard uncertainty of what is ridden, by check and cause.
 
@@ -153,7 +165,7 @@ def of_the_loop(
 
     def on(**otherwise: Floats | Iterator[Springs]) -> Mapping[str, float]:
         ride, whole = start()
-        return amounts(LinearSprings(*springs, **otherwise).carry(ride, whole), *times)  # type: ignore[arg-type]
+        return amounts(LinearSprings(*springs, hold=hold, **otherwise).carry(ride, whole), *times)  # type: ignore[arg-type]
 
     as_it_is = on()
     changed = {CELLS_TELL: on(part=np.full(3, 1.0 + CELLS_U))}

@@ -42,6 +42,7 @@ class Alone:
     """What came of a ride on the model's springs, a row for each `STEP`; read as a `coupling.Course` is (SI)."""
 
     columns: dict[str, Floats]
+    step: float = STEP
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.dimensions import across
-from bench_protocol.rates import COMMAND_RATE, FAST_RATE
-from bench_protocol.units import NS, mm, ms, s
+from bench_protocol.places import STILL, Place, Springs, setpoints_of
+from bench_protocol.rates import COMMAND_RATE, FAST_RATE, TICK
+from bench_protocol.units import NS, ms, s
 from bench_protocol.words import SIDES
 from drivers.errors import LinkLost
-from paper_study.hybrid.car import STEP, Place, Ride, Springs
+from paper_study.hybrid.car import STEP, Ride
 from paper_study.hybrid.loop import Path
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS, cell_moment, sideways_force, upward_force
 from test_plans.analysis.geometry import (
     ACTUATORS,
     LASERS,
     PLACING,
-    STOP_ROOM,
     Rig,
     height_of_spring,
     roll_of,
@@ -30,7 +29,6 @@ from test_plans.analysis.geometry import (
 )
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import lag_of, lags
-from test_plans.steps.poses import Home
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -39,17 +37,11 @@ Floats = npt.NDArray[np.float64]
 
 #: The car's step, at which forces come.
 HOST_STEP: Final = 1.0 / FAST_RATE
-#: Shear up to which bolster and platform are moved so that the bench's own bump stop is not met: in proportion, so that
-#: nothing has a corner.
-SHEAR_MAX: Final = 80 * mm
 #: How late a set-point shows beside what joining and the actuator's loop take, and a force beside its transducer's lag:
 #: dead time and frames, as the rides on the virtual bench measure it.
 LATENCY: Final = 3 * ms
 #: How much sooner than the pistons the platform is where it is told to be: 6 ms would pass for a fifth of the roll.
 TABLE_SOONER: Final = 5.5 * ms
-#: What springs do that stand where they rest.
-STILL: Final = Springs(0.0, 0.0, 0.0)
-LEVEL: Final = Home(0.0, 0.0)
 #: Without a force for so long nobody knows what the springs do.
 SILENT: Final = 50 * ms
 FORCES: Final = (*SHEAR_CELLS, *VERTICAL_CELLS)
@@ -74,8 +66,30 @@ COUPLED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
+class Beat:
+    """How whoever computes the car moves springs and feels them (s).
+
+    How long set-points take to be joined, how late one shows beside that and the actuator's loop, and for how long a
+    force is held.
+    """
+
+    joined: float
+    latency: float
+    hold: float
+
+
+#: Who computes the car: the host with each of its steps, through the stream of set-points, or the rig in its tick, of
+#: which the forces are those of the tick before.
+BEATS: Final = {
+    "host": Beat(1.0 / COMMAND_RATE, LATENCY, HOST_STEP),
+    "rig": Beat(0.0, LATENCY, 2.0 * TICK),
+}
+By = Literal["host", "rig"]
+
+
+@dataclass(frozen=True, slots=True)
 class Delay:
-    """How late pistons and platform show in what the car is told (s), and for how long each reading is held.
+    """How late pistons and platform show in what the car is told (s), for how long each reading is held, and by whom.
 
     By the dimensions of the rig, until somebody has measured it.
     """
@@ -83,36 +97,38 @@ class Delay:
     pistons: float
     platform: float
     hold: float = HOST_STEP
+    by: By = "host"
 
     @classmethod
-    def foreseen(cls, rig: Rig) -> Delay:
+    def foreseen(cls, rig: Rig, by: By = "host") -> Delay:
         """Return what the dimensions of a rig let expect that follows each set-point at once."""
-        late = _path(rig, LATENCY, HOST_STEP).delay
-        return cls(late, late - TABLE_SOONER)
+        late = _path(rig, BEATS[by]).delay
+        return cls(late, late - TABLE_SOONER, BEATS[by].hold, by)
 
     def after(self, roll: float, lift: float, hold: float, rig: Rig) -> Delay:
         """Return it where springs came so much later in ``roll`` and with a ``lift`` (s) than this delay made up for.
 
         A roll of the springs is one of the bolster less one of the platform, each by its share.
         """
-        at = setpoints_of(Place(0.0, 0.0, 1.0), LEVEL, rig)
+        at = setpoints_of(Place(0.0, 0.0, 1.0), rig)
         share = -at["platform.roll_setpoint"]
         platform = (roll - (1.0 - share) * lift) / share
-        return Delay(self.pistons + lift, self.platform + platform, hold)
+        return Delay(self.pistons + lift, self.platform + platform, hold, self.by)
 
 
-def path_of(rig: Rig, delay: Delay | None = None) -> Path:
+def path_of(rig: Rig, delay: Delay | None = None, by: By = "host") -> Path:
     """Return what is between places and forces on this rig, by its dimensions or as its ``delay`` was measured."""
     if delay is None:
-        return _path(rig, LATENCY, HOST_STEP)
-    return _path(rig, delay.pistons - _path(rig, 0.0, delay.hold).delay, delay.hold)
+        return _path(rig, BEATS[by])
+    beat = replace(BEATS[delay.by], latency=0.0, hold=delay.hold)
+    return _path(rig, replace(beat, latency=delay.pistons - _path(rig, beat).delay))
 
 
-def _path(rig: Rig, latency: float, hold: float) -> Path:
+def _path(rig: Rig, beat: Beat) -> Path:
     return Path(
-        beat=1.0 / COMMAND_RATE,
-        latency=latency,
-        hold=hold,
+        beat=beat.joined,
+        latency=beat.latency,
+        hold=beat.hold,
         actuator_frequency=rig["actuator_frequency"],
         actuator_damping=rig["actuator_damping"],
         lag=lag_of(rig, *FORCES),
@@ -123,47 +139,6 @@ def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
     """Return what the load cells say that both springs do to what stands on them."""
     lateral, upward = sideways_force(read, rig), upward_force(read, rig)
     return Springs(float(lateral), float(upward), -float(cell_moment(read, rig)))
-
-
-def setpoints_of(place: Place, home: Home, rig: Rig, springs: Springs = STILL) -> dict[str, float]:
-    """Return where bolster and platform have to be for the springs to stand so, by the names of the set-points.
-
-    Frame and oil between piston and bolster give way to what the ``springs`` do beyond where they rest.
-    """
-    share = (rig["stop_gap"] - STOP_ROOM) / SHEAR_MAX
-    platform = ((1.0 - share) * place.shear - rig["centre_height"] * place.roll) / (
-        rig["centre_height"] + rig["column_height"]
-    )
-    bolster = platform + place.roll
-    lifts = dict(zip(SIDES, (home.left, home.right), strict=True))
-    given = _given_way(springs, rig)
-    return {
-        "lateral.displacement_setpoint": share * place.shear
-        - rig["lateral_actuator_height"] * bolster
-        + given["lateral"],
-        "platform.roll_setpoint": platform,
-        **{
-            f"vertical_{side}.displacement_setpoint": lift
-            + place.height
-            + rig[across(f"vertical_{side}")] * bolster
-            + given[f"vertical_{side}"]
-            for side, lift in lifts.items()
-        },
-    }
-
-
-def _given_way(springs: Springs, rig: Rig) -> dict[str, float]:
-    """Return by how much further each piston has to go (m), for what stands behind it gives way."""
-    left, right = (rig[one] for one in ACTUATORS)
-    above = rig["centre_height"] + rig["lateral_actuator_height"]
-    moment = -springs.moment - above * springs.lateral
-    up = (moment + right * springs.vertical) / (left - right)
-    frame = rig["vertical_frame_stiffness"]
-    return {
-        "lateral": -springs.lateral / rig["lateral_frame_stiffness"],
-        "vertical_left": up / frame,
-        "vertical_right": (-springs.vertical - up) / frame,
-    }
 
 
 class Motion(Protocol):
@@ -181,6 +156,8 @@ class Course:
     """What came of a motion, row by row of the car's integration, and of the host's step (SI)."""
 
     carried: float  #: what each spring carried before it began (N)
+    step: float = STEP
+    told_every: float = HOST_STEP  #: how often places and readings are told
     time: list[float] = field(default_factory=list)
     acceleration: list[float] = field(default_factory=list)  #: of the floor, lateral
     rising: list[float] = field(default_factory=list)  #: of the floor's middle, vertical acceleration
@@ -196,10 +173,10 @@ class Course:
         """Keep where a ride is now."""
         self.time.append(ride.time)
         self.acceleration.append(ride.floor_acceleration)
-        self.rising.append(ride.acceleration[1])
-        self.bump_stop.append(ride.stop_force)
-        self.lateral.append(ride.place[0])
-        self.roll.append(ride.place[2])
+        self.rising.append(ride.now.acceleration[1])
+        self.bump_stop.append(ride.now.bump_stop)
+        self.lateral.append(ride.now.place[0])
+        self.roll.append(ride.now.place[2])
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""
@@ -210,15 +187,19 @@ class Course:
         rows = _rows(since, until, HOST_STEP)
         names = (*POSES, "lateral.force")
         read = {name: _between(one) for name, one in zip(names, np.array(self.read).T, strict=True)}
-        heights = [height_of_spring(read, rig, side) for side in SIDES]
-        moved = np.column_stack([shear_of(read, rig), 0.5 * sum(heights), roll_of(read, rig)])
-        return np.array(self.asked[rows]), moved[rows]
+        return np.array(self.asked[rows]), standing(read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
         """Return for how long a reading stays until the next comes (s), by those of a height that moves."""
         rows = np.array(self.read)[_rows(since, until, HOST_STEP), 0]
         came = np.flatnonzero(np.diff(rows))
         return float(HOST_STEP * np.median(np.diff(came))) if came.size > 1 else HOST_STEP
+
+
+def standing(read: Mapping[str, Floats], rig: Rig) -> Floats:
+    """Return how the springs stand by `POSES` and the lateral force, all of them beyond rest: (n, 3) of `Place`."""
+    heights = [height_of_spring(read, rig, side) for side in SIDES]
+    return np.column_stack([shear_of(read, rig), 0.5 * sum(heights), roll_of(read, rig)])
 
 
 def _rows(since: float, until: float, step: float) -> slice:
@@ -240,7 +221,7 @@ def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
     names = (*FORCES, *POSES)
     rest = bench.averages(*names, over=1 * s)
     course, held, silent = Course(0.5 * float(upward_force(rest, rig))), STILL, 0.0
-    level = setpoints_of(motion.place_at(0.0), LEVEL, rig)
+    level = setpoints_of(motion.place_at(0.0), rig)
     start = {name: bench.commander.value(name) - one for name, one in level.items()}
     steps, begun = round(HOST_STEP / STEP), run.now
     for k in range(round(duration / HOST_STEP)):
@@ -255,8 +236,8 @@ def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
         course.read.append([*(read[name] for name in POSES), -held.lateral])
         to_beat = (bench.commander.next_cycle() - run.now) / NS
         if to_beat <= HOST_STEP:
-            goal = setpoints_of(motion.place_at(delay.pistons + to_beat), LEVEL, rig, held)
-            table = setpoints_of(motion.place_at(delay.platform + to_beat), LEVEL, rig)
+            goal = setpoints_of(motion.place_at(delay.pistons + to_beat), rig, held)
+            table = setpoints_of(motion.place_at(delay.platform + to_beat), rig)
             goal["platform.roll_setpoint"] = table["platform.roll_setpoint"]
             bench.commander.set_all({name: start[name] + one for name, one in goal.items()})
         for _ in range(steps):

@@ -17,7 +17,6 @@ from paper_study.comfort import (
     window_rms,
 )
 from paper_study.hybrid.agreement import Rode
-from paper_study.hybrid.car import STEP
 from test_plans.check_names import CheckName
 
 #: A block of EN 12299: five minutes.
@@ -92,8 +91,9 @@ def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
         LEANS: abs(float(roll.mean())),
     }
     if until - since >= BLOCK:
+        rate = 1.0 / course.step
         a_y, a_z = (
-            block_percentiles(window_rms(weighted(whole, 1.0 / STEP, by)[round(since / STEP) :], 1.0 / STEP))
+            block_percentiles(window_rms(weighted(whole, rate, by)[round(since * rate) :], rate))
             for whole, by in (
                 (course.of("acceleration", 0.0, until), W_D),
                 (course.of("rising", 0.0, until), W_B),

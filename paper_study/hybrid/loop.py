@@ -17,6 +17,8 @@ Floats = npt.NDArray[np.float64]
 
 #: Where the loop is looked at: from below all modes of a car to what a stream of set-points carries.
 FREQUENCIES: Final[Floats] = np.geomspace(0.1 * Hz, 25 * Hz, 2000)
+#: Where there is no stream: to far beyond what actuators carry.
+FURTHER: Final[Floats] = np.geomspace(0.1 * Hz, 200 * Hz, 2750)
 #: The least margins with which a ride begins. Springs without loss would have no phase margin even without delay: what
 #: they lose in a cycle is all there is.
 LEAST_PHASE: Final = 3.0 * pi / 180.0
@@ -36,6 +38,11 @@ class Path:
     actuator_frequency: float
     actuator_damping: float
     lag: float  #: of the load cells, first order
+
+    @property
+    def frequencies(self) -> Floats:
+        """Where a loop with this path is looked at (Hz)."""
+        return FREQUENCIES if self.beat else FURTHER
 
     @property
     def delay(self) -> float:

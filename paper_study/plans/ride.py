@@ -11,6 +11,7 @@ import numpy as np
 
 from bench_protocol.units import FACTORS, Hz, ms, s
 from bench_records.curves import Axis
+from drivers.car import RIDES
 from paper_study.comfort import WINDOW, window_rms
 from paper_study.hybrid.agreement import (
     CARRIED,
@@ -27,10 +28,11 @@ from paper_study.hybrid.agreement import (
     of_the_loop,
     scatter,
 )
-from paper_study.hybrid.car import STEP, Car, Ride, linear
-from paper_study.hybrid.coupling import COUPLED, Course, Delay, move_on, path_of
+from paper_study.hybrid.car import Car, Ride, linear
+from paper_study.hybrid.coupling import BEATS, COUPLED, By, Course, Delay, move_on, path_of
 from paper_study.hybrid.floor import BLOCK, COMPARED, JUDGED, JUDGED_OF, MADE_OF, ridden
-from paper_study.hybrid.loop import FREQUENCIES, LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
+from paper_study.hybrid.in_tick import TickCourse, ride_in_tick, settings_of, shake_in_tick, waves_for
+from paper_study.hybrid.loop import LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
 from paper_study.hybrid.shaking import shake_loose
 from test_plans import steps
 from test_plans.analysis import Samples
@@ -48,6 +50,7 @@ from test_plans.steps.poses import go_home, take_pose
 from test_plans.steps.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
 CAR: Final = Car()
+Ridden = Course | TickCourse
 #: Warm from filling, the gas of springs that are shut in goes on cooling, and the car sinks: after 20 s it still did by
 #: 8 mm, and its springs became 7 % softer sideways.
 COOL: Final = 120 * s
@@ -107,22 +110,25 @@ def springs_of_the_file(load: Load, rig: Rig, stiff: float, damped: float) -> tu
     return found[0], found[1]
 
 
-def margins_of(load: Load, rig: Rig, delay: Delay | None = None) -> Margins:
+def margins_of(load: Load, rig: Rig, delay: Delay | None = None, by: By = "host") -> Margins:
     """Return the margins of the ride's loop, with springs as stiff and as little damped as their file allows.
 
     ``delay`` is how late the bench was found to be, if it has been measured; else its dimensions foresee it.
     """
     stiffness, damping = map(np.diag, springs_of_the_file(load, rig, 1.0, 0.0))
-    path = path_of(rig, delay)
+    path = path_of(rig, delay, by)
     of_car = linear(CAR, car_mass(load, rig), rig["gravity"])
-    H = path.response(FREQUENCIES, path.delay)
-    return margins(FREQUENCIES, loci(FREQUENCIES, of_car, stiffness, damping, H))
+    f = path.frequencies
+    return margins(f, loci(f, of_car, stiffness, damping, path.response(f, path.delay)))
 
 
 def _look_at_the_loop(run: Run) -> ConditionResult:
-    found = margins_of(run.specimen.load(str(run.values["load"])), run.rig)
+    by: By = "rig" if run.values["by"] == "rig" else "host"
+    if by == "rig" and (lacking := run.bench.lacks(*RIDES)):
+        return ConditionResult(False, f"{lacking}: by the host it can")
+    found = margins_of(run.specimen.load(str(run.values["load"])), run.rig, by=by)
     needed = f"{LEAST_PHASE * 180 / pi:g}° and {LEAST_GAIN:g} are needed"
-    delay = path_of(run.rig).delay
+    delay = path_of(run.rig, by=by).delay
     return ConditionResult(
         found.enough, f"{found.told()}, with {1e3 * delay:.0f} ms that are compensated; {needed}"
     )
@@ -182,13 +188,15 @@ def ride(
     wind: Annotated[float, Range(5.0, 25.0, "m/s")] = 10.0,
     duration: Annotated[float, Range(20 * s, 1000 * s, "s")] = 60 * s,
     draw: Annotated[int, Range(0, 1_000_000)] = 1,
+    by: Literal["host", "rig"] = "host",
 ) -> None:
     """Ride: a car at 100 km/h on these springs, in a gusty crosswind and on a track.
 
     The springs stand on the bench and are measured. The car, with its mass, roll, lateral damper, bump stop and
     anti-roll bar, is computed 200 times a second from what the load cells read, and the actuators put the springs where
     it would have them: real-time hybrid simulation. Wires and actuators take some 35 ms, by which the car's motion is
-    told ahead. First the springs are shaken, which frees them of friction and tells how late this rig is. The ride
+    told ahead. Or, `by` the rig, a rig that can computes it in its own tick, a thousand times a second, and is a third
+    as late. First the springs are shaken, which frees them of friction and tells how late this rig is. The ride
     begins only if car, delay and springs together are stable by their gain and phase.
 
     Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at
@@ -203,12 +211,16 @@ def ride(
     home = go_home(run)
     run.bench.wait(COOL)
     steps.lock_the_air(run)
-    delay = shake_loose(run)
+    in_tick = shake_in_tick(run) if by == "rig" else None
+    by_host = shake_loose(run)
+    delay = in_tick or by_host
     if not look_at_the_loop(run, load, delay):
         take_pose(run, home)
         return
     with run.phase("ride"):
-        course = move_on(run, car, delay, whole)
+        course: Ridden = (
+            move_on(run, car, delay, whole) if by == "host" else _by_the_rig(run, car, delay, whole)
+        )
     with run.phase("back"):
         take_pose(run, home)
     times = RUN_IN, whole - RISE
@@ -220,9 +232,17 @@ def ride(
         lambda: ride_in(*ways),
         ridden,
         times,
+        BEATS[by].hold,
     )
     found = judge(run, course, times, parts)
     hold_against_the_simulation(run, course, times, parts, found)
+
+
+def _by_the_rig(run: Run, ride: Ride, delay: Delay, whole: float) -> TickCourse:
+    values = run.values
+    wind = wind_force(float(values["wind"]), whole, int(values["draw"]))
+    settings = settings_of(ride.car, ride.mass, delay, waves_for(ride.car, whole))
+    return ride_in_tick(run, settings, delay, wind)
 
 
 def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
@@ -251,12 +271,13 @@ def longest_delay(load: Load, rig: Rig, delay: Delay) -> float:
 
 
 def _least(rig: Rig, delay: Delay) -> float:
-    return path_of(rig).delay - path_of(rig).latency + 0.5 * (delay.hold - path_of(rig).hold)
+    path = path_of(rig, delay)
+    return path.delay - path.latency
 
 
-def follow(run: Run, course: Course, times: tuple[float, float]) -> dict[str, Followed]:
+def follow(run: Run, course: Ridden, times: tuple[float, float]) -> dict[str, Followed]:
     """Check how late the springs were between two ``times`` (s) of the ride; return how they followed, by way."""
-    ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig)
+    ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig, course.told_every)
     for way, one in ways.items():
         known = Measured(one.late, LAGS_U, parts={"lags of the readings": LAGS_U})
         note = f"by {1e2 * one.part:.1f} % of what the car has them"
@@ -265,7 +286,7 @@ def follow(run: Run, course: Course, times: tuple[float, float]) -> dict[str, Fo
 
 
 def judge(
-    run: Run, course: Course, times: tuple[float, float], parts: Mapping[str, Mapping[str, float]]
+    run: Run, course: Ridden, times: tuple[float, float], parts: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
     """Check what the floor did between two ``times`` (s) and return it; ``parts`` are of its uncertainty."""
     found = ridden(course, *times)
@@ -280,7 +301,7 @@ def judge(
 
 def hold_against_the_simulation(
     run: Run,
-    course: Course,
+    course: Ridden,
     times: tuple[float, float],
     loop: Mapping[str, Mapping[str, float]],
     found: Mapping[str, float],
@@ -307,11 +328,11 @@ def hold_against_the_simulation(
         return
     load = specimen.load(str(values["load"]))
     whole = times[1] + RISE
-    blown, wind = wind_force(float(values["wind"]), whole, int(values["draw"]))
+    acted = _acted(run, course, whole)
 
     def on(carried: float = 1.0, warmer: float = 0.0) -> Alone:
         springs = SimulatedSprings(specimen.model, load.name, carried * course.carried, run.rig, warmer)
-        return ride_alone(CAR, car_mass(load, run.rig), springs, wind, WIND_STEP, fade(blown))
+        return ride_alone(CAR, car_mass(load, run.rig), springs, *acted)
 
     try:
         alone = on()
@@ -338,11 +359,20 @@ def hold_against_the_simulation(
     _draw(run, {"bench": course, "simulation": alone}, times)
 
 
+def _acted(run: Run, course: Ridden, whole: float) -> tuple[Samples, float, Samples]:
+    """Return the wind that blew for ``whole`` s (N), its samples' distance (s), and the track's share by sample."""
+    if isinstance(course, TickCourse):  # as the rig says that it blew
+        wind = course.of("wind", 0.0, whole)
+        return wind, course.step, np.ones_like(wind)
+    times, wind = wind_force(float(run.values["wind"]), whole, int(run.values["draw"]))
+    return wind, WIND_STEP, fade(times)
+
+
 def _draw(run: Run, rides: Mapping[str, Rode], times: tuple[float, float]) -> None:
     for name, rode in rides.items():
         at = np.arange(*times, WINDOW) + 0.5 * WINDOW
         for column, way in (("acceleration", "lateral"), ("rising", "vertical")):
-            shaken = window_rms(rode.of(column, *times), 1.0 / STEP)
+            shaken = window_rms(rode.of(column, *times), 1.0 / rode.step)
             run.curve(
                 name,
                 Axis("time", "s"),

@@ -4,11 +4,11 @@
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from math import sqrt
 from typing import Any, Final
 
 import numpy as np
 
+from bench_protocol import places
 from bench_protocol.dimensions import LOAD_CELLS, direction, place
 from drivers.errors import NotAvailable
 from test_plans.analysis import Samples
@@ -29,26 +29,8 @@ CELLS_ACROSS: Final = (
 )
 
 
-@once_for_a_rig
-def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
-    """Return what one newton on a ``cell`` says of force and moment on the bolster: its column of the wrench.
-
-    Along x ahead, y to the left and z up, and about them through the middle between the springs' top plates, where a
-    force that the springs oppose to a shear makes no moment of its own: w = Σ (d_k, r_k × d_k) f_k; moments in m.
-    """
-    x, y, z = (rig[name] for name in place(cell))
-    d_x, d_y, d_z = pointing(rig, cell)
-    z -= rig["column_height"]
-    return d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
-
-
-@once_for_a_rig
-def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
-    """Return the direction of a ``cell``, a unit vector ahead, to the left and up."""
-    ahead, left, up = direction(cell)
-    d_x, d_y, d_z = rig[ahead], rig[left], rig[up]
-    size = sqrt(d_x**2 + d_y**2 + d_z**2)
-    return d_x / size, d_y / size, d_z / size
+column_of = once_for_a_rig(places.column_of)
+pointing = once_for_a_rig(places.pointing)
 
 
 @once_for_a_rig

@@ -15,14 +15,11 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.dimensions import across
-from bench_protocol.units import mm
+from bench_protocol.places import STOP_ROOM
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
 
 Rig = Mapping[str, float]
-
-#: What poses leave of the way to the bump stop, for a sine of 5 mm.
-STOP_ROOM: Final = 7 * mm
 
 #: What has to be known for what is said here.
 WEIGHT: Final = ("bolster_mass", "gravity")

@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from bench_protocol.dimensions import ordinary
 from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm, mrad
 from bench_protocol.words import AXES, CONTROL_MODES, PROGRAM_STATES, WAVES
+from bench_sim.rig.car import Couplings
 from bench_sim.rig.controls import CONTROLS, Target
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.tick import _generate
@@ -19,6 +21,7 @@ from drivers.wiring.player import Player
 CYCLE = 20_000_000
 TICKS = round(CYCLE / 1e9 / TICK)
 LEVER = 1.2
+COUPLINGS = Couplings({name: one.value for name, one in ordinary().known.items()})
 SETTINGS = {
     "generator.amplitude": 12 * mm,
     "generator.roll_amplitude": 8 * mrad,
@@ -64,7 +67,7 @@ def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
     settings = SETTINGS | {"generator.axis": AXES.index(axis), "generator.wave": WAVES.index(wave)}
     controls = np.zeros(1, CONTROLS)
     controls["control"] = MODES[mode]
-    rig = FunctionGenerator(controls[0], settings, LEVER)
+    rig = FunctionGenerator(controls[0], settings, LEVER, COUPLINGS)
     player = _player(**{name: settings[name] for name in ("generator.axis", "generator.wave")})
     assert rig.run()
     _run(player, mode)
@@ -199,7 +202,7 @@ def test_waves_of_a_program_are_those_of_the_rigs_generator_at_once():
     controls = np.zeros(1, CONTROLS)
     controls["control"] = MODES["displacement"]
     settings = SETTINGS | {"generator.axis": 0.0, "generator.wave": 0.0}
-    rig, player = FunctionGenerator(controls[0], settings, LEVER), _player()
+    rig, player = FunctionGenerator(controls[0], settings, LEVER, COUPLINGS), _player()
     setpoints = np.zeros(len(TABLE.signals))
     modes = dict.fromkeys(("vertical.control", "lateral.control"), MODES["displacement"])
     for wave in waves:

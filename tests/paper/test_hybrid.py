@@ -6,6 +6,8 @@ from math import exp, pi
 import numpy as np
 import pytest
 
+from bench_protocol.car import move_car
+from bench_protocol.places import STILL, Place, Springs, setpoints_of
 from bench_protocol.units import mm, ms
 from bench_sim.model.bolster import bump_stop_force
 from bench_sim.model.car import RideChannel
@@ -15,16 +17,13 @@ from bench_sim.parameters.vehicle import load_vehicle
 from paper_study.hybrid import coupling
 from paper_study.hybrid.agreement import Agreement, followed
 from paper_study.hybrid.alone import NoModel, SimulatedSprings, ride_alone
-from paper_study.hybrid.car import STEP, Car, Place, Ride, Springs, linear
+from paper_study.hybrid.car import STEP, Car, Ride, linear
 from paper_study.hybrid.coupling import (
     FORCES,
     HOST_STEP,
-    LEVEL,
-    STILL,
     Course,
     Delay,
     path_of,
-    setpoints_of,
     springs_of,
 )
 from paper_study.hybrid.loop import FREQUENCIES, Path, loci, margins
@@ -32,7 +31,6 @@ from paper_study.plans.ride import CAR, longest_delay, margins_of
 from test_plans.analysis import geometry
 from test_plans.description import lag_of, ours
 from test_plans.specimen import ordinary
-from test_plans.steps.poses import Home
 
 OURS = ours()
 MASS = 10_911.0
@@ -50,7 +48,10 @@ def test_the_car_is_the_one_of_the_models_file():
 def test_the_bump_stop_is_the_models():
     record = load_vehicle().record
     for travel in np.linspace(-0.08, 0.08, 33).tolist():
-        assert CAR.bump_stop(travel) == pytest.approx(bump_stop_force(travel, record), abs=1e-9)
+        own = CAR.at_rest(MASS, G)
+        own.place[0] = travel
+        move_car(own, 0.0)
+        assert own.bump_stop == pytest.approx(bump_stop_force(travel, record), abs=1e-9)
 
 
 def still(t):
@@ -70,23 +71,25 @@ def test_small_motions_are_those_of_its_matrices():
 
     K, C = np.diag([330e3, 930e3, 930e3]), np.diag([6e3, 60e3, 60e3])
     ride = Ride(CAR, MASS, G, still, still)
-    ride.place = [4 * mm, 6 * mm, 2e-3]
-    start = np.array([ride.place[0] + CAR.centre_height * ride.place[2], *ride.place[1:], 0.0, 0.0, 0.0])
+    ride.now.place = [4 * mm, 6 * mm, 2e-3]
+    start = np.array(
+        [ride.now.place[0] + CAR.centre_height * ride.now.place[2], *ride.now.place[1:], 0.0, 0.0, 0.0]
+    )
     M, C_car, K_car = linear(CAR, MASS, G)
     A = np.zeros((6, 6))
     A[:3, 3:] = np.eye(3)
     A[3:, :3], A[3:, 3:] = -np.linalg.solve(M, K_car + K), -np.linalg.solve(M, C_car + C)
     for _ in range(1000):
-        ride.step(linear_springs(ride.place, ride.speed, K, C))
+        ride.step(linear_springs(ride.now.place, ride.now.speed, K, C))
     q = expm(A * 1000 * STEP) @ start
-    found = [ride.place[0] + CAR.centre_height * ride.place[2], *ride.place[1:]]
+    found = [ride.now.place[0] + CAR.centre_height * ride.now.place[2], *ride.now.place[1:]]
     assert np.array(found) == pytest.approx(q[:3], abs=0.01 * 6 * mm)
 
 
 def swings(path, ahead, K, C, seconds=15.0):
     """Let a car ride on linear springs behind a path; return the motion's growth from its middle to its end."""
     ride = Ride(CAR, MASS, G, still, still)
-    ride.place = [2 * mm, 2 * mm, 2e-3]
+    ride.now.place = [2 * mm, 2 * mm, 2e-3]
     late = round((path.beat + path.latency + 0.5 * path.hold) / STEP)
     way = np.zeros((round(seconds / STEP) + late + 2, 3))
     served, rate = np.zeros(3), np.zeros(3)
@@ -99,7 +102,7 @@ def swings(path, ahead, K, C, seconds=15.0):
         asked = -(K @ served + C @ rate)
         force += (1 - exp(-STEP / path.lag)) * (asked - force)
         ride.step(Springs(*force.tolist()))
-        size.append(np.abs([*ride.place]).max())
+        size.append(np.abs([*ride.now.place]).max())
         if size[-1] > 10.0:
             return np.inf
     half = len(size) // 2
@@ -128,19 +131,26 @@ def test_a_delay_is_what_the_response_has_at_low_frequencies():
     assert abs(np.angle(path.response(f, path.delay))) < 1e-6
 
 
+@pytest.mark.parametrize("by", ["host", "rig"])
 @pytest.mark.parametrize("load", ["AW0", "AW3"])
-def test_the_ride_is_given_on_our_bench_and_refused_where_everything_comes_late(monkeypatch, load):
+def test_the_ride_is_given_on_our_bench_and_refused_where_everything_comes_late(monkeypatch, load, by):
     case = ordinary().load(load)
-    assert margins_of(case, OURS).enough
-    monkeypatch.setattr(coupling, "LATENCY", 200 * ms)
-    assert not margins_of(case, OURS).enough
+    assert margins_of(case, OURS, by=by).enough
+    monkeypatch.setitem(coupling.BEATS, by, replace(coupling.BEATS[by], latency=200 * ms))
+    assert not margins_of(case, OURS, by=by).enough
+
+
+def test_the_tick_has_more_gain_left():
+    """The lead is a third, and with its square grows what the loop has where the springs' noise is."""
+    case = ordinary().load("AW0")
+    assert margins_of(case, OURS, by="rig").gain > 3.0 * margins_of(case, OURS).gain
 
 
 def test_springs_stand_as_the_car_has_them_and_tell_what_they_do():
-    place, home = Place(0.05, 4 * mm, -0.015), Home(1 * mm, -1 * mm)
-    at = setpoints_of(place, home, OURS)
+    place = Place(0.05, 4 * mm, -0.015)
+    at = setpoints_of(place, OURS)
     left, right = (at[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))
-    bolster, platform = 0.5 * (left - right - 2 * mm), at["platform.roll_setpoint"]
+    bolster, platform = 0.5 * (left - right), at["platform.roll_setpoint"]
     middle = 0.5 * (left + right)
     values = {
         "left.height": np.array(middle + bolster - platform),
@@ -194,7 +204,7 @@ def test_readings_that_are_held_lie_on_lines_between():
 def test_a_delay_is_found_of_how_the_springs_followed(late, sooner):
     """Springs rolled by bolster and platform, each late by its own time, come as late as their shares have it."""
     foreseen = Delay.foreseen(OURS)
-    at = setpoints_of(Place(0, 0, 1e-3), LEVEL, OURS)
+    at = setpoints_of(Place(0, 0, 1e-3), OURS)
     bolster = at["vertical_left.displacement_setpoint"] / OURS["vertical_left across"]
     roll = (bolster * late - at["platform.roll_setpoint"] * (late - sooner)) / 1e-3
     found = foreseen.after(roll, late, HOST_STEP, OURS)
@@ -216,7 +226,7 @@ def test_a_longer_delay_is_refused_and_the_longest_is_told():
 def test_frames_give_way_to_the_springs_and_pistons_go_further():
     """As forces and moments about the bolster's centre have it: pistons oppose the springs, frames give by F/k."""
     F = Springs(-8e3, 3e3, 900.0)
-    still, loaded = (setpoints_of(Place(0, 0, 0), Home(0, 0), OURS, one) for one in (STILL, F))
+    still, loaded = (setpoints_of(Place(0, 0, 0), OURS, one) for one in (STILL, F))
     more = {name: loaded[name] - still[name] for name in still}
     k, h = OURS["vertical_frame_stiffness"], OURS["lateral_actuator_height"]
     left, right = (k * more[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))

@@ -113,7 +113,7 @@ FREE = free_address(TABLE.signals)
         changed("left.height", step=2e-5),
         changed("left.height", address=FREE),
         changed("rig.program", choices=("RUN", "IDLE", "HOLD", "STOPPED")),
-        changed("air.dpv", address=160),
+        changed("air.dpv", address=260),
     ],
     ids=lambda table: f"{table.map_hash:08x}",
 )
@@ -154,7 +154,7 @@ def test_adding_is_no_move_and_removing_is() -> None:
         assert (grown.tripped(number), number) == (new, reading_number(new) + 1)
         assert f"input {address:05} was “{new.name} float32” and is now empty" in moved(grown.places, table)
         table, added = grown, added + 1
-    assert added > 30
+    assert added > 25
     assert max(table.trip_number(row.name) for row in table.of_kind(*READINGS)) <= TABLE["rig.tripped"].high
     inputs = {
         a: r.signal

@@ -11,7 +11,7 @@ from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import bar
-from bench_protocol.words import LIVE_STATES, PROGRAM_STATES, STATES, WAVES_AT_ONCE
+from bench_protocol.words import CONTROL_MODES, LIVE_STATES, PROGRAM_STATES, STATES, WAVES_AT_ONCE
 
 #: Below this pressure the actuators may let go of the bolster, and below that a flange may be opened.
 EMPTY: Final = 0.22 * bar
@@ -30,6 +30,7 @@ _POSSIBLE_IN: Final[Mapping[str, tuple[str, ...]]] = {
     "action.reset": ("DISABLED", "FAULT_HOLD", "FAULT_DISABLED", "ESTOP"),
     "action.program_run": ("ACTIVE",),
     "action.program_add": ("ACTIVE",),
+    "action.program_car": ("ACTIVE",),
 }
 _NEEDS_COMMANDS: Final = {"action.air_high": ("AIR_LOW",), "action.reset": ("DISABLED", "FAULT_HOLD")}
 _PROGRAM: Final = {
@@ -75,6 +76,15 @@ def why_action(name: str, told: Told) -> str:
         return (
             "an axis cannot move so in its present control mode, or all its waves together are too fast"
             f"{many}; change the mode, or a smaller amplitude or frequency"
+        )
+    if name == "action.program_car":
+        if told.program in ("RUN", "HOLD"):
+            return "a program runs already, or is held; stop it first"
+        if any(CONTROL_MODES[int(told.readings[one])] != "displacement" for one in _CONTROLS):
+            return "a car moves actuators in displacement control; set vertical.control and lateral.control to it"
+        return (
+            "what is set is no car (it needs a mass, a radius of gyration, a bump stop whose travel rises from point "
+            "to point, a frequency of the track), its track is too fast, or waves were added for another program"
         )
     return _PROGRAM.get(name, "")
 

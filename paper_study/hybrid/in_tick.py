@@ -1,0 +1,157 @@
+"""A ride in the rig's own tick: the host says which car, lets the wind blow, and reads what the rig tells of it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import ceil
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import COMMAND_RATE
+from bench_protocol.units import s
+from drivers.errors import LinkLost
+from paper_study.hybrid.agreement import ROLLED, UP, WAYS, followed
+from paper_study.hybrid.car import Car
+from paper_study.hybrid.coupling import FORCES, POSES, Delay, standing
+from paper_study.hybrid.shaking import FREQUENCY, SIZES
+from test_plans.analysis.cells import upward_force
+
+if TYPE_CHECKING:
+    from test_plans.analysis.geometry import Rig
+    from test_plans.run import Run
+
+Floats = npt.NDArray[np.float64]
+
+#: So often the rig tells of its car.
+STEP: Final = 1.0 / COMMAND_RATE
+#: By column of a course: what the rig calls it.
+TOLD: Final = {
+    "shear": "car.shear",
+    "height": "car.height",
+    "roll": "car.roll",
+    "acceleration": "car.acceleration",
+    "rising": "car.rising",
+    "bump_stop": "car.bump_stop",
+    "wind": "car.wind",
+}
+#: Before a ride the rig reads its load cells for a second.
+RESTS: Final = 2 * s
+#: A car that no force moves: what is left is its track. It shakes the springs for so many waves, of which the first and
+#: the last do not count.
+IMMOVABLE: Final = 1e9
+SHAKES: Final = 9
+#: After its end a ride comes back in a second.
+BACK: Final = 2 * s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickCourse:
+    """What came of a ride in the tick, a row for each `STEP` (SI); read as a `coupling.Course` is."""
+
+    carried: float  #: what each spring carried before it began (N)
+    columns: dict[str, Floats]
+    read: dict[str, Floats]  #: of `POSES` and the lateral force, beyond rest
+    hold: float
+    step: float = STEP
+    told_every: float = STEP
+
+    def of(self, name: str, since: float, until: float) -> Floats:
+        """Return one column between two times (s)."""
+        return self.columns[name][self._rows(since, until)]
+
+    def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
+        """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
+        rows = self._rows(since, until)
+        asked = np.column_stack([self.columns[name] for name in ("shear", "height", "roll")])
+        return asked[rows], standing(self.read, rig)[rows]
+
+    def held(self, since: float, until: float) -> float:
+        """Return for how long a force that the car feels was held (s)."""
+        return self.hold
+
+    def _rows(self, since: float, until: float) -> slice:
+        return slice(round(since / self.step), round(until / self.step))
+
+
+def settings_of(car: Car, mass: float, delay: Delay, waves: int) -> dict[str, float]:
+    """Return the rig's settings of a ``car`` (SI, without ``car.``), told ahead by its ``delay``, for so many waves."""
+    own = {name: value for name, value in asdict(car).items() if isinstance(value, float)}
+    for unknown in ("train_speed", "track_wavelength"):
+        own.pop(unknown)
+    for what in ("travel", "force"):
+        table = getattr(car, f"bump_stop_{what}")
+        own |= {f"stop_{what}_{k}": float(one) for k, one in enumerate(table, 1)}
+    return own | {
+        "mass": mass,
+        "track_frequency": car.track_frequency,
+        "track_waves": waves,
+        "track_roll": 0.0,
+        "piston_lead": delay.pistons,
+        "platform_lead": delay.platform,
+    }
+
+
+def ride_in_tick(
+    run: Run, settings: dict[str, float], delay: Delay, wind: tuple[Floats, Floats] | None = None
+) -> TickCourse:
+    """Let a car ride in the rig's tick to the end of its track; ``wind``: times (s) and its force (N), from 0 and to 0.
+
+    LinkLost if the rig does not tell of it; what stops it stops the program.
+    """
+    bench = run.bench
+    names = (*FORCES, *POSES, "lateral.force")
+    rest = bench.averages(*names, over=1 * s)
+    lasts = settings["track_waves"] / settings["track_frequency"]
+    with bench.capture(*TOLD.values(), *POSES, "lateral.force") as capture:
+        try:
+            bench.car.start(settings)
+            bench.wait_for(
+                lambda: np.isfinite(bench.car.shear), within=RESTS, what="news of the car in the loop"
+            )
+            if wind is not None:
+                bench.waveform.start(*_blowing(wind))
+            bench.car.wait_done(within=lasts + RESTS)
+        except BaseException:
+            bench.generator.stop()
+            raise
+    bench.wait(BACK)
+    _, at = capture.aligned(COMMAND_RATE)
+    there = np.isfinite(at[TOLD["shear"]])
+    first, last = int(np.argmax(there)), int(there.size - np.argmax(there[::-1]))
+    if not there[first:last].all():
+        raise LinkLost("the rig did not tell all the time what its car does: the ride cannot be judged")
+    columns = {name: at[told][first:last] for name, told in TOLD.items()}
+    read = {name: at[name][first:last] - rest[name] for name in (*POSES, "lateral.force")}
+    return TickCourse(0.5 * float(upward_force(rest, run.rig)), columns, read, delay.hold)
+
+
+def _blowing(wind: tuple[Floats, Floats]) -> tuple[Floats, dict[str, Floats]]:
+    times, force = wind
+    return times, {"car.wind": force}
+
+
+def shake_in_tick(run: Run) -> Delay:
+    """Let the rig's tick move the springs each way, by a track under a car that stands; return how late they came."""
+    foreseen = Delay.foreseen(run.rig, "rig")
+    # Springs at its centre: what leans does not fall over.
+    still = Car(
+        centre_height=0.0, train_speed=FREQUENCY, track_wavelength=1.0, track_lateral=0.0, track_vertical=0.0
+    )
+    late: dict[str, float] = {}
+    with run.phase("shake in the tick"):
+        for name, way, size in zip(WAYS, ("lateral", "vertical", "roll"), SIZES, strict=True):
+            track = {**settings_of(still, IMMOVABLE, foreseen, SHAKES), f"track_{way}": size}
+            course = ride_in_tick(run, track, foreseen)
+            places = course.places(run.rig, 1.0 / FREQUENCY, (SHAKES - 1) / FREQUENCY)
+            late[name] = followed(*places, foreseen.hold, run.rig, STEP)[name].late
+        found = foreseen.after(late[ROLLED], late[UP], foreseen.hold, run.rig)
+        told = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
+        run.say(f"in the rig's tick {told}")
+    return found
+
+
+def waves_for(car: Car, whole: float) -> int:
+    """Return how many waves of the track last for ``whole`` s."""
+    return ceil(whole * car.track_frequency)
