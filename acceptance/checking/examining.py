@@ -141,10 +141,12 @@ class _Examination:
         age: float | None = None,
     ) -> SignalLine:
         known = not math.isnan(value)
+        idle = not known and signal.name.startswith("car.")
         return SignalLine(
             name=signal.name,
-            verdict=Plausibility.FINE,
+            verdict=Plausibility.UNTOLD if idle else Plausibility.FINE,
             source=source,
+            remark="no car rides" if idle else "",
             shown=signal.show(value) if known else "",
             value=value if known else None,
             rate=rate,

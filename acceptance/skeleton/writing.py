@@ -22,11 +22,15 @@ _SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_d
 GROUPS: Final = {
     "Measurements": [one.name for one in TABLE.of_kind(Kind.MEASUREMENT)],
     "What the rig says of itself": ["rig.state", "rig.reason", "interlock.estop"],
-    "Set-points": [one.name for one in TABLE.of_kind(Kind.SETPOINT) if one.name.endswith("_setpoint")],
+    "Set-points": [
+        one.name
+        for one in TABLE.of_kind(Kind.SETPOINT)
+        if one.name.endswith("_setpoint") and not one.name.startswith("car.")
+    ],
     "Settings": [
         one.name
         for one in TABLE.of_kind(Kind.SETTING)
-        if one.name in _SAID or not one.name.startswith(("rig.", "generator."))
+        if one.name in _SAID or not one.name.startswith(("rig.", "generator.", "car."))
     ],
 }
 #: So much of a description stands behind a candidate.

@@ -39,11 +39,11 @@ def test_every_object_can_be_read_and_readings_are_those_of_the_frames(commander
             if entry.readable and not (one.index == 0x1003 and entry.sub):
                 data = master.upload(one.index, entry.sub)
                 assert len(data) == entry.type.size or entry.type.size == 0
-    row = TABLE["supply.pressure"]
+    row = TABLE["left.bellows_temperature"]
     commander.wait(5000)
     value = struct.unpack("<f", master.upload(0x3000 + row.address))[0]
-    code = int.from_bytes(master.upload(0x2384, 1), "little", signed=True)
-    assert value == pytest.approx(commander.read("supply.pressure"), rel=0.01)
+    code = int.from_bytes(master.upload(0x2382, 1), "little", signed=True)
+    assert value == pytest.approx(commander.read("left.bellows_temperature"), rel=0.01)
     assert code * row.step == pytest.approx(value, rel=0.01)
     half = TABLE["rig.nominal_preload"]
     assert struct.unpack("<f", master.upload(0x4000 + half.address))[0] == half.default
