@@ -35,3 +35,13 @@ def test_it_does_not_ride_where_the_delay_does_not_allow_it(tmp_path, made, word
     assert {one.verdict for one in found.values()} == {CheckVerdict.NOT_AVAILABLE}
     assert words in result.reason
     assert "a car on it would swing by itself, and does not ride. It would with" in result.reason
+
+
+def test_a_rig_without_a_car_in_its_tick_says_so_before_anything_moves(tmp_path):
+    """By the host it rides; by the rig it is blocked, in words that say what is missing."""
+    with VirtualHall(seed=1).bench() as bench:
+        given = {"load": "AW0", "by": "rig"}
+        result = execute(plans()["ride"].given(given), bench, tmp_path / "out", rig=VirtualHall.name, seed=1)
+    assert result.verdict is Outcome.BLOCKED
+    assert "action.program_car" in result.reason
+    assert "by the host it can" in result.reason

@@ -1,5 +1,7 @@
 """A computed car rides on the springs of the virtual rig, over its wires, as it rides on the model's springs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,9 +64,29 @@ def test_springs_that_are_not_the_models_are_told(judged):
     assert "mean lean against the simulation, E_n" in failed or ACCELERATION in failed
 
 
-def test_a_loop_without_margins_is_refused_before_anything_moves(judged, monkeypatch):
-    monkeypatch.setattr(coupling, "LATENCY", 0.2)
-    result, _ = judged("ride", given={"load": "AW0"})
+@pytest.mark.slow
+@pytest.mark.parametrize(("load", "wind"), [("AW0", 10.0), ("AW3", 20.0)])
+def test_in_the_rigs_tick_springs_come_a_third_as_late(judged, load, wind):
+    """And bench and simulation differ by no more than they may; how it rides is what the host's ride is."""
+    given = {"load": load, "wind": f"{wind} m/s", "duration": "20 s", "by": "rig"}
+    result, failed = judged("ride", given=given, instruments=ordinary())
+    found = {one.name: one for one in result.checks}
+    assert not failed - COMFORT, result.reason
+    assert result.verdict is Outcome.INCOMPLETE
+    for what in ("acceleration", "vertical acceleration", "mean lean"):
+        assert abs(found[f"{what} against the simulation, E_n"].value) <= 1.0
+    a, rising, lean = alone(load, wind, 20.0)
+    assert found["lateral acceleration of the floor, rms"].value == pytest.approx(a, rel=AGREES)
+    assert found["vertical acceleration of the floor, rms"].value == pytest.approx(rising, rel=AGREES)
+    assert found["mean lean"].value == pytest.approx(lean, rel=AGREES)
+    assert found["gain margin of the loop"].value > 20.0
+    assert found["phase margin of the loop"].note.startswith(("14 ms late", "15 ms late"))
+
+
+@pytest.mark.parametrize("by", ["host", "rig"])
+def test_a_loop_without_margins_is_refused_before_anything_moves(judged, monkeypatch, by):
+    monkeypatch.setitem(coupling.BEATS, by, replace(coupling.BEATS[by], latency=0.2))
+    result, _ = judged("ride", given={"load": "AW0", "by": by})
     assert result.verdict is Outcome.BLOCKED
     assert "the loop of car, delay and springs is stable" in result.reason
     assert result.duration < 5.0
