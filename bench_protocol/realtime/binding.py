@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import pickle
 import sys
 import threading
 import warnings
@@ -25,6 +26,16 @@ NOT_KEPT: Final = (
 )
 #: Beside the cached functions of a package: who saves or loads one holds it locked.
 LOCK: Final = "astb.lock"
+#: What reading a cache raises that holds what is no longer there, or half of it.
+UNREADABLE: Final = (
+    pickle.UnpicklingError,
+    AttributeError,
+    ImportError,
+    IndexError,
+    EOFError,
+    TypeError,
+    ValueError,
+)
 
 
 def kept(function: Callable[..., Any], **options: Any) -> Any:
@@ -92,6 +103,7 @@ def take_turns(cache_file: Any) -> None:
     once may choose one place for two functions, and one that loads meanwhile finds there what yesterday's sources made.
     """
     place = f"{cache_file._cache_path}/{LOCK}"
+    load = cache_file.load
 
     def in_turn(act: Callable[..., Any]) -> Callable[..., Any]:
         def acted(*given: Any) -> Any:
@@ -104,7 +116,21 @@ def take_turns(cache_file: Any) -> None:
 
         return acted
 
-    cache_file.save, cache_file.load = in_turn(cache_file.save), in_turn(cache_file.load)
+    cache_file.save = in_turn(cache_file.save)
+    cache_file.load = in_turn(lambda key: _load(cache_file, load, key))
+
+
+def _load(cache_file: Any, load: Callable[[Any], Any], key: Any) -> Any:
+    """Return what is kept under ``key``; None, and an empty cache, where it cannot be read.
+
+    numba reads the whole index before it looks whether the sources are still the same: one that names a class of
+    last week's release, which has another name today, would stop everything after an update.
+    """
+    try:
+        return load(key)
+    except UNREADABLE:
+        cache_file.flush()
+        return None
 
 
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:

@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import pickle
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import module_from_spec, spec_from_file_location
@@ -64,6 +65,29 @@ def test_a_file_system_without_locks_is_no_hindrance(tmp_path: Path, monkeypatch
     take_turns(cache)
     cache.save("key", "code")
     assert cache.load("key") == "code"
+
+
+#: What may lie in the index or beside it: a class of another release that has another name today, half a file.
+KEPT: dict[str, bytes] = {
+    "a class that is gone": b"cnumba.core.caching\nA_class_that_is_gone\n.",
+    "a module that is gone": b"ca_module_that_is_gone\nAny\n.",
+    "half a file": pickle.dumps(("stamp", {"key": "data"}))[:-9],
+    "nothing": b"",
+}
+
+
+@pytest.mark.parametrize("place", ["function.nbi", "function.1.nbc"])
+@pytest.mark.parametrize("what", KEPT)
+def test_what_another_release_kept_is_compiled_anew(tmp_path: Path, what: str, place: str) -> None:
+    """numba unpickles the whole index before it compares the sources: AttributeError after an update."""
+    cache = IndexDataCacheFile(str(tmp_path), "function", 0)
+    cache.save("key", "code")
+    index = place.endswith(".nbi")
+    (tmp_path / place).write_bytes((pickle.dumps(numba.__version__) if index else b"") + KEPT[what])
+    take_turns(cache)
+    assert cache.load("key") is None
+    cache.save("key", "code of today")
+    assert cache.load("key") == "code of today"
 
 
 #: A module in a folder of its own, where nothing can be written: not even root can make a folder of a file.
