@@ -25,6 +25,7 @@ NAMES: Final = (
     "campaigns",
     "diagnosis_duration",
     "panel",
+    "watch",
 )
 
 
