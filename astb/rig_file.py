@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from astb.spring_fmu.keys import SpringMap
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import named_files
@@ -56,6 +57,8 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
     limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb limits`
     sealed: str = ""  #: path of a file of effects that nobody is told
+    spring: str = ""  #: path of an FMU that computes the springs
+    spring_map: SpringMap = SpringMap()  #: which of its variables are what
     can: SimulatedCan = SimulatedCan()
     faults: tuple[FaultEntry, ...] = ()  #: what else breaks, and when: `astb fault list`
 
@@ -135,10 +138,11 @@ def read(path: Path) -> RigFile:
 
 def _placed(simulation: Simulation, home: Path) -> Simulation:
     """Return the simulation with whole paths, for whoever starts it from another directory; names stay names."""
-    parameters, sealed = simulation.parameters, simulation.sealed
+    parameters, sealed, spring = simulation.parameters, simulation.sealed, simulation.spring
     if Path(parameters).suffix == ".toml":
         parameters = str((home / parameters).resolve())
-    return replace(simulation, parameters=parameters, sealed=sealed and str((home / sealed).resolve()))
+    sealed, spring = (text and str((home / text).resolve()) for text in (sealed, spring))
+    return replace(simulation, parameters=parameters, sealed=sealed, spring=spring)
 
 
 def _in_words(error: Exception, content: dict[str, Any]) -> str:
@@ -151,6 +155,7 @@ def _in_words(error: Exception, content: dict[str, Any]) -> str:
         "modbus": Modbus,
         "simulation": Simulation,
         "simulation.can": SimulatedCan,
+        "simulation.spring_map": SpringMap,
         "simulation.faults": FaultEntry,
     }
     path = re.sub(r"\[\d+\]", "", ".".join(keys)).split(".")

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from hashlib import sha256
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -342,6 +343,9 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         facts["change"] = rig.simulation.change
     if rig.simulation is not None and rig.simulation.sealed:
         facts["sealed_effects"] = True
+    if rig.simulation is not None and rig.simulation.spring:
+        spring = Path(rig.simulation.spring)
+        facts["spring"] = {"fmu": spring.name, "sha256": sha256(spring.read_bytes()).hexdigest()}
     if not session.virtual:
         facts["date"] = utc_date()
         facts["machine"] = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"

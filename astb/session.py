@@ -16,6 +16,7 @@ from msgspec import json, to_builtins
 from astb.exit_codes import MISUSE
 from astb.operators import SimulatedHand
 from astb.rig_file import RigFile, RigFileError, Simulation, read
+from astb.spring_fmu.keys import SpringFmuError
 from bench_protocol.clock import Clock, RealClock, hurry_process
 from bench_protocol.named_files import place_of
 from bench_protocol.system import require_linux
@@ -33,6 +34,7 @@ from drivers.wiring.own import own_description
 from test_plans.instruments import UNKNOWN, InstrumentsError, ordinary, read_instruments
 
 if TYPE_CHECKING:
+    from astb.spring_fmu.springs import SpringFmu
     from bench_protocol.dimensions import Dimensions
     from bench_protocol.frames import Block
     from bench_sim.parameters import Parameters
@@ -86,10 +88,39 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
     if simulation.sealed:
         parameters = with_effects(parameters, load_effects(Path(simulation.sealed)))
     limits = limits_of(simulation.limits)
-    rig = Rig(parameters, seed=simulation.seed if seed is None else seed, limits=limits)
+    seed = simulation.seed if seed is None else seed
+    rig = Rig(parameters, seed=seed, limits=limits, springs=springs_of(simulation, parameters.as_built(seed)))
     for planned in planned_faults(simulation):
         rig.faults.plan(planned)
     return rig
+
+
+def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu | None":
+    """Return the springs that an FMU computes, if the rig file names one, tried and begun.
+
+    Raises ValueError with what is wrong with the FMU or its map, and what would be right.
+    """
+    if not simulation.spring:
+        return None
+    from astb.spring_fmu.springs import SpringFmu
+
+    springs = SpringFmu(Path(simulation.spring), simulation.spring_map, parameters.record)
+    sound = load(simulation.parameters)
+    changed = [
+        name for name in sorted(springs.owned) if (parameters.record[name] != sound.record[name]).any()
+    ]
+    if changed:
+        springs.close()
+        raise SpringFmuError(
+            f"{', '.join(changed)}: change and effects are of the bench's own springs, and these are the FMU's; right "
+            "would be spring_map.parameters"
+        )
+    return springs
+
+
+def springs_said(rig: "Rig") -> tuple[str, ...]:
+    """Return what should be known beforehand of springs that an FMU computes."""
+    return () if rig.springs is None else rig.springs.said
 
 
 def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
@@ -139,9 +170,16 @@ def open_session(
             raise RigFileError(
                 f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
             )
-        with virtual_session(build_rig(rig.simulation, seed), rig.simulation, seed) as session:
-            describe_rig(session.bench, rig, path)
-            yield session
+        simulated = build_rig(rig.simulation, seed)
+        for line in springs_said(simulated):
+            say(line)
+        try:
+            with virtual_session(simulated, rig.simulation, seed) as session:
+                describe_rig(session.bench, rig, path)
+                yield session
+        finally:
+            if simulated.spring_lost:
+                say(f"the springs were lost: {simulated.spring_lost}")
         return
     require_linux("a rig in real time")
     with contextlib.ExitStack() as stack:

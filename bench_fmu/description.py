@@ -82,8 +82,8 @@ def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
     about = {"name": one.name, "valueReference": str(reference), "description": one.description}
     if one.kind in (Kind.MOTION, Kind.VALVE):
         about |= {"causality": "input", "variability": "continuous"}
-    elif one.kind in (Kind.FIXED, Kind.TUNABLE):
-        varies = "fixed" if one.kind is Kind.FIXED else "tunable"
+    elif one.kind in (Kind.BEGIN, Kind.FIXED, Kind.TUNABLE):
+        varies = "tunable" if one.kind is Kind.TUNABLE else "fixed"
         about |= {"causality": "parameter", "variability": varies, "initial": "exact"}
     else:
         about |= {"causality": "output", "variability": "continuous", "initial": "calculated"}

@@ -22,7 +22,7 @@ from bench_fmu.variables import MOTIONS, Kind, Variable, variables
 from bench_protocol.rates import TICK
 from bench_protocol.system import LINUX
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES
+from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.parameters import Parameters
 
@@ -119,6 +119,10 @@ def _header(parameters: Parameters, every: Sequence[Variable], token: str) -> st
         "ATMOSPHERE": fields["atmospheric_pressure"][1] // 8,
         "MEMBRANE": fields["membrane_length"][1] // 8,
         "MEMBRANE_SLOPE": fields["membrane_length_slope"][1] // 8,
+        "PRELOAD": fields["nominal_preload"][1] // 8,
+        "EMERGENCY": fields["emergency_spring"][1] // 8,
+        "EMERGENCY_STIFFNESS": fields["emergency_stiffness_vertical"][1] // 8,
+        "LEVER": int(State.LEVER),
         "PIPE_LENGTH": fields["pipe_length"][1] // 8,
         "PIPE_DIAMETER": fields["pipe_diameter"][1] // 8,
         "BELLOWS_VERTICAL": int(Algebraic.BELLOWS_VERTICAL),
@@ -193,7 +197,7 @@ def compile_springs(place: Path, *, native: bool = False) -> None:
     given = row, memory, row, record, row
     for function, symbol, further in (
         (advance, "spring_advance", (number, number, types.int64, rows, row)),
-        (start, "spring_start", (rows, row, rows, rows, row)),
+        (start, "spring_start", (number, rows, row, rows, rows, row)),
     ):
         path = place / f"{symbol}.o"
         write_object(function, (*given, *further), symbol, path, native=native)

@@ -1,6 +1,6 @@
 """Both air springs with their valves, driven by how far they are stretched: the compiled functions inside of the FMU.
 
-Within a communication step the displacements go on with the speeds that were given with them.
+Within a communication step the displacements go on with the speeds and accelerations that were given with them.
 """
 
 from typing import Any
@@ -18,16 +18,25 @@ from bench_sim.model.step_start import begin
 def stretch_springs(since: float, motion: Any, x: Any, par: Any) -> None:
     """Put the plates where the springs are as long as ``motion`` has them, ``since`` s after it was given.
 
-    ``motion`` holds ζ left, ζ right, y and their speeds. The platform stays where it is: the laws see differences.
+    ``motion`` holds ζ left, ζ right, y, their speeds and their accelerations. The platform stays where it is: the laws
+    see differences.
     """
     for k in range(2):
-        left = motion[0] + since * motion[3] if k == 0 else motion[3]
-        right = motion[1] + since * motion[4] if k == 0 else motion[4]
-        lateral = motion[2] + since * motion[5] if k == 0 else motion[5]
+        left = _gone_on(motion, 0, k, since)
+        right = _gone_on(motion, 1, k, since)
         roll = 0.5 * (left - right) / par.spring_half_spacing
-        x[State.BOLSTER_LATERAL + 3 * k] = lateral - par.centre_height * roll
+        x[State.BOLSTER_LATERAL + 3 * k] = _gone_on(motion, 2, k, since) - par.centre_height * roll
         x[State.BOLSTER_VERTICAL + 3 * k] = 0.5 * (left + right)
         x[State.BOLSTER_ROLL + 3 * k] = roll
+
+
+@compiled
+def _gone_on(motion: Any, place: int, rate: int, since: float) -> float:
+    """One displacement of ``motion`` or, where ``rate`` is 1, its speed."""
+    speed, acceleration = motion[place + 3], motion[place + 6]
+    if rate == 1:
+        return speed + since * acceleration
+    return motion[place] + since * (speed + 0.5 * since * acceleration)
 
 
 @compiled_once
@@ -70,6 +79,7 @@ def start(
     u: Any,
     parameters: Any,
     motion: Any,
+    air: float,
     gas: Any,
     crept: Any,
     behind: Any,
@@ -78,12 +88,13 @@ def start(
 ) -> None:
     """Begin at rest where ``motion`` has the springs, with the pressure that carries their preload at design height.
 
+    ``air`` is the share of that pressure: with 0 chambers hold air of the atmosphere.
     ``x`` and ``memory`` are zero; ``gas`` (2, 4) is working memory, ``crept`` and ``behind`` are those of `Before`.
     """
     mem, par = memory[0], parameters[0]
     T = settled_temperature(par)
     for i in range(SIDES):
-        p = par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
+        p = air * par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
         gas[0, i] = gas[0, SIDES + i] = p
         gas[1, i] = gas[1, SIDES + i] = T
     for k in range(STATES):

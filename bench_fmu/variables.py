@@ -21,11 +21,12 @@ class Kind(IntEnum):
 
     MOTION = 0  #: input: displacements and speeds
     VALVE = 1  #: input, in the order of the model's (`Input`)
-    FIXED = 2  #: parameter that stays once the FMU has begun
-    TUNABLE = 3  #: parameter
-    ALGEBRAIC = 4  #: output
-    GAUGE = 5  #: output, over atmospheric pressure
-    STATE = 6  #: output over atmospheric pressure, a state
+    BEGIN = 2  #: parameter of the beginning
+    FIXED = 3  #: parameter that stays once the FMU has begun
+    TUNABLE = 4  #: parameter
+    ALGEBRAIC = 5  #: output
+    GAUGE = 6  #: output, over atmospheric pressure
+    STATE = 7  #: output over atmospheric pressure, a state
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ _ELSEWHERE: Final = (
 )
 #: Parameters by which states come and go, or from which only the start follows.
 _FIXED: Final = (
-    *("emergency_spring", "nominal_preload", "wall_temperature_offset", "wall_heat_capacity", "pipe_length"),
+    *("emergency_spring", "wall_temperature_offset", "wall_heat_capacity", "pipe_length"),
     *("extra_branch_ratio", "extra_friction", "flow_inertance", "spring_half_spacing", "centre_height"),
 )
 
@@ -68,6 +69,9 @@ MOTIONS: Final = (
     ("left.height_speed", "m/s", "Speed of left.height, with which it goes on within a step"),
     ("right.height_speed", "m/s", "Speed of right.height, with which it goes on within a step"),
     ("springs.lateral_speed", "m/s", "Speed of springs.lateral, with which it goes on within a step"),
+    ("left.height_acceleration", "m/s2", "With which left.height_speed goes on within a step"),
+    ("right.height_acceleration", "m/s2", "With which right.height_speed goes on within a step"),
+    ("springs.lateral_acceleration", "m/s2", "With which springs.lateral_speed goes on within a step"),
 )
 _VALVES: Final = (
     ("supply.open", Input.SUPPLY, 1.0, 0.0, "Supply main valve: 1 open, 0 closed and vented"),
@@ -129,6 +133,8 @@ def _outputs() -> Iterator[Variable]:
 
 
 def _parameters(parameters: Parameters) -> Iterator[Variable]:
+    text = "Share of the pressure that carries the preload with which it begins; 0: without air"
+    yield Variable("air.at_start", "1", Kind.BEGIN, 0, text, 1.0, 0.0, 1.0)
     fields: Any = PARAMETERS.fields
     for quantity in PLANT_QUANTITIES:
         name = quantity.name

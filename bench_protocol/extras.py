@@ -14,7 +14,7 @@ class Extra(NamedTuple):
 EXTRAS: Final = {
     "campaign": Extra("campaigns: many runs on all cores or on a cluster", ("dask", "distributed")),
     "excel": Extra("tables for Excel", ("xlsxwriter",)),
-    "fmu": Extra("FMUs to be diagnosed", ("fmpy",)),
+    "fmu": Extra("FMUs that come in", ("fmpy",)),
     "mdf": Extra("measured data in MDF 4", ("asammdf",)),
     "opcua": Extra("rigs behind an OPC UA server", ("asyncua",)),
 }

@@ -55,6 +55,7 @@ class Reason(IntEnum):
     TICK_LOST = 6
     BY_COMMANDER = 7
     HEARTBEAT_LOST = 8
+    SPRING_LOST = 9
 
 
 class LimitKind(IntEnum):
@@ -106,6 +107,7 @@ REASONS: Final = (
     "tick lost",
     "disabled by the commander",
     "heartbeat lost",
+    "spring lost",
 )
 assert len(REASONS) == len(Reason), "every reason has one text"
 #: Reasons that tell of the wires and of whoever commands, not of the bench.

@@ -88,6 +88,7 @@ def rig_command(
         stages = bus_stages(bench, simulation)
     except ValueError as error:
         misuse(error)
+    _look_at_springs(bench)
     stop = threading.Event()
     _listen(bench, stop, until_eof)
     try:
@@ -111,6 +112,16 @@ def rig_command(
         misuse(error)
     except OSError as error:
         blocked(error)
+
+
+def _look_at_springs(bench: "Rig") -> None:
+    """Say what should be known of springs that an FMU computes; one that is too slow blocks a rig in real time."""
+    if bench.springs is None:
+        return
+    for line in bench.springs.said:
+        click.echo(f"astb: {line}", err=True)
+    if bench.springs.too_slow:
+        blocked("the FMU of the springs is too slow for real time; right is virtual time, or a faster FMU")
 
 
 def _say_ready(can: str, modbus: str, control: str) -> None:

@@ -16,7 +16,7 @@
 extern int32_t spring_advance(
     void *result, void *exception, ARRAY, ARRAY, ARRAY, ARRAY, ARRAY, double, double, int64_t, TABLE, ARRAY);
 extern int32_t spring_start(
-    void *result, void *exception, ARRAY, ARRAY, ARRAY, ARRAY, ARRAY, TABLE, ARRAY, TABLE, TABLE, ARRAY);
+    void *result, void *exception, ARRAY, ARRAY, ARRAY, ARRAY, ARRAY, double, TABLE, ARRAY, TABLE, TABLE, ARRAY);
 
 static int advance(Instance *me, double since, int64_t steps) {
     State *s = &me->now;
@@ -88,7 +88,7 @@ static int start(Instance *me) {
     memset(me->work, 0, sizeof me->work);
     memset(s->out, 0, sizeof s->out);
     spring_start(&result, &exception, ONE(s->x, STATES, 8), ONE(s->memory, 1, MEMORY_RECORD),
-        ONE(s->inputs, INPUTS, 8), ONE(s->parameters, 1, 8 * PARAMETERS), ONE(s->motion, MOTIONS, 8), ROWS(gas, 2, 4),
+        ONE(s->inputs, INPUTS, 8), ONE(s->parameters, 1, 8 * PARAMETERS), ONE(s->motion, MOTIONS, 8), s->air, ROWS(gas, 2, 4),
         ONE(crept, 2, 8), ROWS(behind, EXTRA_BRANCHES, EXTRA_DASHPOTS), ROWS(me->work, 5, STATES),
         ONE(s->out, ALGEBRAICS, 8));
     s->ticks = 0;
@@ -100,6 +100,7 @@ void spring_reset(Instance *me) {
     State *s = &me->now;
     memset(s, 0, sizeof *s);
     memcpy(s->parameters, DEFAULTS, sizeof s->parameters);
+    s->air = 1.0;
     for (int k = 0; k < VARIABLES; k++) {
         if (VARIABLE[k].kind == VALVE) {
             s->inputs[VARIABLE[k].place] = VARIABLE[k].start;
@@ -151,6 +152,7 @@ int spring_get(Instance *me, const uint32_t *references, size_t n, double *value
         switch (one->kind) {
         case MOTION: values[k] = s->motion[one->place]; break;
         case VALVE: values[k] = s->inputs[one->place]; break;
+        case BEGIN: values[k] = s->air; break;
         case ALGEBRAIC: values[k] = s->out[one->place]; break;
         case GAUGE: values[k] = s->out[one->place] - air; break;
         case STATE: values[k] = s->x[one->place] - air; break;
@@ -170,7 +172,7 @@ int spring_set(Instance *me, const uint32_t *references, size_t n, const double 
         if (one->kind >= ALGEBRAIC) {
             return spring_refuse(me, "%s is calculated and cannot be set", one->name);
         }
-        if (one->kind == FIXED && s->phase >= STEPPING) {
+        if ((one->kind == FIXED || one->kind == BEGIN) && s->phase >= STEPPING) {
             return spring_refuse(me, "%s stays as it is once the simulation has begun", one->name);
         }
         if (!isfinite(values[k]) || values[k] < one->low || values[k] > one->high) {
@@ -180,7 +182,16 @@ int spring_set(Instance *me, const uint32_t *references, size_t n, const double 
     }
     for (size_t k = 0; k < n; k++) {
         const Variable *one = &VARIABLE[references[k]];
-        double *to = one->kind == MOTION ? s->motion : one->kind == VALVE ? s->inputs : s->parameters;
+        int side = one->place - PRELOAD;
+        if (one->kind == TUNABLE && (side == 0 || side == 1) && s->started && s->parameters[EMERGENCY] != 0.0) {
+            /* Shims: they lift what stands on the spring, and with it the lever of its valve. */
+            double more = values[k] - s->parameters[one->place];
+            s->x[LEVER + side] += more / s->parameters[EMERGENCY_STIFFNESS + side];
+        }
+        double *to = one->kind == MOTION ? s->motion
+            : one->kind == VALVE         ? s->inputs
+            : one->kind == BEGIN         ? &s->air
+                                         : s->parameters;
         to[one->place] = values[k];
     }
     if (s->phase < STEPPING) {

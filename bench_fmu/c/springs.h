@@ -17,6 +17,7 @@ enum { INSTANTIATED, INITIALIZING, STEPPING, ENDED };
 typedef struct {
     double x[STATES], inputs[INPUTS], motion[MOTIONS], parameters[PARAMETERS], out[ALGEBRAICS];
     double memory[MEMORY_DOUBLES];
+    double air; /* at the start: the share of the pressure that carries the preload */
     double begin, time; /* of the simulation: its start, and the end of the last communication step */
     int64_t ticks;      /* so many have been done since the start */
     int64_t phase;

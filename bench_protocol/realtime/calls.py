@@ -19,6 +19,8 @@ from bench_protocol.units import NS
 _CLOCK_MONOTONIC: Final = 1
 _ABSOLUTE: Final = 1  # TIMER_ABSTIME
 _SECOND: Final = int(NS)
+#: A signal that cuts a wait short lets it begin anew, so often at most.
+_INTERRUPTIONS: Final = 100
 #: 64-bit words of the work space that clock and sleep need: a struct timespec.
 SPEC_WORDS: Final = 2
 
@@ -46,6 +48,8 @@ def external(
 _clock_nanosleep: Final = external("clock_nanosleep", INT, INT, INT, ADDRESS, ADDRESS)
 _clock_gettime: Final = external("clock_gettime", INT, INT, ADDRESS)
 _write: Final = external("write", ADDRESS, INT, ADDRESS, ADDRESS)
+_read: Final = external("read", ADDRESS, INT, ADDRESS, ADDRESS)
+_poll: Final = external("poll", INT, ADDRESS, ADDRESS, INT)
 _try_mutex: Final = external("pthread_mutex_trylock", INT, ADDRESS)
 lock_mutex: Final = external("pthread_mutex_lock", INT, ADDRESS)
 unlock_mutex: Final = external("pthread_mutex_unlock", INT, ADDRESS)
@@ -108,3 +112,26 @@ def sleep_until(deadline: int, spec: Any) -> None:
 def wake(descriptor: int, one: Any) -> None:
     """Wake whoever waits for the eventfd ``descriptor``; ``one``: uint64[1] with a 1 in it."""
     _write(descriptor, one.ctypes.data, 8)
+
+
+@inlined
+def send_word(descriptor: int, place: int) -> bool:
+    """Write the 8 bytes at the address ``place``; False if nobody reads any more."""
+    return bool(_write(descriptor, place, 8) == 8)
+
+
+@inlined
+def receive_word(descriptor: int, place: int) -> bool:
+    """Wait for 8 bytes, which go to the address ``place``; False if nobody writes any more."""
+    return bool(_read(descriptor, place, 8) == 8)
+
+
+@inlined
+def readable(descriptor: int, patience: int, place: int, spare: Any) -> bool:
+    """Wait for something to read for ``patience`` ms at most, or for the end; ``spare[place]``: int64."""
+    spare[place] = descriptor | 1 << 32  # struct pollfd: the descriptor, and POLLIN
+    for _ in range(_INTERRUPTIONS):
+        ready = _poll(spare.ctypes.data + 8 * place, 1, patience)
+        if ready >= 0:
+            return bool(ready > 0)
+    return False

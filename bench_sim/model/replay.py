@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from bench_sim.model.actuator import bolster_point
 from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.bellows import compliance_matrix, newton_step
 from bench_sim.model.bolster import felt_acceleration, stop_force
 from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
 from bench_sim.model.layout import (
@@ -32,7 +33,7 @@ from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.rest import fill_chamber, hold_back, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.runge_kutta import runge_kutta, step_scheme
 from bench_sim.model.sensors import follow, read_exactly, true_values
-from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
+from bench_sim.model.spring import load_bellows, spring_algebra, stretch, tangent_of, volume
 from bench_sim.model.step_start import begin
 
 #: Displacements of a motion, in the order of the states: bolster lateral, vertical, roll; platform the same.
@@ -40,7 +41,7 @@ DIRECTIONS: Final = 6
 #: Longest step in s that a replay takes unless it is told otherwise.
 STEP: Final = 2.5e-3
 
-#: Rounds of settling, each of which leaves a seventh of the error or less.
+#: Rounds of settling: relaxed rubber is softer than its tangent, so that each leaves some of the error.
 _ROUNDS: Final = 30
 
 
@@ -137,8 +138,8 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
     """Fill the chambers where the bolster stands at rest.
 
     The rubber is relaxed but for what it remembers of ``before`` (`Before`).
-    ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is given and not the
-    energy: the emergency spring is so much stiffer that this converges.
+    ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found by Newton's method at constant pressure, for that is
+    given and not the energy: also where the plate sits on the emergency spring, which is as stiff again.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
@@ -161,12 +162,14 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
             load_bellows(x, mem, par, i, z_b, y_b, out)
             if par.emergency_spring == 0.0:
                 break
-            z_b = (
-                z
-                + (out[Algebraic.STACK_VERTICAL + i] - par.nominal_preload[i])
-                / par.emergency_stiffness_vertical[i]
-            )
-            y_b = y + out[Algebraic.STACK_LATERAL + i] / par.emergency_stiffness_lateral[i]
+            c_z = 1.0 / par.emergency_stiffness_vertical[i]
+            c_y = 1.0 / par.emergency_stiffness_lateral[i]
+            miss_z = z - z_b + c_z * (out[Algebraic.STACK_VERTICAL + i] - par.nominal_preload[i])
+            miss_y = y - y_b + c_y * out[Algebraic.STACK_LATERAL + i]
+            a, b, c, d = compliance_matrix(*tangent_of(i, out), c_z, c_y, 0.0)
+            step_z, step_y = newton_step(a, b, c, d, miss_z, miss_y)
+            z_b += step_z
+            y_b += step_y
         mem.friction_last[0, i] = mem.bellows_vertical[i] = z_b
         mem.friction_last[1, i] = mem.bellows_lateral[i] = y_b
         x[State.LEVER + i] = out[Algebraic.HEIGHT + i] + par.lever_offset[i]

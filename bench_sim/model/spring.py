@@ -333,6 +333,15 @@ def coupling_stiffness(par: Any, side: int) -> float:
 
 
 @compiled
+def load_bolster(par: Any, side: int, F_z: float, F_y: float, M: float, dx: Any) -> None:
+    """Leave forces and moment of one spring in the bolster's speed derivatives, to be divided by its mass later."""
+    arm = (1.0 - 2.0 * side) * par.spring_half_spacing
+    dx[State.BOLSTER_VERTICAL_SPEED] += F_z
+    dx[State.BOLSTER_LATERAL_SPEED] += F_y
+    dx[State.BOLSTER_ROLL_SPEED] += arm * F_z + par.centre_height * F_y + M
+
+
+@compiled
 def spring_term(par: Any, out: Any, dx: Any) -> None:
     """Forces of both springs on the bolster (left in its speed derivatives as force, to be divided by mass later).
 
@@ -356,7 +365,4 @@ def spring_term(par: Any, out: Any, dx: Any) -> None:
         out[Algebraic.VERTICAL_FORCE + i] = F_z
         out[Algebraic.LATERAL_FORCE + i] = F_y
         out[Algebraic.ROLL_MOMENT + i] = M
-        arm = (1.0 - 2.0 * i) * par.spring_half_spacing
-        dx[State.BOLSTER_VERTICAL_SPEED] += F_z
-        dx[State.BOLSTER_LATERAL_SPEED] += F_y
-        dx[State.BOLSTER_ROLL_SPEED] += arm * F_z + par.centre_height * F_y + M
+        load_bolster(par, i, F_z, F_y, M, dx)

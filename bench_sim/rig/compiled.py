@@ -11,6 +11,7 @@ OF_THE_TICK: Final = (
     "car",
     "commands",
     "controls",
+    "elsewhere",
     "faults/in_tick",
     "heartbeat",
     "lateness",
@@ -19,4 +20,4 @@ OF_THE_TICK: Final = (
     "setpoints",
 )
 _TICK: Final = Compiler(digest_of(files("bench_sim.rig") / f"{name}.py" for name in OF_THE_TICK))
-compiled, compiled_entry = _TICK.compiled, _TICK.entry
+compiled, compiled_once, compiled_entry = _TICK.compiled, _TICK.once, _TICK.entry

@@ -82,6 +82,7 @@ class Happened(IntFlag):
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
+    SPRING_LOST = 8192  #: what computes the springs has failed
     RECORDED = 2048  #: the black box has the ten seconds after an incident
     ASTRAY = 4096  #: a car in the loop wanted more than the actuators can do, or felt no force
 
@@ -128,6 +129,7 @@ CONTROLS: Final = np.dtype(
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("fault_tick", "<i8"),  # tick at which a fault on purpose begins or ends, -1 for never
         ("refitted", "<i8"),  # 1: plates or pipes have been changed since the last tick
+        ("springless", "<i8"),  # 1: springs from elsewhere are lost, and it has been said
         ("armed", "<i8"),  # 1: the watchdog is watching
         ("late", "<i8"),  # 1: already reported
         ("lost", "<i8"),

@@ -12,6 +12,7 @@ from bench_protocol.words import PIPE_LENGTH
 from bench_sim.model.layout import SIDES, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.wiring import sensors_of
+from bench_sim.rig.springs import Springs
 
 #: Up to which gauge pressure somebody may open a flange.
 _FLANGE_PRESSURE: Final = 0.3 * bar
@@ -38,8 +39,8 @@ class Fittings:
     another one. So only a change of the order changes the plant.
     """
 
-    def __init__(self, plant: Plant, settings: Mapping[str, float]) -> None:
-        self._plant = plant
+    def __init__(self, plant: Plant, settings: Mapping[str, float], springs: Springs | None = None) -> None:
+        self._plant, self._springs = plant, springs
         self._ordered = Ordered.by(settings)
 
     def change(self, settings: Mapping[str, float], *, engaged: bool) -> bool:
@@ -48,6 +49,8 @@ class Fittings:
         Shims want disengaged actuators (``engaged`` False), plates and pipes chambers without pressure as well.
         """
         ordered = Ordered.by(settings)
+        if not self._can_be_told(ordered, settings["rig.nominal_preload"]):
+            return False
         if ordered != self._ordered and (engaged or self._under_pressure()):
             return False
         if not self._shim(settings["rig.nominal_preload"], engaged):
@@ -57,7 +60,17 @@ class Fittings:
 
     def _under_pressure(self) -> bool:
         """Tell whether air would come out of an open flange; the air asks no sensor."""
-        return not (np.abs(self._plant.ideal()[_CHAMBERS]) < _FLANGE_PRESSURE).all()
+        gauge = self._springs.pressures() if self._springs else self._plant.ideal()[_CHAMBERS]
+        return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
+
+    def _can_be_told(self, ordered: Ordered, preload: float) -> bool:
+        """Tell whether springs that somebody else computes hear of what is to be changed."""
+        if self._springs is None:
+            return True
+        told, par = self._springs.told, self._plant.parameters
+        plates = ordered.plate == self._ordered.plate or "orifice_diameter" in told
+        shims = bool((par.nominal_preload == preload).all()) or "nominal_preload" in told
+        return plates and shims and ordered.pipe == self._ordered.pipe
 
     def _shim(self, preload: float, engaged: bool) -> bool:
         """Set the height to zero for ``preload`` (N per spring), as shims under the emergency springs do.

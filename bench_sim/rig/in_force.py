@@ -18,6 +18,7 @@ from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
+from bench_sim.rig.springs import Springs
 
 #: By control mode: how far from its set-point (SI) an actuator may be that goes on when HOLD or ACTIVE begins. One that
 #: follows the fastest wave lags by 9 mm.
@@ -35,9 +36,10 @@ class InForce:
         registers: RegisterBank,
         generator: FunctionGenerator,
         plant: Plant,
+        springs: Springs | None = None,
     ) -> None:
         self._controls, self._values, self._registers = controls, values, registers
-        self.generator, self._fittings = generator, Fittings(plant, registers.active)
+        self.generator, self._fittings = generator, Fittings(plant, registers.active, springs)
         #: How fast actuators unload that let go, N/s each.
         self._letting_go: npt.NDArray[np.float64] = plant.parameters.actuator_unload_rate
         self._put(registers.active)

@@ -20,6 +20,9 @@ from bench_sim.rig.lease import Lease
 UNAVAILABLE: Final = 0x8000
 #: The object of the identification that tells of the CAN bus.
 BUS_NOTE: Final = 0x81
+#: Why springs that are computed elsewhere are lost; the answer has room for so many bytes of it.
+SPRING_NOTE: Final = 0x82
+NOTE_MAX: Final = 240
 #: Of so many ranges that are read it is remembered what stands there.
 _PLANS_MAX: Final = 256
 WATCHDOG_MS_MAX: Final = 10_000

@@ -18,6 +18,7 @@ from bench_protocol.realtime.pacing import Late, Pacing
 from bench_protocol.realtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
+from bench_sim.model.elsewhere import Elsewhere
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
@@ -37,7 +38,8 @@ from bench_sim.rig.in_force import InForce
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.peers import port_of
-from bench_sim.rig.registers import BUS_NOTE, RegisterBank
+from bench_sim.rig.registers import BUS_NOTE, NOTE_MAX, SPRING_NOTE, RegisterBank
+from bench_sim.rig.springs import Springs
 from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
@@ -63,8 +65,11 @@ class Rig:
     All times are the rig's own: tick ``k`` happens at ``k`` ms.
 
     ``log``: of how many ticks in real time the lateness is kept. ``every_tick``: messages that leave in every tick,
-    all others never, to see what the wires can take.
+    all others never, to see what the wires can take. ``springs`` of somebody else's stand in for those of the plant.
     """
+
+    #: In words, why springs that are computed elsewhere are lost.
+    spring_lost = ""
 
     def __init__(
         self,
@@ -74,9 +79,11 @@ class Rig:
         *,
         log: int = 0,
         every_tick: Sequence[str] = (),
+        springs: Springs | None = None,
     ) -> None:
         #: The set as this rig was built: the same seed draws the same sensors.
         self.parameters = parameters.as_built(seed)
+        self.springs = springs
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
         self.lock = Mutex()
@@ -90,13 +97,8 @@ class Rig:
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
         self._stand()
-        self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls))
-        self._encoder = Encoder(TABLE)
-        self._decoder = Decoder(TABLE, from_rig=False)
-        self._pending: list[Block] = []
-        self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
-        self._emergency_row = self._encoder.rows(["Emergency"])
-        self._lease_row = self._encoder.rows(["Lease"])
+        self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls, springs))
+        self._prepare_frames()
         self.lease = Lease(
             self._controls,
             self.values,
@@ -110,7 +112,9 @@ class Rig:
         self._bind_kernels()
         lever, couplings = self.plant.parameters.actuator_half_spacing, Couplings(dimensions_of(parameters))
         self.generator = FunctionGenerator(self._controls, self.registers.active, lever, couplings)
-        self._in_force = InForce(self._controls, self.values, self.registers, self.generator, self.plant)
+        self._in_force = InForce(
+            self._controls, self.values, self.registers, self.generator, self.plant, springs
+        )
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         watched = limits, self._detectors
         self.supervisor = Supervisor(
@@ -132,6 +136,15 @@ class Rig:
         for what in ("zero", "setpoint", "goal"):
             self._controls[what] = zero
 
+    def _prepare_frames(self) -> None:
+        """Make what writes and reads frames."""
+        self._encoder = Encoder(TABLE)
+        self._decoder = Decoder(TABLE, from_rig=False)
+        self._pending: list[Block] = []
+        self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
+        self._emergency_row = self._encoder.rows(["Emergency"])
+        self._lease_row = self._encoder.rows(["Lease"])
+
     def _bind_kernels(self) -> None:
         """Make ready what is compiled, so that a call of it looks at no types."""
         self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
@@ -144,13 +157,14 @@ class Rig:
     ) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending, Incoming, Ring, Pacing]:
         """Return what the compiled tick works on."""
         plant, layout = self.plant, self._encoder.layout
+        elsewhere = self.springs.arrays if self.springs else Elsewhere.nobody()
         fast, medium, slow = (self._rows(rate) for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE))
         every = self._encoder.rows(every_tick)
         if every.size:
             fast = medium = slow = self._encoder.rows([])
         return (
             self._control_array,
-            PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array),
+            PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array, elsewhere),
             Sampling(
                 np.zeros(SENSORS),
                 self.values,
@@ -383,6 +397,10 @@ class Rig:
                 self.supervisor.engage()
             if c["asked"]:
                 self.lease.ask()
+        if Happened.SPRING_LOST in happened and self.springs and not self.spring_lost:
+            self.spring_lost = self.springs.why()
+            self.registers.notes[SPRING_NOTE] = self.spring_lost.encode()[:NOTE_MAX]
+            self.black_box.note(int(c["tick"]), self.spring_lost)
         self.supervisor.decide(happened)
         self.lease.decide(happened)
         self.node.decide(happened)

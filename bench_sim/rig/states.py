@@ -33,6 +33,7 @@ class Event(StrEnum):
     TRIP_INTERLOCK = "a limit with the action interlock tripped"
     TRIP_POWER_OFF = "a limit with the action power off tripped"
     TICK_LOST = "a tick was lost under the policy fault"
+    SPRING_LOST = "what computes the springs has failed"
     REACTED_HOLD = "reaction finished, holding"
     REACTED_DISABLE = "reaction finished, to the safe position"
     ESTOP = "emergency stop pressed"
@@ -87,10 +88,12 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
         for state in (*LIVE, _S.FAULT_REACTION, _S.FAULT_HOLD, _S.FAULT_DISABLED)
     ),
     *(Transition(state, _E.TICK_LOST, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.SPRING_LOST, _S.FAULT_REACTION) for state in LIVE),
     Transition(_S.FAULT_REACTION, _E.REACTED_HOLD, _S.FAULT_HOLD),
     Transition(_S.FAULT_REACTION, _E.REACTED_DISABLE, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.COMMAND_LOST, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.TRIP_INTERLOCK, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.SPRING_LOST, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.DISABLE, _S.FAULT_DISABLED),
     *(Transition(state, _E.NEW_HOLDER, _S.FAULT_DISABLED) for state in (_S.FAULT_REACTION, _S.FAULT_HOLD)),
     Transition(_S.FAULT_HOLD, _E.RESET, _S.HOLD, COMMAND_VALID),
@@ -112,6 +115,7 @@ REASON_OF: Final[dict[Event, Reason]] = {
     _E.TRIP_POWER_OFF: Reason.LIMIT,
     _E.TICK_LOST: Reason.TICK_LOST,
     _E.ESTOP: Reason.ESTOP,
+    _E.SPRING_LOST: Reason.SPRING_LOST,
 }
 
 #: SECoP-style status codes, by state: 0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error.
@@ -142,6 +146,7 @@ EMERGENCY_CODES: Final[dict[Reason, int]] = {
     Reason.TICK_LOST: 0xFF03,
     Reason.BY_COMMANDER: 0x0000,
     Reason.HEARTBEAT_LOST: 0x8130,
+    Reason.SPRING_LOST: 0xFF04,
 }
 
 

@@ -249,6 +249,8 @@ class Supervisor:
 
     def decide(self, happened: Happened) -> None:
         """Act on what the tick could not decide by itself."""
+        if Happened.SPRING_LOST in happened:
+            self.handle(Event.SPRING_LOST)
         if Happened.ALARM in happened:
             self._alarm()
         if Happened.RECORDED in happened:
@@ -273,7 +275,8 @@ class Supervisor:
                 self.handle(Event.CHECKED)
             case BenchState.FAULT_REACTION:
                 c = self._controls
-                mild = self._held and not c["lost"] and not self._tripped(LimitAction.INTERLOCK)
+                lost = c["lost"] or c["springless"]
+                mild = self._held and not lost and not self._tripped(LimitAction.INTERLOCK)
                 self.handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
 
     def _set(self, name: str, value: float) -> None:

@@ -35,6 +35,7 @@ from bench_protocol.words import (
     Program,
 )
 from bench_sim.model.algebraic import ALGEBRAICS
+from bench_sim.model.elsewhere import Elsewhere, Place
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
@@ -57,6 +58,7 @@ from bench_sim.rig.controls import (
     Happened,
     Target,
 )
+from bench_sim.rig.elsewhere import observe_around, step_around
 from bench_sim.rig.faults.in_tick import FaultArrays, disturb, hold_inputs
 from bench_sim.rig.heartbeat import node_due, send_heartbeat
 from bench_sim.rig.lateness import count_lateness
@@ -251,12 +253,16 @@ def _appointments(c: Any) -> int:
 
 
 class PlantArrays(NamedTuple):
-    """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``."""
+    """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``.
+
+    ``elsewhere`` are springs that somebody else computes, if there are any.
+    """
 
     state: npt.NDArray[np.float64]
     memory: npt.NDArray[np.void]
     inputs: npt.NDArray[np.float64]
     parameters: npt.NDArray[np.void]
+    elsewhere: Elsewhere
 
 
 class Sampling(NamedTuple):
@@ -285,6 +291,36 @@ class Sending(NamedTuple):
 def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, position: int) -> int:
     """Write one frame per message in ``rows`` to ``out``; return the position behind the last."""
     return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
+
+
+@compiled
+def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
+    """Take a step; of lost springs from elsewhere tell once, and whenever somebody goes on without them."""
+    x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
+    if plant.elsewhere.numbers[Place.ON] == 0:
+        step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
+        return Happened.NOTHING.value
+    if step_around(plant.elsewhere, x, mem, u, par, TICK, work, algebraic, ideal):
+        return Happened.NOTHING.value
+    if c.springless == 0 or c.armed != 0:
+        c.springless = 1
+        return Happened.SPRING_LOST.value
+    return Happened.NOTHING.value
+
+
+@compiled
+def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
+    """Let the sensors read; of lost springs and all that stands on them nothing is known."""
+    x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
+    if plant.elsewhere.numbers[Place.ON] == 0:
+        observe(x, mem, u, par, work[0], algebraic, ideal)
+    else:
+        observe_around(plant.elsewhere, x, mem, u, par, work[0], algebraic, ideal)
+    read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
+    disturb(sampling.faults, c.tick, par, sampling.readings)
+    if c.springless != 0:
+        for k in range(SENSORS):
+            sampling.readings[k] = np.nan
 
 
 @compiled
@@ -359,7 +395,7 @@ def run_ticks(
     real = pace.paced != 0
     thread = leave_interpreter() if real else 0
     c, mem, par = controls[0], plant.memory[0], plant.parameters[0]
-    x, u, values = plant.state, plant.inputs, sampling.values
+    u, values = plant.inputs, sampling.values
     work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
     scheme = step_scheme(par, TICK)
     position = 0
@@ -382,11 +418,9 @@ def run_ticks(
         if c.refitted != 0:
             scheme = step_scheme(par, TICK)
             c.refitted = 0
-        step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
+        happened |= _step(c, plant, scheme, work, algebraic, ideal)
         if c.tick % FAST == 0:
-            observe(x, mem, u, par, work[0], algebraic, ideal)
-            read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
-            disturb(sampling.faults, c.tick, par, sampling.readings)
+            _read(c, plant, sampling, work, algebraic, ideal)
             happened |= _judge(c, sampling)
             position = _tell(c, values, sending, out, position)
         position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)

@@ -23,6 +23,7 @@ PRIVATE = {
         "_source_stamp",  # what decides whether they are of today
         "get_overload",  # the compiled function for some types, called without a look at its arguments
     },
+    "bench_protocol/realtime/addresses.py": {"numba.extending"},  # a call of an address
     "bench_sim/model/compiled.py": {"_nrt"},
     "drivers/cycle.py": {"get_overload"},
     "tests/model/test_oracles.py": {"_cache", "_cache_file", "_source_stamp"},

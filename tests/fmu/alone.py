@@ -167,7 +167,7 @@ def refusals(fresh, running):
         "kept": unit.get("left.effective_area"),
         "nan": unit.refused(unit.set, {"left.height": nan}),
         "output": unit.refused(unit.set, {"left.vertical_force": 1.0}),
-        "fixed": unit.refused(unit.set, {"left.nominal_preload": 6e4}),
+        "fixed": unit.refused(unit.set, {"emergency_spring": 1.0}),
         "order": [],
     }
     before = unit.get(*OUTPUTS)

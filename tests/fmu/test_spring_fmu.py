@@ -60,7 +60,7 @@ def run():
         x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((5, STATES)), np.zeros(ALGEBRAICS)
         u[[Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
         behind = np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS))
-        start(x, memory, u, parameters, np.zeros(6), np.zeros((2, 4)), np.zeros(2), behind, work, out)
+        start(x, memory, u, parameters, np.zeros(6), 1.0, np.zeros((2, 4)), np.zeros(2), behind, work, out)
         for row in motion[:-1]:
             advance(x, memory, u, parameters, row, 0.0, 1e-3, ticks, work, out)
             every.append(out.copy())
@@ -200,7 +200,7 @@ def test_what_does_not_fit_is_a_status_with_words(spring_fmus, alone, version):
     assert got["kept"] == [0.26]
     assert got["nan"] == ["left.height = nan m is outside -0.3 to 0.3 m"]
     assert got["output"] == ["left.vertical_force is calculated and cannot be set"]
-    assert got["fixed"] == ["left.nominal_preload stays as it is once the simulation has begun"]
+    assert got["fixed"] == ["emergency_spring stays as it is once the simulation has begun"]
     assert got["deep"][0].startswith("the left bellows is at -")
     assert max(got["goes on"]) < 1e-6, "a refused step leaves no trace"
     assert got["time"] == ["a step begins at 0.5 s, but the last one ended at 0.001 s"]

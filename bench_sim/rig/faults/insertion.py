@@ -1,7 +1,7 @@
 """The insertion points of faults: everything of a running rig that a fault can reach, and puts back when it ends."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -15,6 +15,7 @@ from bench_sim.rig.faults.bus_stage import FaultStage, FrameFault
 from bench_sim.rig.faults.in_tick import DISTURBANCE, DISTURBANCES_MAX, DisturbanceKind, FaultArrays
 from bench_sim.rig.faults.modbus_filter import ModbusFilter
 from bench_sim.rig.faults.schedule import Mend, Schedule
+from bench_sim.rig.springs import Springs
 
 _DISTURBANCES, _INPUTS = 0, 1
 
@@ -110,13 +111,18 @@ class TickFaults:
 class ParameterFaults:
     """Changes of the plant's parameters on top of one another; when the last one ends, the old bits are back."""
 
-    def __init__(self, parameters: Any) -> None:
-        self._parameters = parameters
+    def __init__(self, parameters: Any, owned: Collection[str] = ()) -> None:
+        self._parameters, self._owned = parameters, owned
         self._sound: dict[str, npt.NDArray[np.float64]] = {}
         self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
 
     def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Mend:
-        """Let ``change(record)`` alter the parameters ``names`` until it is mended."""
+        """Let ``change(record)`` alter the parameters ``names`` until it is mended.
+
+        RuntimeError for parameters of springs that somebody else computes.
+        """
+        if owned := [name for name in names if name in self._owned]:
+            raise RuntimeError(f"{', '.join(owned)}: the springs are computed by an FMU, which has its own")
         entry = names, change
         self._rebuild([*self._changes, entry])
 
@@ -139,12 +145,12 @@ class ParameterFaults:
 class InsertionPoints:
     """All of them. The wires come last: what is to happen to them happens when they are connected."""
 
-    def __init__(self, rig: Breakable, plant: Plant, controls: Any) -> None:
+    def __init__(self, rig: Breakable, plant: Plant, controls: Any, springs: Springs | None = None) -> None:
         self.rig: Final = rig
         self.schedule: Final = Schedule(controls)
         self.arrays: Final = FaultArrays.none()
         self.tick: Final = TickFaults(self.arrays, controls)
-        self.parameters: Final = ParameterFaults(plant.parameters)
+        self.parameters: Final = ParameterFaults(plant.parameters, springs.owned if springs else ())
         self.gas_constant: Final = float(plant.parameters.gas_constant)
         self.sensor_low: Final = plant.parameters.sensor_low.copy()
         self.sensor_high: Final = plant.parameters.sensor_high.copy()

@@ -1,0 +1,1 @@
+"""Springs that an FMU computes, behind the wires of a simulated rig."""

@@ -1,0 +1,262 @@
+"""A bench whose springs are computed elsewhere: by a library of somebody else's that only knows its own steps.
+
+Once per communication step the library is told how its springs are moved, goes on by that step, and says what they do
+at its end. The displacements at that end are predicted from place, speed and acceleration at its beginning, so that
+they are right to the third order; the forces go in a straight line from what they were to what they will be, and
+the bench around is integrated under them as it is with springs of its own.
+"""
+
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_sim.model.actuator import actuator_term
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.bolster import bolster_term, platform_term
+from bench_sim.model.compiled import compiled, compiled_once
+from bench_sim.model.gas import energy_of
+from bench_sim.model.layout import Input, State
+from bench_sim.model.spring import displacements, load_bolster
+from bench_sim.model.valves import (
+    dpv_term,
+    leveling_term,
+    lever_term,
+    service_term,
+    supply_term,
+    switch_valves,
+)
+
+
+class Feed(IntEnum):
+    """What the bench can tell springs from elsewhere, SI; pairs hold left and right."""
+
+    HEIGHT = 0  #: over design height, m
+    HEIGHT_SPEED = 2
+    HEIGHT_ACCELERATION = 4
+    LATERAL = 6  #: top plates against the feet, m to the left
+    LATERAL_SPEED = 7
+    LATERAL_ACCELERATION = 8
+    ROLL = 9  #: of the bolster against the platform, rad
+    ROLL_SPEED = 10
+    ROLL_ACCELERATION = 11
+    SUPPLY = 12  #: main valve: 1 open
+    LEVELING = 13  #: valve: 1 connected
+    SERVICE_VALVE = 15  #: −1 exhausts to 1 fills
+    RESERVOIR = 17  #: 1 open
+    DPV = 19  #: 1 connected
+    SUPPLY_PRESSURE = 20  #: Pa gauge
+    AIR_FLOW = 21  #: kg/s through all valves of the bench into the spring
+    AIR_POWER = 23  #: W, the enthalpy of that air
+    NOMINAL_PRELOAD = 25  #: N, for which shims set the height to zero
+    ORIFICE_DIAMETER = 27  #: m, of the plate that is fitted
+
+
+FEEDS: Final = 29
+#: Taken from there beside `Algebraic`: the supply pressure, Pa gauge. Pressures are taken as gauge throughout.
+SUPPLY_TAKEN: Final = ALGEBRAICS
+
+
+class Place(IntEnum):
+    """Places in the numbers of `Elsewhere`."""
+
+    ON = 0  #: 1: there are springs from elsewhere
+    INSTANCES = 1
+    TICKS = 2  #: of one communication step
+    TICK = 3  #: of it that have passed
+    STEPS = 4  #: communication steps so far
+    TAKES = 5  #: quantities that come from there
+    VALVES = 6  #: 1: the bench's valves feed the springs
+    HOLD = 7  #: `Hold`
+    FAILED = 8  #: `bench_sim.rig.elsewhere.Failure`
+    CALL = 9  #: `bench_sim.rig.elsewhere.Call` in which it is, or was when it failed
+    INSTANCE = 10  #: of that call
+    STATUS = 11  #: that it returned, or which of the outputs is no number
+    APART = 12  #: 1: in a process of its own, which reads and writes
+    ASK = 13  #: descriptors to it and from it
+    ANSWER = 14
+    PATIENCE = 15  #: ms that an answer may take
+    BENDS = 16  #: 1: accelerations are given as well
+    SPARE = 17
+    FLAGS = 18
+
+
+class Hold(IntEnum):
+    """Which displacement of a communication step the springs are given."""
+
+    BEGIN = 0  #: they go on with the speed themselves
+    MIDDLE = 1
+    END = 2
+
+
+#: Columns of an instance.
+COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
+
+
+class Elsewhere(NamedTuple):
+    """Springs from elsewhere; with nobody there all is 0. Inputs and outputs of all instances stand in one row each."""
+
+    numbers: npt.NDArray[np.int64]  #: `Place`
+    clock: npt.NDArray[np.float64]  #: s: where the present communication step begins, its length, scratch
+    instances: npt.NDArray[
+        np.int64
+    ]  #: addresses; the first input and output of each; one row more for the end
+    input_references: npt.NDArray[np.uint32]
+    output_references: npt.NDArray[np.uint32]
+    fed: npt.NDArray[np.int64]  #: `Feed` of each input
+    feed_scale: npt.NDArray[np.float64]  #: (inputs, 2): its number is scale · value + zero
+    inputs: npt.NDArray[np.float64]  #: (2, inputs): for the step, and at its end
+    taken: npt.NDArray[np.int64]  #: `Algebraic` of each output, or `SUPPLY_TAKEN`
+    take_scale: npt.NDArray[np.float64]  #: (outputs, 2): SI, pressures gauge
+    outputs: npt.NDArray[np.float64]
+    known: npt.NDArray[np.float64]  #: (2, outputs), SI: at the beginning and the end of the step
+    feeds: npt.NDArray[np.float64]  #: (FEEDS,), SI
+
+    @classmethod
+    def nobody(cls) -> "Elsewhere":
+        """Of a bench with springs of its own."""
+        return cls.of_size(0, 0, 0)
+
+    @classmethod
+    def of_size(cls, instances: int, inputs: int, outputs: int) -> "Elsewhere":
+        """Return one with room for so many of each, in memory of its own."""
+        return cls(*(np.zeros(shape, kind) for shape, kind in layout(instances, inputs, outputs)))
+
+
+def layout(instances: int, inputs: int, outputs: int) -> tuple[tuple[tuple[int, ...], Any], ...]:
+    """Return shape and type of each array of `Elsewhere`."""
+    return (
+        ((len(Place),), np.int64),
+        ((3,), np.float64),
+        ((instances + 1, 7), np.int64),
+        ((inputs,), np.uint32),
+        ((outputs,), np.uint32),
+        ((inputs,), np.int64),
+        ((inputs, 2), np.float64),
+        ((2, inputs), np.float64),
+        ((outputs,), np.int64),
+        ((outputs, 2), np.float64),
+        ((outputs,), np.float64),
+        ((2, outputs), np.float64),
+        ((FEEDS,), np.float64),
+    )
+
+
+#: States whose derivatives are sums of terms, and those that are integrated.
+_SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
+INTEGRATED: Final = int(State.PIPE_FLOW)
+#: Inputs of the bench that are its valves, which stand first.
+_VALVES: Final = Input.DPV_CONNECTED + 1
+
+
+@compiled
+def know_outputs(e: Any) -> None:
+    """Turn the outputs into what is known at the end of the step."""
+    for k in range(e.numbers[Place.TAKES]):
+        e.known[1, k] = e.take_scale[k, 0] * e.outputs[k] + e.take_scale[k, 1]
+
+
+@compiled
+def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
+    """Write what the springs do after a ``share`` of the communication step."""
+    atmosphere = par.atmospheric_pressure
+    for k in range(e.numbers[Place.TAKES]):
+        value = e.known[0, k] + share * (e.known[1, k] - e.known[0, k])
+        place = e.taken[k]
+        if place == SUPPLY_TAKEN:
+            x[State.SUPPLY_LINE] = value + atmosphere
+            continue
+        pressure = Algebraic.PRESSURE <= place < Algebraic.TEMPERATURE
+        if pressure or Algebraic.AUXILIARY_PRESSURE <= place < Algebraic.AUXILIARY_TEMPERATURE:
+            value += atmosphere
+        out[place] = value
+
+
+@compiled_once
+def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
+    """The right-hand side (`bench_sim.model.runge_kutta`) of the bench around springs from elsewhere.
+
+    ``given`` is `Elsewhere`, and how much of its communication step has passed and passes within 1 s.
+    """
+    e, share, rate = given
+    for k in range(_SUMMED):
+        dx[k] = 0.0
+    displacements(x, par, out)
+    supply_term(mem.time + ahead, x, u, par, dx)
+    _spread(e, share + rate * ahead, x, par, out)
+    lever_term(x, par, out, dx)
+    for i in range(2):
+        F_z, F_y = out[Algebraic.VERTICAL_FORCE + i], out[Algebraic.LATERAL_FORCE + i]
+        load_bolster(par, i, F_z, F_y, out[Algebraic.ROLL_MOMENT + i], dx)
+    actuator_term(x, mem, par, out, dx)
+    bolster_term(x, par, out, dx)
+    platform_term(x, u, par, out, dx)
+
+
+@compiled
+def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
+    """Of both springs' mean height, of their roll, and lateral."""
+    vertical = dx[State.BOLSTER_VERTICAL_SPEED] - dx[State.PLATFORM_VERTICAL_SPEED]
+    roll = dx[State.BOLSTER_ROLL_SPEED] - dx[State.PLATFORM_ROLL_SPEED]
+    lateral = dx[State.BOLSTER_LATERAL_SPEED] + par.centre_height * dx[State.BOLSTER_ROLL_SPEED]
+    lateral += -dx[State.PLATFORM_LATERAL_SPEED] + par.column_height * dx[State.PLATFORM_ROLL_SPEED]
+    return vertical, roll, lateral
+
+
+@compiled
+def tell(feeds: Any, after: float, after_speed: float, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    """Write what can be fed (FEEDS), with displacements and speeds so long after the slope ``dx`` was taken."""
+    vertical, roll, lateral = _accelerations(x, par, dx)
+    for i in range(2):
+        a = vertical + (1.0 - 2.0 * i) * par.spring_half_spacing * roll
+        v = out[Algebraic.HEIGHT_SPEED + i]
+        feeds[Feed.HEIGHT + i] = out[Algebraic.HEIGHT + i] + after * (v + 0.5 * after * a)
+        feeds[Feed.HEIGHT_SPEED + i] = v + after_speed * a
+        feeds[Feed.HEIGHT_ACCELERATION + i] = a
+        feeds[Feed.NOMINAL_PRELOAD + i] = par.nominal_preload[i]
+        feeds[Feed.ORIFICE_DIAMETER + i] = par.orifice_diameter[i]
+        feeds[Feed.AIR_FLOW + i] = dx[State.AUXILIARY_MASS + i]
+        feeds[Feed.AIR_POWER + i] = dx[State.AUXILIARY_ENERGY + i]
+    v = out[Algebraic.LATERAL_SPEED]
+    feeds[Feed.LATERAL] = out[Algebraic.LATERAL] + after * (v + 0.5 * after * lateral)
+    feeds[Feed.LATERAL_SPEED] = v + after_speed * lateral
+    feeds[Feed.LATERAL_ACCELERATION] = lateral
+    v = x[State.BOLSTER_ROLL_SPEED] - x[State.PLATFORM_ROLL_SPEED]
+    feeds[Feed.ROLL] = out[Algebraic.ROLL] + after * (v + 0.5 * after * roll)
+    feeds[Feed.ROLL_SPEED] = v + after_speed * roll
+    feeds[Feed.ROLL_ACCELERATION] = roll
+    for k in range(_VALVES):
+        feeds[Feed.SUPPLY + k] = u[Input.SUPPLY + k]
+    feeds[Feed.SUPPLY_PRESSURE] = x[State.SUPPLY_LINE] - par.atmospheric_pressure
+
+
+@compiled
+def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    """Write what the instances are told, from the slope ``dx`` at the beginning of the communication step.
+
+    Who goes on with a speed alone is given its mean over the step.
+    """
+    T, n = e.clock[1], e.numbers
+    hold = 0.5 * n[Place.HOLD] * T
+    mean = n[Place.HOLD] == Hold.BEGIN and n[Place.BENDS] == 0
+    for row in range(2):
+        after = hold if row == 0 else T
+        tell(e.feeds, after, 0.5 * T if mean and row == 0 else after, x, u, par, dx, out)
+        for k in range(e.fed.size):
+            e.inputs[row, k] = e.feed_scale[k, 0] * e.feeds[e.fed[k]] + e.feed_scale[k, 1]
+
+
+@compiled
+def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    """The air that the valves of the bench let in and out, which ``dx`` then holds for the auxiliary chambers."""
+    if e.numbers[Place.VALVES] == 0:
+        return
+    for i in range(2):
+        x[State.AUXILIARY_ENERGY + i] = energy_of(
+            out[Algebraic.AUXILIARY_PRESSURE + i], par.auxiliary_volume[i], par.heat_capacity_ratio
+        )
+    switch_valves(x, mem, par)
+    leveling_term(x, mem, u, par, out, dx)
+    service_term(x, u, par, out, dx)
+    dpv_term(mem, u, par, out, dx)

@@ -1,0 +1,252 @@
+"""Springs that a library of somebody else's computes, in the tick: how it is called, waited for, and lost.
+
+Its functions are called by their addresses, in the rig's own process or in one of its own (`serve`), and never by the
+interpreter.
+"""
+
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.realtime.addresses import INT, NUMBER, WORD, at_address
+from bench_protocol.realtime.calls import (
+    enter_interpreter,
+    leave_interpreter,
+    now,
+    readable,
+    receive_word,
+    send_word,
+)
+from bench_sim.model.actuator import command_actuators
+from bench_sim.model.elsewhere import (
+    COMPONENT,
+    GET,
+    INPUT,
+    INTEGRATED,
+    OUTPUT,
+    SET,
+    STEP,
+    VERSION,
+    Place,
+    evaluate_around,
+    feed_inputs,
+    know_outputs,
+    let_air_in,
+)
+from bench_sim.model.runge_kutta import integrate
+from bench_sim.model.sensors import follow, true_values
+from bench_sim.rig.compiled import compiled, compiled_entry, compiled_once
+
+
+class Failure(IntEnum):
+    """Why springs from elsewhere are lost."""
+
+    NONE = 0
+    STATUS = 1  #: a call was refused
+    NUMBER = 2  #: an output is no finite number
+    ENDED = 3  #: it wants to end the simulation, or has not gone as far as it was to
+    SILENT = 4  #: no answer in time
+    GONE = 5  #: its process has ended
+
+
+class Call(IntEnum):
+    """The calls of a communication step."""
+
+    NONE = 0
+    SET = 1
+    STEP = 2
+    GET = 3
+
+
+_values_2: Final = at_address(WORD, WORD, WORD, WORD)
+_values_3: Final = at_address(WORD, WORD, WORD, WORD, WORD)
+_step_2: Final = at_address(WORD, NUMBER, NUMBER, INT)
+_step_3: Final = at_address(WORD, NUMBER, NUMBER, INT, WORD, WORD, WORD, WORD)
+
+
+@compiled
+def _values(e: Any, k: int, which: int, references: int, count: int, values: int) -> int:
+    """Set or get the reals of one instance; all but its number are addresses."""
+    one = e.instances
+    if count == 0:
+        return 0
+    if one[k, VERSION] == 2:
+        return _values_2(one[k, which], (one[k, COMPONENT], references, count, values))
+    return _values_3(one[k, which], (one[k, COMPONENT], references, count, values, count))
+
+
+@compiled
+def _fails(e: Any, k: int, call: int, status: int) -> bool:
+    """Note how a call of an instance went; ok and warning are no failures."""
+    if status == 0 or status == 1:
+        return False
+    _note(e, k, call)
+    e.numbers[Place.FAILED] = Failure.STATUS.value
+    e.numbers[Place.STATUS] = status
+    return True
+
+
+@compiled
+def _note(e: Any, k: int, call: int) -> None:
+    e.numbers[Place.CALL] = call
+    e.numbers[Place.INSTANCE] = k
+
+
+@compiled
+def _do_step(e: Any, k: int) -> int:
+    """Let one instance go on; the number of a status, or -1 if it has ended or not gone all the way."""
+    one, clock = e.instances, e.clock
+    if one[k, VERSION] == 2:
+        return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
+    e.numbers[Place.FLAGS] = 0  # bytes: whether it wants to end, has come back early, has an event of its own
+    clock[2] = clock[0] + clock[1]
+    flags = e.numbers.ctypes.data + 8 * Place.FLAGS
+    last = clock.ctypes.data + 16
+    status = _step_3(
+        one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1, flags + 2, flags, flags + 1, last)
+    )
+    short = abs(clock[2] - clock[0] - clock[1]) > 1e-9
+    if status <= 1 and (e.numbers[Place.FLAGS] & 0xFFFF != 0 or short):
+        return -1
+    return status
+
+
+@compiled_once
+def call_instances(e: Any) -> None:
+    """One communication step of all instances: inputs, step, inputs at its end, outputs; notes a failure."""
+    e.numbers[Place.FAILED] = Failure.NONE.value
+    for k in range(e.numbers[Place.INSTANCES]):
+        first, last = e.instances[k, INPUT], e.instances[k + 1, INPUT]
+        count = last - first
+        references = e.input_references.ctypes.data + 4 * first
+        held = e.inputs.ctypes.data + 8 * first
+        at_end = held + 8 * e.input_references.size
+        _note(e, k, Call.SET.value)
+        if _fails(e, k, Call.SET.value, _values(e, k, SET, references, count, held)):
+            return
+        _note(e, k, Call.STEP.value)
+        status = _do_step(e, k)
+        if status == -1:
+            e.numbers[Place.FAILED] = Failure.ENDED.value
+            return
+        if _fails(e, k, Call.STEP.value, status):
+            return
+        _note(e, k, Call.SET.value)
+        if _fails(e, k, Call.SET.value, _values(e, k, SET, references, count, at_end)):
+            return
+        if not take_outputs(e, k):
+            return
+    e.numbers[Place.CALL] = Call.NONE.value
+
+
+@compiled
+def take_outputs(e: Any, k: int) -> bool:
+    """Get the outputs of one instance; False if it failed."""
+    first, last = e.instances[k, OUTPUT], e.instances[k + 1, OUTPUT]
+    references = e.output_references.ctypes.data + 4 * first
+    _note(e, k, Call.GET.value)
+    status = _values(e, k, GET, references, last - first, e.outputs.ctypes.data + 8 * first)
+    if _fails(e, k, Call.GET.value, status):
+        return False
+    for place in range(first, last):
+        if not abs(e.outputs[place]) < 1e300:
+            e.numbers[Place.FAILED] = Failure.NUMBER.value
+            e.numbers[Place.STATUS] = place
+            return False
+    return True
+
+
+@compiled_entry
+def begin_outputs(e: Any, k: int) -> bool:
+    """Get the outputs of one instance where it has begun; False if it failed."""
+    good = take_outputs(e, k)
+    know_outputs(e)
+    return good
+
+
+@compiled_once
+def _ask(e: Any) -> None:
+    """Let the process of its own take the communication step, and wait for it as long as there is patience."""
+    n = e.numbers
+    spare = n.ctypes.data + 8 * Place.SPARE
+    if not send_word(n[Place.ASK], spare):
+        n[Place.FAILED] = Failure.GONE.value
+    elif not readable(n[Place.ANSWER], n[Place.PATIENCE], Place.SPARE, n):
+        n[Place.FAILED] = Failure.SILENT.value
+    elif not receive_word(n[Place.ANSWER], spare):
+        n[Place.FAILED] = Failure.GONE.value
+
+
+@compiled_entry
+def timed_step(e: Any, spec: Any) -> int:
+    """Take one communication step; return how long that took, in ns. ``spec``: int64[2]."""
+    start = now(spec)
+    call_instances(e)
+    return int(now(spec) - start)
+
+
+@compiled_entry
+def serve(e: Any, asked: int, answers: int) -> None:
+    """In a process of its own: take a communication step whenever ``asked``, until nobody asks any more."""
+    spare = np.zeros(1, np.int64)
+    thread = leave_interpreter()
+    while receive_word(asked, spare.ctypes.data):
+        call_instances(e)
+        if not send_word(answers, spare.ctypes.data):
+            break
+    enter_interpreter(thread)
+
+
+@compiled
+def _exchange(e: Any) -> None:
+    """Take one communication step, and note in SI what the springs do at its end."""
+    n = e.numbers
+    e.clock[0] = n[Place.STEPS] * e.clock[1]
+    if n[Place.APART] != 0:
+        _ask(e)
+    else:
+        call_instances(e)
+    if n[Place.FAILED] != 0:
+        return
+    n[Place.STEPS] += 1
+    for k in range(n[Place.TAKES]):
+        e.known[0, k] = e.known[1, k]
+    know_outputs(e)
+
+
+@compiled_once
+def step_around(
+    e: Any, x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: Any, values: Any
+) -> bool:
+    """As `bench_sim.model.kernel.step` with springs from elsewhere; False once they are lost: all stands still then."""
+    n = e.numbers
+    if n[Place.FAILED] != 0:
+        mem.time += dt
+        mem.step += 1
+        return False
+    command_actuators(x, mem, u, par, dt)
+    if n[Place.TICK] == n[Place.TICKS]:
+        evaluate_around(0.0, x, mem, u, par, (e, 1.0, 0.0), work[0], out)
+        let_air_in(e, x, mem, u, par, work[0], out)
+        feed_inputs(e, x, u, par, work[0], out)
+        _exchange(e)
+        if n[Place.FAILED] != 0:
+            return False
+        n[Place.TICK] = 0
+    given = e, n[Place.TICK] / n[Place.TICKS], 1.0 / e.clock[1]
+    evaluate_around(0.0, x, mem, u, par, given, work[0], out)
+    true_values(x, mem, par, out, values)
+    follow(mem, par, values, dt)
+    integrate(evaluate_around, dt, (1, INTEGRATED), x, mem, u, par, given, work, out)
+    n[Place.TICK] += 1
+    mem.step += 1
+    return True
+
+
+@compiled_once
+def observe_around(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
+    """As `bench_sim.model.kernel.observe`, with springs from elsewhere."""
+    n = e.numbers
+    evaluate_around(0.0, x, mem, u, par, (e, n[Place.TICK] / n[Place.TICKS], 0.0), dx, out)
+    true_values(x, mem, par, out, values)

@@ -1,0 +1,89 @@
+"""An FMU of an air spring that owes nothing to this project: a C file and a description in units of its own."""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+_VARIABLES = (
+    ("travel", "input", "mm"),
+    ("sideways", "input", "mm"),
+    ("speed", "input", "mm/s"),
+    ("air", "input", "g/s"),
+    ("F", "output", "kN"),
+    ("shear", "output", "kN"),
+    ("p_bag", "output", "bar"),
+    ("landed", "output", ""),
+    ("area", "parameter", "mm2"),
+)
+_UNITS = {
+    "mm": '<BaseUnit m="1" factor="0.001"/>',
+    "mm/s": '<BaseUnit m="1" s="-1" factor="0.001"/>',
+    "g/s": '<BaseUnit kg="1" s="-1" factor="0.001"/>',
+    "kN": '<BaseUnit kg="1" m="1" s="-2" factor="1000"/>',
+    "bar": '<BaseUnit kg="1" m="-1" s="-2" factor="100000"/>',
+    "mm2": '<BaseUnit m="2" factor="1e-6"/>',
+}
+_STARTS = {"input": ' start="0"', "parameter": ' start="260000"', "output": ""}
+
+#: The map of such an FMU: an instance a side, whose air the bench's own valves let in.
+MAP = """
+[simulation.spring_map.inputs]
+height = "travel"
+lateral = "sideways"
+height_speed = "speed"
+air_flow = "air"
+
+[simulation.spring_map.outputs]
+vertical_force = "F"
+lateral_force = "shear"
+bellows_pressure = "p_bag"
+"""
+
+
+def strange_spring(to: Path, bad: int = 0, **units: str) -> Path:
+    """Write the FMU to a file and return its path; variables named in ``units`` have other ones.
+
+    ``bad``: what it does at 2 s: 1 returns an error, 2 gives NaN, 3 crashes, 4 hangs.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler here, and an FMU in C is to be made")
+    library = to.with_suffix(".so")
+    flags = ["-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", *([f"-DBAD={bad}"] if bad else [])]
+    subprocess.run([compiler, *flags, "-o", str(library), str(HERE / "c" / "strange.c"), "-lm"], check=True)
+    with zipfile.ZipFile(to, "w") as archive:
+        archive.writestr("modelDescription.xml", _description(units))
+        archive.write(library, f"binaries/{_PLATFORM}/strange.so")
+    return to
+
+
+_PLATFORM = "linux64" if sys.maxsize > 2**32 else "linux32"
+
+
+def _description(units: dict[str, str]) -> str:
+    rows, outputs = [], []
+    for reference, (name, causality, usual) in enumerate(_VARIABLES):
+        unit = units.get(name, usual)
+        varies = "fixed" if causality == "parameter" else "continuous"
+        said = f' unit="{unit}"' if unit else ""
+        rows.append(
+            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+            f'variability="{varies}"><Real{said}{_STARTS[causality]}/></ScalarVariable>'
+        )
+        if causality == "output":
+            outputs.append(f'<Unknown index="{reference + 1}"/>')
+    defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in _UNITS.items())
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="strange" guid="{{strange}}">
+<CoSimulation modelIdentifier="strange" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions>{defined}</UnitDefinitions>
+<ModelVariables>{"".join(rows)}</ModelVariables>
+<ModelStructure><Outputs>{"".join(outputs)}</Outputs></ModelStructure>
+</fmiModelDescription>
+"""

@@ -1,0 +1,191 @@
+"""An FMU in the place of the springs, behind the wires: what it does is measured, and how it fails is told."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from astb.api import run_plan
+from astb.rig_file import RigFileError, read
+from astb.session import build_rig
+from bench_protocol.table import TABLE
+from bench_records.result import CheckVerdict, Outcome
+from bench_sim.model.layout import SENSORS
+from diagnosis.contracts import DiagnosisError
+from tests.fmu.strange_spring import MAP, strange_spring
+
+pytestmark = pytest.mark.slow
+
+HEAD = 'name = "behind"\ntime = "virtual"\n[simulation]\n'
+
+
+def rig_file(to: Path, fmu: Path | None, rest: str = "") -> Path:
+    """Write a rig file whose springs are an FMU's."""
+    to.write_text(HEAD + (f'spring = "{fmu}"\n' if fmu else "") + rest)
+    return to
+
+
+def checks(path: Path, plan: str, out: Path) -> dict:
+    result, _ = run_plan(plan, path, out=out)
+    return {one.name: one for one in result.checks} | {"verdict": result.verdict}
+
+
+@pytest.fixture(scope="module")
+def strange(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return strange_spring(tmp_path_factory.mktemp("strange") / "strange.fmu")
+
+
+@pytest.mark.parametrize(("version", "plan"), [(2, "aw0"), (3, "aw3"), (3, "lateral_stiffness")])
+def test_our_own_export_is_judged_as_the_bench_is(spring_fmus, tmp_path, version, plan):
+    """Verdicts are the same, and values within a tenth of what the measurement knows of them.
+
+    They are not the same bits: within a tick a spring of the bench feels all four stages of its step, and an FMU none.
+    What is left are readings that lie at the edge of a step of their converter.
+    """
+    own = checks(rig_file(tmp_path / "own.toml", None), plan, tmp_path / "own")
+    by_fmu = checks(rig_file(tmp_path / "fmu.toml", spring_fmus[version]), plan, tmp_path / "fmu")
+    assert own["verdict"] is by_fmu["verdict"] is Outcome.PASS
+    del own["verdict"], by_fmu["verdict"]
+    assert own.keys() == by_fmu.keys()
+    for name, one in own.items():
+        other = by_fmu[name]
+        assert other.verdict is one.verdict is CheckVerdict.PASS
+        quantum = 0.01 * abs(one.value) if one.u is None else 0.2 * one.u
+        if name.startswith(("bolster over platform", "peak of the bolster")):
+            quantum = 2e-3 * abs(one.value)  # of a peak: one step of its transducer, 5 µm of 5 mm
+        assert abs(other.value - one.value) <= quantum, name
+
+
+def test_a_strangers_spring_is_measured_as_it_is(strange, tmp_path):
+    """Its damping is 6 kN·s/m at every frequency, and its stiffness none of ours: both stand in its source."""
+    found = checks(rig_file(tmp_path / "rig.toml", strange, MAP), "aw0", tmp_path / "out")
+    assert found.pop("verdict") is Outcome.FAIL, "aw0 is of our spring"
+    for side in ("left", "right"):
+        stiffness = [found[f"{side} vertical K' at {f} Hz"].value for f in ("0.5", "1", "2", "3")]
+        for f, known in (("0.5", 0.3e3), ("1", 0.15e3), ("2", 0.12e3), ("3", 0.12e3)):
+            assert found[f"{side} vertical c at {f} Hz"].value == pytest.approx(6e3, abs=known)
+        assert np.ptp(stiffness) < 4e-3 * stiffness[0], "isothermal: as stiff when fast"
+        p = found[f"pressure in the {side} bellows"].value + 101_325.0
+        bag = p * 0.26**2 / (0.26 * found[f"height of the {side} spring"].value + 0.055) + 3e4
+        assert stiffness[1] == pytest.approx(1.0 / (1.0 / bag + 1.0 / 9e6), rel=0.02)
+        assert found[f"air lost per minute, {side} spring"].verdict is not CheckVerdict.FAIL
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (1, "returned error in doStep of the left spring at 2 s"),
+        (2, "gives F = nan, which is no number, when outputs were asked for of the left spring at 2 s"),
+        (3, "crashed (SIGSEGV) in doStep of the left spring at 2 s"),
+        (4, "came no further for 0.3 s in doStep of the left spring at 2 s"),
+    ],
+)
+def test_a_failure_is_a_fault_of_the_rig(tmp_path, bad, said):
+    fmu = strange_spring(tmp_path / "bad.fmu", bad)
+    rig = build_rig(
+        read(
+            rig_file(tmp_path / "rig.toml", fmu, MAP.replace("[simulation.spring_map.inputs]", PATIENT, 1))
+        ).simulation
+    )
+    rig.run(1995)
+    assert not rig.spring_lost
+    assert np.isfinite(rig.values[:SENSORS]).all()
+    rig.run(100)
+    assert rig.spring_lost == f"bad.fmu {said}"
+    assert np.isnan(rig.values[:SENSORS]).all(), "nothing is known any more"
+    assert rig.registers.identification()[0x82].decode() == rig.spring_lost
+    state = rig.plant.state.copy()
+    rig.run(500)
+    assert (rig.plant.state == state).all(), "and nothing moves"
+    result, _ = run_plan("leveling", tmp_path / "rig.toml", out=tmp_path / "out")
+    assert result.verdict is Outcome.BLOCKED
+    assert "spring lost" in result.reason
+    assert TABLE.index["rig.reason"]
+    rig.springs.close()
+
+
+PATIENT = '[simulation.spring_map]\npatience = "0.3 s"\n[simulation.spring_map.inputs]'
+
+REFUSED = {
+    "no map": ("", "has no left.height, right.height, left.vertical_force"),
+    "a variable that is not there": (
+        MAP.replace('"travel"', '"travels"'),
+        r"spring_map.inputs.height: strange.fmu has no variable travels; right would be such as travel",
+    ),
+    "a quantity that is not there": (
+        MAP.replace("height = ", "hight = "),
+        "spring_map.inputs.hight: the bench has no such quantity; height would be one",
+    ),
+    "a unit that cannot be": (
+        MAP.replace('"travel"', '"p_bag"').replace('bellows_pressure = "p_bag"', 'bellows_pressure = "F"'),
+        "spring_map.inputs.height: p_bag is output in the FMU; right is input",
+    ),
+    "a force for a pressure": (
+        MAP.replace('bellows_pressure = "p_bag"', 'bellows_pressure = "F"'),
+        'spring_map.outputs.bellows_pressure is in Pa, and F in the FMU is in "kN"',
+    ),
+    "another unit than the FMU's": (
+        MAP.replace('"travel"', '{ variable = "travel", unit = "m" }'),
+        'unit = "m" contradicts the FMU, where travel is in "mm"',
+    ),
+    "no air": (MAP.replace('air_flow = "air"', ""), "gets no air"),
+    "no force": (MAP.replace('vertical_force = "F"', ""), "lacks outputs.vertical_force"),
+    "names of both kinds": (MAP.replace("height = ", '"left.height" = '), "right is one kind"),
+    "half a tick": (
+        MAP.replace("[simulation.spring_map.inputs]", '[simulation.spring_map]\nstep = "1.5 ms"\n\\g<0>', 1),
+        "no whole number of ticks",
+    ),
+    "an effect of our own springs": (
+        'effects = { "leak.left" = "0.2 mm2" }' + MAP,
+        "leak_conductance: change and",
+    ),
+    "a key that is none": (MAP + '[simulation.spring_map.output]\nx = "F"', "spring_map"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_map_that_does_not_fit_is_refused(strange, tmp_path, what):
+    rest, said = REFUSED[what]
+    rest = rest.replace("\\g<0>", "[simulation.spring_map.inputs]")
+    path = rig_file(tmp_path / "rig.toml", strange, rest)
+    with pytest.raises((ValueError, RigFileError, DiagnosisError)) as refused:
+        build_rig(read(path).simulation)
+    assert said in str(refused.value)
+
+
+def test_one_for_another_system_is_refused(strange, tmp_path):
+    import zipfile
+
+    other = tmp_path / "other.fmu"
+    with zipfile.ZipFile(strange) as here, zipfile.ZipFile(other, "w") as there:
+        for name in here.namelist():
+            there.writestr(name.replace("linux64", "win64"), here.read(name))
+    with pytest.raises(DiagnosisError, match="its library for this system; it has win64"):
+        build_rig(read(rig_file(tmp_path / "rig.toml", other, MAP)).simulation)
+
+
+def test_one_that_crashes_at_once_is_told_before_the_rig_begins(tmp_path):
+    fmu = strange_spring(tmp_path / "bad.fmu", 3, area="m2")
+    path = rig_file(tmp_path / "rig.toml", fmu, MAP.replace('"travel"', '"travel"'))
+    text = path.read_text().replace("[simulation.spring_map.inputs]", SLOW, 1)
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"bad.fmu crashed \(SIGSEGV\) in doStep .* when it was tried"):
+        build_rig(read(path).simulation)
+
+
+SLOW = '[simulation.spring_map]\nstep = "10 ms"\n[simulation.spring_map.inputs]'
+
+
+def test_whether_it_keeps_the_time_is_said_beforehand(tmp_path):
+    fmu = strange_spring(tmp_path / "slow.fmu", 5)
+    path = rig_file(tmp_path / "rig.toml", fmu, MAP)
+    rig = build_rig(read(path).simulation)
+    assert rig.springs.too_slow
+    text = " ".join(rig.springs.said)
+    assert "1 kHz is not kept in every tick" in text
+    assert 'right would be step = "' in text
+    budget = rig.springs.budget
+    assert 5e-3 < budget.median < 1.0, "two instances that each sleep for 2.5 ms"
+    assert math.isclose(budget.step, 1e-3)
+    rig.springs.close()
