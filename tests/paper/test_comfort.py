@@ -184,6 +184,8 @@ def test_a_floor_that_sways_and_rises_at_once():
     }
 
     class Sines:
+        step = 1.0 / RATE
+
         def of(self, name, since, until):
             return columns[name][round(since * RATE) : round(until * RATE)]
 
