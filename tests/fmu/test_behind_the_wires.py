@@ -9,14 +9,15 @@ import pytest
 from astb.api import run_plan
 from astb.rig_file import RigFileError, read
 from astb.session import build_rig
-from bench_protocol.table import TABLE
 from bench_records.result import CheckVerdict, Outcome
-from bench_sim.model.layout import SENSORS
+from bench_sim.model.layout import SENSORS, State
 from diagnosis.contracts import DiagnosisError
+from tests.fmu.asked import build
 from tests.fmu.strange_spring import MAP, strange_spring
 
 pytestmark = pytest.mark.slow
 
+HERE = Path(__file__).parent
 HEAD = 'name = "behind"\ntime = "virtual"\n[simulation]\n'
 
 
@@ -101,7 +102,6 @@ def test_a_failure_is_a_fault_of_the_rig(tmp_path, bad, said):
     result, _ = run_plan("leveling", tmp_path / "rig.toml", out=tmp_path / "out")
     assert result.verdict is Outcome.BLOCKED
     assert "spring lost" in result.reason
-    assert TABLE.index["rig.reason"]
     rig.springs.close()
 
 
@@ -188,4 +188,31 @@ def test_whether_it_keeps_the_time_is_said_beforehand(tmp_path):
     budget = rig.springs.budget
     assert 5e-3 < budget.median < 1.0, "two instances that each sleep for 2.5 ms"
     assert math.isclose(budget.step, 1e-3)
+    rig.springs.close()
+
+
+PYTHONS = """
+[simulation.spring_map.inputs]
+height = "z"
+height_speed = "v"
+air_flow = "air"
+[simulation.spring_map.outputs]
+vertical_force = "F"
+bellows_pressure = "p"
+"""
+
+
+def test_python_inside_of_an_fmu_runs_in_a_process_of_its_own(tmp_path):
+    """It needs an interpreter, and has that of its own process: the rig's tick keeps without."""
+    fmu = build(HERE / "models" / "PlainSpring.py", tmp_path, 3)
+    path = rig_file(tmp_path / "rig.toml", fmu, PYTHONS)
+    rig = build_rig(read(path).simulation)
+    said = rig.springs.said
+    assert "PlainSpring.fmu does not tell lateral_force: 0 N is taken" in said
+    assert any("PlainSpring.fmu: a step of 1 ms takes" in line for line in said)
+    rig.run(3000)
+    weight = 0.5 * rig.plant.parameters.bolster_mass * rig.plant.parameters.gravity
+    z = rig.plant.state[State.BOLSTER_VERTICAL]
+    assert 8e6 * (-0.045 - z) - 3e4 * z == pytest.approx(weight, rel=1e-3), "it stands on its stop, vented"
+    assert rig.springs.pressures() == pytest.approx(0.0, abs=20.0)
     rig.springs.close()

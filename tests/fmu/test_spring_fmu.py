@@ -9,8 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from bench_fmu.export import variables
+from bench_fmu.cli import fmu_command
+from bench_fmu.export import variables, write_springs
 from bench_fmu.variables import Kind
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, Input
@@ -54,13 +56,13 @@ def run():
     given = np.load(FILE)
     every = []
     for ticks in (1, 5, 20):
-        motion = given["motion"][::ticks]
+        motion = np.pad(given["motion"][::ticks], ((0, 0), (0, 3)))  # without accelerations
         parameters = np.array([load().record], PARAMETERS).view(np.recarray)
         memory = np.zeros(1, MEMORY).view(np.recarray)
         x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((5, STATES)), np.zeros(ALGEBRAICS)
         u[[Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
         behind = np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS))
-        start(x, memory, u, parameters, np.zeros(6), 1.0, np.zeros((2, 4)), np.zeros(2), behind, work, out)
+        start(x, memory, u, parameters, np.zeros(9), 1.0, np.zeros((2, 4)), np.zeros(2), behind, work, out)
         for row in motion[:-1]:
             advance(x, memory, u, parameters, row, 0.0, 1e-3, ticks, work, out)
             every.append(out.copy())
@@ -229,6 +231,26 @@ def test_memory_is_its_own(spring_fmus, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert not done.stderr, done.stderr
+
+
+def test_for_this_processor_alone_it_does_the_same(spring_fmus, alone, ridden, tmp_path):
+    """``--native``: other instructions, the same springs."""
+    native = tmp_path / "native.fmu"
+    write_springs(load(), native, fmi=2, native=True)
+    motion, _ = ridden
+    given = {"names": NAMES, "times": 1e-3 * np.arange(len(motion)), "motion": motion}
+    here, portable = (np.array(alone(fmu, "motion", **given)["outputs"]) for fmu in (native, spring_fmus[2]))
+    assert equal(here, portable, 1e-9)
+
+
+def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    to = tmp_path / "spring.fmu"
+    done = CliRunner().invoke(fmu_command, ["spring", "--out", str(to)])
+    assert done.exit_code == 3
+    assert "no C compiler is here (cc, gcc or clang)" in done.output
+    assert "apt-get install gcc libc6-dev" in done.output
+    assert not to.exists()
 
 
 def test_every_parameter_of_a_law_is_one_of_the_fmu():
