@@ -47,6 +47,8 @@ class Parting(msgspec.Struct, frozen=True):
     band: float
     causes: tuple[PossibleCause, ...] = ()
     sentence: str = ""
+    earliest: float | None = None  #: with a cause, the interval (k = 2) in which it began; None without
+    latest: float | None = None
 
 
 class TwinStory(msgspec.Struct, frozen=True):

@@ -23,8 +23,18 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 
 #: So many of the causes that explain most are looked at closely, at the size that they were found to have.
 _CLOSELY: Final = 9
-#: Simulations at a size that was found before.
+#: Simulations at a size that was found before: over all beginnings that are possible, and, of so many causes that
+#: explain most, closely around the best.
 _ROUNDS: Final = 2
+_FINE_ROUNDS: Final = 2
+_FINELY: Final = 3
+#: A secant of logarithms of sizes that are so near together, or so steep, is not followed.
+_SAME: Final = 1e-3
+_STEEP: Final = 0.8
+#: No size is tried beyond so much of what is possible.
+_WITHIN: Final = 0.95
+#: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
+_SIZES: Final = (1.0, 5.0)
 #: A cause that began so many s after the start of a stretch is told from one that was there before.
 _LATE: Final = 2.0
 #: Causes that explain as much as the best but for so much of χ² are told beside it.
@@ -33,6 +43,8 @@ _ALIKE: Final = 9.0
 
 #: Blocks before and after the parting at which a cause may have begun.
 _NEAR: Final = (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2)
+#: The same in bins, where it is looked for closely.
+_NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 _POSSIBLE: Final = 4.0
 
@@ -45,6 +57,8 @@ class Suspect(NamedTuple):
     low: float
     high: float
     since: float  #: s of the stretch from which on it acts, 0 from before its start
+    since_low: float  #: interval of that (k = 2)
+    since_high: float
     left: float  #: χ² that it leaves
     explains: bool  #: whether the twin with it goes along with the rig
 
@@ -55,15 +69,33 @@ def suspects(
     """Return the causes that explain a stretch that parted ``since`` s of it, the best first; none if none does."""
     look = _Look(run, columns, belief, simulator)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
-    tried = [one for onset in onsets for one in look.each(onset) if one.fit.size != 0.0]
-    chosen: dict[tuple[str, int], _Tried] = {}
-    for one in sorted(tried, key=lambda one: one.fit.left):
-        if len(chosen) < _CLOSELY:
-            chosen.setdefault((one.cause.name, one.onset), one)
-    looked = look.closely(list(chosen.values()))
-    ranked = sorted((one for one in looked if one.explains), key=lambda one: one.left)
-    best = {one.name: one for one in reversed(ranked) if one.left < ranked[0].left + _ALIKE}
-    return sorted(best.values(), key=lambda one: one.left)
+    ranked: list[Suspect] = []
+    for times in _SIZES:
+        tried = [one for onset in onsets for one in look.each(onset, times) if one.fit.size != 0.0]
+        chosen: dict[tuple[str, int], _Tried] = {}
+        for one in sorted(tried, key=lambda one: one.fit.left):
+            if len(chosen) < _CLOSELY:
+                chosen.setdefault((one.cause.name, one.onset), one)
+        ranked = sorted(look.closely(list(chosen.values())), key=lambda one: one.left)
+        ranked = [one for one in ranked if one.explains]
+        if ranked:
+            break
+    alike = [one for one in ranked if one.left < ranked[0].left + _ALIKE]
+    return [
+        _over([one for one in alike if one.name == name]) for name in dict.fromkeys(one.name for one in alike)
+    ]
+
+
+def _over(ranked: Sequence[Suspect]) -> Suspect:
+    """Return the first of the suspects of one name, with the intervals of all that explain as much."""
+    best = ranked[0]
+    possible = [one for one in ranked if one.left <= best.left + _POSSIBLE]
+    return best._replace(
+        low=min(one.low for one in possible),
+        high=max(one.high for one in possible),
+        since_low=min(one.since_low for one in possible),
+        since_high=max(one.since_high for one in possible),
+    )
 
 
 class _Fitted(NamedTuple):
@@ -92,6 +124,47 @@ class _Near(NamedTuple):
     fit: _Fitted
 
 
+_NOTHING: Final[Array] = np.empty((0, 0))
+
+
+class _Closely:
+    """A cause that is looked at closely: its present ``size``, where it may begin, what its last round ``found``."""
+
+    def __init__(self, tried: _Tried, near: set[int]) -> None:
+        self.tried, self.near = tried, near
+        self.size = _possible(tried.cause, tried.fit.size)
+        self.found: list[_Near] = []
+        self._all: list[_Near] = []
+        self._trail: list[tuple[float, float]] = []  # logarithms of sizes, and of what they were found to be
+
+    @property
+    def best(self) -> _Near:
+        """The beginning that explains most."""
+        return min(self.found, key=lambda one: one.left)
+
+    @property
+    def possible(self) -> list[_Near]:
+        """All beginnings of all rounds that explain as much as the best one does."""
+        return [one for one in self._all if one.left <= self.best.left + _POSSIBLE]
+
+    def learn(self, near: list[_Near]) -> None:
+        """Take over a round: the next size is where what is found would be what was simulated, by the secant."""
+        if not near:
+            self.size = 0.0
+            return
+        self.found = near
+        self._all += [one._replace(column=_NOTHING) for one in near]
+        found = self.best.fit.size
+        if found * self.size > 0.0:
+            self._trail.append((float(np.log(abs(self.size))), float(np.log(abs(found)))))
+            if len(self._trail) > 1:
+                (x0, g0), (x1, g1) = self._trail[-2:]
+                slope = (g1 - g0) / (x1 - x0) if abs(x1 - x0) > _SAME else 0.0
+                if slope < _STEEP:
+                    found = float(np.copysign(np.exp((g1 - slope * x1) / (1.0 - slope)), found))
+        self.size = _possible(self.tried.cause, found)
+
+
 class _Look:
     """One look at a stretch."""
 
@@ -100,14 +173,14 @@ class _Look:
         self._fit = _Fit(columns, belief)
         self._replays = Replays(run, simulator)
 
-    def each(self, onset: int) -> Iterator[_Tried]:
-        """Yield every cause at every point of its grid, at its typical size, since a bin."""
+    def each(self, onset: int, times: float) -> Iterator[_Tried]:
+        """Yield every cause at every point of its grid, at so many times its typical size, since a bin."""
         points = [
             (cause, dict(zip((shape.name for shape in cause.shapes), point, strict=True)))
             for cause in self._simulator.catalogue.values()
             for point in cause.grid
         ]
-        sizes = [(cause, shapes, _typical(cause)) for cause, shapes in points]
+        sizes = [(cause, shapes, _possible(cause, times * _typical(cause))) for cause, shapes in points]
         for (cause, shapes), column in zip(points, self._replays.columns(sizes, onset), strict=True):
             if column is not None:
                 fit = self._fit.with_(column, _typical(cause))
@@ -119,25 +192,29 @@ class _Look:
 
         All that may have begun with a bin are simulated together.
         """
-        sizes = [one.fit.size for one in chosen]
-        near = [self._near(one.onset) for one in chosen]
-        found: list[list[_Near]] = [[] for _ in chosen]
+        looks = [_Closely(one, self._near(one.onset)) for one in chosen]
         for _ in range(_ROUNDS):
-            sizes = [
-                float(np.clip(size, one.cause.amplitude.low, one.cause.amplitude.high))
-                for size, one in zip(sizes, chosen, strict=True)
-            ]
-            fitted: list[list[_Near]] = [[] for _ in chosen]
-            for onset in sorted(set().union(*near)):
-                some = [k for k, onsets in enumerate(near) if onset in onsets and sizes[k]]
-                asked = [(chosen[k].cause, chosen[k].shapes, sizes[k]) for k in some]
-                for k, column in zip(some, self._replays.columns(asked, onset), strict=True):
-                    if column is not None:
-                        fit = self._fit.with_(column, _typical(chosen[k].cause))
-                        fitted[k].append(_Near(fit.left, onset, column, fit))
-            found = [new or old for new, old in zip(fitted, found, strict=True)]
-            sizes = [min(one, key=lambda near: near.left).fit.size if one else 0.0 for one in fitted]
-        return [self._suspect(one.cause, tried) for one, tried in zip(chosen, found, strict=True) if tried]
+            self._simulate(looks)
+        looks = [one for one in looks if one.found]
+        best = sorted(looks, key=lambda one: one.best.left)[:_FINELY]
+        for _ in range(_FINE_ROUNDS):
+            for one in best:
+                one.near = self._nearer(one.best.onset)
+            self._simulate(best)
+        return [self._suspect(one) for one in looks]
+
+    def _simulate(self, looks: Sequence[_Closely]) -> None:
+        """Simulate causes at their present sizes with all beginnings near theirs, and take over what that tells."""
+        fitted: list[list[_Near]] = [[] for _ in looks]
+        for onset in sorted(set[int]().union(*(one.near for one in looks))):
+            some = [k for k, one in enumerate(looks) if onset in one.near and one.size]
+            asked = [(looks[k].tried.cause, looks[k].tried.shapes, looks[k].size) for k in some]
+            for k, column in zip(some, self._replays.columns(asked, onset), strict=True):
+                if column is not None:
+                    fit = self._fit.with_(column, _typical(looks[k].tried.cause))
+                    fitted[k].append(_Near(fit.left, onset, column, fit))
+        for one, near in zip(looks, fitted, strict=True):
+            one.learn(near)
 
     def _near(self, onset: int) -> set[int]:
         """Return the bins with which a cause may have begun that was tried with one."""
@@ -146,15 +223,25 @@ class _Look:
             {one for one in (onset + BINS * blocks for blocks in _NEAR) if 0 < one <= last} if onset else {0}
         )
 
-    def _suspect(self, cause: Hypothesis, tried: Sequence[_Near]) -> Suspect:
-        best = min(tried, key=lambda one: one.left)
-        possible = [one.fit for one in tried if one.left <= best.left + _POSSIBLE]
-        low = min(one.size - 2.0 * one.deviation for one in possible)
-        high = max(one.size + 2.0 * one.deviation for one in possible)
+    def _nearer(self, onset: int) -> set[int]:
+        """Return the bins closely around one."""
+        last = len(self._columns.measured) - 2 * BINS
+        return {one for one in (onset + bins for bins in _NEARER) if 0 < one <= last} if onset else {0}
+
+    def _suspect(self, look: _Closely) -> Suspect:
+        best = look.best
+        possible = look.possible
+        low = min(one.fit.size - 2.0 * one.fit.deviation for one in possible)
+        high = max(one.fit.size + 2.0 * one.fit.deviation for one in possible)
         explained = self._columns._replace(simulated=self._columns.simulated + best.fit.size * best.column)
         white = judge(explained, self._belief, rough(self._columns)).white
         along = Detector(white.shape[1], BLOCK).look(white) is None
-        return Suspect(cause.name, best.fit.size, low, high, best.onset * BIN, best.left, along)
+        since = (
+            best.onset * BIN,
+            min(one.onset for one in possible) * BIN,
+            max(one.onset for one in possible) * BIN,
+        )
+        return Suspect(look.tried.cause.name, best.fit.size, low, high, *since, best.left, along)
 
 
 class Replays:
@@ -202,6 +289,11 @@ class Replays:
             inputs={name: values[first:] for name, values in experiment.inputs.items()},
             settings={**experiment.settings, **there, "start": 0.0},  # what drifts has not drifted yet
         )
+
+
+def _possible(cause: Hypothesis, size: float) -> float:
+    """The nearest size that is possible, not quite all of it: where nothing flows any more, more is the same."""
+    return float(np.clip(size, _WITHIN * cause.amplitude.low, _WITHIN * cause.amplitude.high))
 
 
 def _typical(cause: Hypothesis) -> float:

@@ -12,7 +12,7 @@ from bench_sim.model.effects.effect import FAMILIES, Effect
 _FIRST: Final = (
     *("maxwell", "maxwell_two", "fractional", "friction", "friction_distributed", "creep"),
     *("leak", "leak_laminar", "heat", "bellows_volume", "auxiliary_volume", "compliance"),
-    *("discharge", "discharge_reynolds", "asymmetric_orifice", "pipe_inertia"),
+    *("discharge", "discharge_reynolds", "blocked_orifice", "asymmetric_orifice", "pipe_inertia"),
     *("leveling_deadband", "leveling_delay"),
     *("sensor_lag", "sensor_gain", "sensor_offset", "pressure_drift"),
     *("sensor_latency", "clock_skew", "sample_and_hold"),

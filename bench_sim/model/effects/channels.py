@@ -9,8 +9,10 @@ from bench_sim.model.wiring import sensors_of
 VERTICAL_CELLS: Final = sensors_of(Group.VERTICAL_LOAD_CELL)
 LATERAL_CELLS: Final = sensors_of(Group.LATERAL_LOAD_CELL)
 TRANSDUCERS: Final = [*sensors_of(Group.VERTICAL_FORCE), *sensors_of(Group.LATERAL_FORCE)]
+#: All load cells in their order, from number 1 on.
+CELLS: Final = [*VERTICAL_CELLS, *LATERAL_CELLS]
 #: Load cells and the actuators' force transducers: one make of amplifier.
-FORCES: Final = [*TRANSDUCERS, *VERTICAL_CELLS, *LATERAL_CELLS]
+FORCES: Final = [*TRANSDUCERS, *CELLS]
 #: The four chambers.
 PRESSURES: Final = sensors_of(Group.PRESSURE)
 #: By side: the two vertical load cells under a spring, and the transmitter of its bellows.

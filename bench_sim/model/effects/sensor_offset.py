@@ -1,18 +1,23 @@
 """Sensor offset: what one spring is measured with is off zero, s_m = s + b.
 
-Of forces these are the two load cells under a spring, with half of the offset each.
+Of forces these are the two load cells under a spring, with half of the offset each, or one load cell alone.
 """
 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.channels import BELLOWS_BY_SIDE, CELLS_BY_SIDE
+from bench_sim.model.effects.channels import BELLOWS_BY_SIDE, CELLS, CELLS_BY_SIDE
 from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter
 
 
 def _change_forces(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     assert place is not None
     par.sensor_bias[CELLS_BY_SIDE[place]] += 0.5 * values["offset"]
+
+
+def _change_cell(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    assert place is not None
+    par.sensor_bias[CELLS[place]] += values["offset"]
 
 
 def _change_pressures(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -32,6 +37,20 @@ EFFECTS: Final = (
         touches=frozenset({"sensor"}),
         confusers=("pressure_offset",),
         equation="F_m = F + b",
+        source="zero of a strain-gauge bridge, tare not taken",
+        separated_by="the empty, vented bench: what is read there is the offset",
+    ),
+    Effect(
+        name="cell_offset",
+        family="sensor",
+        title="zero error of one load cell",
+        plain="load cell {side} has a zero error",
+        amplitude=EffectParameter("offset", "N", "N", 1.0, nominal=0.0, typical=300.0, low=-2e4, high=2e4),
+        change=_change_cell,
+        places=tuple(str(number) for number in range(1, len(CELLS) + 1)),
+        touches=frozenset({"sensor"}),
+        confusers=("force_offset", "twisted_seat", "soft_support"),
+        equation="F_m = F + b at one cell",
         source="zero of a strain-gauge bridge, tare not taken",
         separated_by="the empty, vented bench: what is read there is the offset",
     ),

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 from bench_protocol.words import ACTUATORS, SIDES
+from bench_sim.model.effects.blocked_orifice import EFFECT as BLOCKED
 from bench_sim.model.effects.leak import EFFECT as LEAK
 from bench_sim.model.effects.leak import sonic_conductance
 from bench_sim.model.layout import Input, Mode
@@ -35,11 +36,10 @@ def _burst(points: InsertionPoints, v: Values) -> Mend:
 
 def _blocked(points: InsertionPoints, v: Values) -> Mend:
     side = SIDES.index(v["side"])
-
-    def change(par: Any) -> None:
-        par.discharge_coefficient[side] *= 1.0 - v["share"]
-
-    return points.parameters.change(("discharge_coefficient",), change)
+    return points.parameters.change(
+        ("discharge_coefficient",),
+        lambda par: BLOCKED.change(par, side, {BLOCKED.amplitude.name: v["share"]}),
+    )
 
 
 def _leveling(points: InsertionPoints, v: Values) -> Mend:
@@ -121,7 +121,8 @@ FAULTS: Final = (
     Fault(
         "blocked_orifice",
         Place.PLANT,
-        "Dirt blocks a part of the orifice between bellows and auxiliary chamber.",
+        "Dirt blocks a part of the orifice between bellows and auxiliary chamber: the effect of this name, while "
+        "the rig runs.",
         "The pressures of bellows and auxiliary chamber part when the spring moves or is filled, and the spring is "
         "stiffer.",
         _blocked,

@@ -101,7 +101,13 @@ _PHYSICAL: Final = (
 #: The effect whose period the readings themselves tell.
 _HELD: Final = "sample_and_hold"
 #: An orifice that lets less through is nearly the same on both sides as on each: what is told apart is a hundredth.
-_TOO_ALIKE: Final = frozenset({"discharge", *(f"{side}.discharge_coefficient" for side in bench.PLACES)})
+_TOO_ALIKE: Final = frozenset(
+    {
+        "discharge",
+        *(f"blocked_orifice.{side}" for side in bench.PLACES),
+        *(f"{side}.discharge_coefficient" for side in bench.PLACES),
+    }
+)
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
