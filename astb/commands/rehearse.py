@@ -20,6 +20,7 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from astb.rehearsal.again import Past
     from astb.rehearsal.rehearsing import Rehearsal
     from astb.rig_file import RigFile, Simulation
     from test_plans.plan import Plan
@@ -32,13 +33,24 @@ _STYLE: Final = {"clear": "bold green", "blocked": "bold magenta", "refused": "b
 
 
 @click.command("rehearse")
-@click.argument("plans", nargs=-1, required=True, metavar="PLAN...", shell_complete=complete_plans)
+@click.argument("plans", nargs=-1, metavar="[PLAN]...", shell_complete=complete_plans)
+@click.option(
+    "--from",
+    "kept",
+    metavar="RUN@TIME",
+    help="Go through a kept virtual run again, and on from this time (runs/aw0@70s) with the --fault.",
+)
+@click.option(
+    "--fault", "faults", multiple=True, help="With --from: what breaks there, as `astb fault on` has it."
+)
 @RIG_OPTION
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @simulation_options
 @plan_value_options
 def rehearse_command(
     plans: tuple[str, ...],
+    kept: str | None,
+    faults: tuple[str, ...],
     rig_named: str | None,
     seed: int | None,
     model: str | None,
@@ -56,17 +68,23 @@ def rehearse_command(
     its file tells and, where it tells none, assumed ones. --model takes the extended model of a diagnosis. Each plan
     leaves DIR/PLAN-rehearsal/ with rehearsal.html, rehearsal.json and the record.
 
+    --from makes a kept run in virtual time again, on the --rig that made it, checks that it is the same to the bit up
+    to that time, and goes on with a change: what would have been is told beside what was.
+
     Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
     reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
     """
     from astb.rehearsal.page import word, write_page
 
-    chosen = chosen_plans(plans, settings, values_path)
+    past = _past(plans, kept, faults)
+    chosen = chosen_plans(plans, settings, values_path) if past is None else (past.plan,)
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_named)
     simulation = _simulation(rig, path, model, effects, sealed)
     console, ends = plain_console(), []
     try:
+        if past is not None:
+            simulation, seed = past.changed(simulation), past.seed
         # Without answers a rehearsal asks nobody: it shall come to its end by itself.
         operator = operator_for(answers, console) if answers else None
         others = {"simulation": simulation, "seed": seed, "specimen": specimen, "operator": operator}
@@ -74,11 +92,30 @@ def rehearse_command(
             found, directory = _rehearsed(console, plan, rig, path, out, others)
             _show(console, found, write_page(found, directory))
             ends.append(word(found))
+            if past is not None:
+                for line in past.told(directory):
+                    console.print(line, soft_wrap=True, highlight=False)
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
     except BenchError as error:
         blocked(error)
     raise click.exceptions.Exit(_EXIT[max(ends, key=list(_EXIT).index)])
+
+
+def _past(plans: tuple[str, ...], kept: str | None, faults: tuple[str, ...]) -> "Past | None":
+    """Return the kept run that goes on, or None where plans are rehearsed."""
+    if bool(plans) == bool(kept) or (faults and not kept):
+        misuse(
+            "a PLAN is rehearsed, or a RUN@TIME goes on --from there, with its --fault; one of the two would be right"
+        )
+    if not kept:
+        return None
+    from astb.rehearsal.again import Past
+
+    try:
+        return Past.named(kept, faults)
+    except (ValueError, RecordError) as error:
+        misuse(error)
 
 
 def _rehearsed(

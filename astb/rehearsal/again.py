@@ -1,0 +1,169 @@
+"""Goes through a kept run of a simulated rig once more, and on from an instant with a change: what would have been.
+
+A record has no states of rubber, gas, valves and controls. A simulated rig in virtual time has no chance but its seed:
+the same plan on the same rig comes to the same states, to the bit. So the run is made again from its beginning, held
+against the record up to that instant, and changed there. Its noise stays the same: what differs, the change has done.
+"""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from astb.rig_file import FaultEntry, Simulation
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS
+from bench_records.layout import RecordError
+from bench_records.record import Record, read
+from bench_records.result import Check, read_result
+from bench_sim.parameters.values import read_value
+from test_plans.discovery import plans
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from test_plans.plan import Plan
+
+#: So many signals are told, those that part first.
+_TOLD: Final = 6
+#: A reading has parted where it is farther from what it was than so many of its own steps.
+_PARTED: Final = 3.0
+
+
+class Parted(NamedTuple):
+    """A signal that is not what it was: since when (s), and where it is farthest from it, in words."""
+
+    signal: str
+    since: float
+    words: str
+
+
+class Past(NamedTuple):
+    """A kept run, the time (s) from which on it goes on otherwise, and what breaks there."""
+
+    record: Record
+    plan: "Plan"
+    at: float
+    faults: tuple[str, ...]
+
+    @classmethod
+    def named(cls, text: str, faults: tuple[str, ...]) -> "Past":
+        """Read ``RUN@TIME``. ValueError or RecordError, which says what would be right."""
+        directory, mark, time = text.rpartition("@")
+        if not mark:
+            raise ValueError(f"--from {text}: RUN@TIME would be right, such as runs/aw0@70s")
+        record = read(Path(directory))
+        return cls(record, plan_of(record), read_value("time", time, "s"), faults)
+
+    @property
+    def seed(self) -> int:
+        """The seed of the rig."""
+        return int(self.record.meta["seed"])
+
+    def changed(self, simulation: Simulation) -> Simulation:
+        """Return the simulation with the faults, as `astb fault on` has them, from that time of the record on."""
+        if not 0.0 < self.at < self.record.duration:
+            raise RecordError(
+                f"{self.record.path} lasts {self.record.duration:.1f} s: {self.at:g} s is not within it"
+            )
+        begin = f"{self.at + self.record.start_ns / NS:.3f} s"
+        entries = []
+        for text in self.faults:
+            name, *values = shlex.split(text) or [""]
+            pairs: dict[str, str | int | float] = dict(value.partition("=")[::2] for value in values)
+            entries.append(FaultEntry(name, values=pairs, at=begin))
+        return replace(simulation, faults=(*simulation.faults, *entries))
+
+    def told(self, directory: Path) -> list[str]:
+        """Return in words what became of the run that was made again in ``directory``, beside what was.
+
+        RecordError if it was another one before that time.
+        """
+        kept = self.record.path.parent
+        found = parted(self.record, read(directory), self.at)
+        lines = [f"{one.signal} parts at {one.since:.2f} s, at most {one.words}" for one in found]
+        lines += beside(read_result(kept).checks, read_result(directory).checks)
+        begin = f"  up to {self.at:g} s it is {kept} to the bit, and then:"
+        return [begin, *(f"    {line}" for line in lines or ["it goes on as it did"])]
+
+
+def plan_of(record: Record) -> "Plan":
+    """Return the plan of a kept run with its parameters. RecordError for a run that cannot be made again."""
+    meta = record.meta
+    name = meta.get("plan", "")
+    if meta.get("sealed_effects"):
+        raise RecordError(f"{record.path}: the effects of its rig are sealed, so it is not made again")
+    if not meta.get("simulated") or meta.get("time") != "virtual":
+        raise RecordError(
+            f"{record.path} is not of a simulated rig in virtual time, and what its rubber, gas and controls had gone "
+            "through by then is in no record; a run of `astb run --virtual` would be right"
+        )
+    known = plans()
+    if name not in known:
+        raise RecordError(f"{record.path}: there is no plan {name!r} here; the folder with it would be right")
+    return known[name].given(meta.get("set", {}))
+
+
+def parted(before: Record, now: Record, at: float) -> list[Parted]:
+    """Return which measurements of the run that was made again part from the record after ``at`` s, the first first.
+
+    RecordError if they do so earlier: then it is not the same rig.
+    """
+    found = []
+    for name in sorted(set(before.signals) & set(now.signals)):
+        (times, values), (again, anew) = before.series(name), now.series(name)
+        early, same = times < at, again < at
+        if not (
+            np.array_equal(times[early], again[same])
+            and np.array_equal(values[early], anew[same], equal_nan=True)
+        ):
+            raise RecordError(
+                _not_the_same(before, name, times[early], values[early], again[same], anew[same])
+            )
+        if TABLE[name].kind is Kind.MEASUREMENT and (one := _parting(name, before, now, at)):
+            found.append(one)
+    return sorted(found, key=lambda one: one.since)[:_TOLD]
+
+
+def _parting(name: str, before: Record, now: Record, at: float) -> Parted | None:
+    (times, values), (again, anew) = before.series(name), now.series(name)
+    if not len(times) or not (both := (again >= at) & (again <= times[-1])).any():
+        return None
+    was = np.interp(again[both], times, values)
+    off = np.abs(anew[both] - was)
+    beyond = np.flatnonzero(off > _PARTED * TABLE[name].step)
+    if not len(beyond):
+        return None
+    most, reads = int(np.nanargmax(off)), TABLE[name].reads
+    at_most = (
+        f"{reads(float(anew[both][most]))} instead of {reads(float(was[most]))} at {again[both][most]:.1f} s"
+    )
+    return Parted(name, float(again[both][beyond[0]]), at_most)
+
+
+def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.float64]") -> str:
+    times, values, again, anew = series
+    count = min(len(values), len(anew))
+    differ = np.flatnonzero((values[:count] != anew[:count]) | (times[:count] != again[:count]))
+    when = f"{times[differ[0]]:.3f} s" if len(differ) else f"{times[-1] if len(times) else 0.0:.3f} s"
+    return (
+        f"{record.path} was not made by this rig and this software: made again, {name} is another one from {when} on; "
+        "the --rig, --model and --effect of that run would be right, and its commit "
+        f"({record.meta.get('commit', 'unknown')})"
+    )
+
+
+def beside(before: "Sequence[Check]", now: "Sequence[Check]") -> list[str]:
+    """Return what became of the checks, in words: those that are not what they were."""
+    was = {one.name: str(one) for one in before}
+    told = [
+        f"{one}  (it was: {was[one.name]})" if one.name in was else f"{one}  (there was none)"
+        for one in now
+        if was.get(one.name) != str(one)
+    ]
+    return told + [
+        f"{name}: not judged  (it was: {was[name]})" for name in was if name not in {one.name for one in now}
+    ]
