@@ -118,6 +118,7 @@ def _look_at_springs(bench: "Rig") -> None:
     """Say what should be known of springs that an FMU computes; one that is too slow blocks a rig in real time."""
     if bench.springs is None:
         return
+    bench.springs.hurry()
     for line in bench.springs.said:
         click.echo(f"astb: {line}", err=True)
     if bench.springs.too_slow:

@@ -37,6 +37,8 @@ _WORKER: Final = "astb.spring_fmu.worker"
 _SUPPLY: Final = ("supply_", "sawtooth_")
 #: s that an FMU may take until it has begun.
 _BEGINNING: Final = 120.0
+#: ms for which a rig in real time may not answer: whoever commands it gives up after half a second.
+_SILENCE: Final = 300
 #: Communication steps that are tried beforehand.
 _TRIED: Final = 300
 #: A tick keeps its time where a step takes at most so much of it, and all ticks together where that much of them.
@@ -153,6 +155,11 @@ class SpringFmu:
         places = [place + side for place in chambers for side in range(SIDES)]
         return np.array(e.known[1, np.isin(e.taken, places)])
 
+    def hurry(self) -> None:
+        """Be waited for no longer than the wires of a rig in real time may keep silent."""
+        n = self.arrays.numbers
+        n[Place.PATIENCE] = min(n[Place.PATIENCE], _SILENCE)
+
     def why(self) -> str:
         """Return in words why the springs are lost; a process that hangs is ended."""
         e, plan = self.arrays, self.plan
@@ -160,7 +167,7 @@ class SpringFmu:
         match Failure(e.numbers[Place.FAILED]):
             case Failure.SILENT:
                 self._processes[0].kill()
-                text = f"{name} came no further for {plan.patience:g} s {where(e, plan)}"
+                text = f"{name} came no further for {1e-3 * e.numbers[Place.PATIENCE]:g} s {where(e, plan)}"
             case Failure.GONE:
                 text = f"{name} {_ended(self._processes[0])} {where(e, plan)}"
             case _:

@@ -34,5 +34,8 @@ class Springs(Protocol):
     def pressures(self) -> npt.NDArray[np.float64]:
         """Return the gauge pressure in all chambers, Pa."""
 
+    def hurry(self) -> None:
+        """Be waited for no longer than the wires of a rig in real time may keep silent."""
+
     def why(self) -> str:
         """Return in words why they are lost."""

@@ -39,7 +39,7 @@ def strange(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("version", "plan"), [(2, "aw0"), (3, "aw3"), (3, "lateral_stiffness")])
 def test_our_own_export_is_judged_as_the_bench_is(spring_fmus, tmp_path, version, plan):
-    """Verdicts are the same, and values within a tenth of what the measurement knows of them.
+    """Verdicts are the same, and values within half of the standard uncertainty that they have.
 
     They are not the same bits: within a tick a spring of the bench feels all four stages of its step, and an FMU none.
     What is left are readings that lie at the edge of a step of their converter.
@@ -52,7 +52,7 @@ def test_our_own_export_is_judged_as_the_bench_is(spring_fmus, tmp_path, version
     for name, one in own.items():
         other = by_fmu[name]
         assert other.verdict is one.verdict is CheckVerdict.PASS
-        quantum = 0.01 * abs(one.value) if one.u is None else 0.2 * one.u
+        quantum = 0.01 * abs(one.value) if one.u is None else 0.5 * one.u
         if name.startswith(("bolster over platform", "peak of the bolster")):
             quantum = 2e-3 * abs(one.value)  # of a peak: one step of its transducer, 5 µm of 5 mm
         assert abs(other.value - one.value) <= quantum, name
