@@ -17,6 +17,8 @@ from paper_study.comfort import (
     window_rms,
 )
 from paper_study.hybrid.agreement import Rode
+from paper_study.hybrid.car import STEP
+from test_plans.analysis import Samples
 from test_plans.check_names import CheckName
 
 #: A block of EN 12299: five minutes.
@@ -56,6 +58,8 @@ LEANS: Final = CheckName(
     "mean lean", "How far the mean wind leans the car over on springs and anti-roll bar."
 )
 
+#: At which accelerations are weighted (Hz).
+RATE: Final = 1.0 / STEP
 #: What is judged of the ride itself: check, unit, limits.
 JUDGED: Final = (
     (SHAKES, "m/s2", None, SHAKE_MOST),
@@ -79,6 +83,19 @@ COMPARED: Final = {
 MADE_OF: Final = {COMFORT: SHAKES, COMFORT_UPWARD: RISES}
 
 
+def finely(told: Samples, step: float) -> Samples:
+    """Return at `RATE` what was told every ``step`` s: by cubics through neighbours (Catmull and Rom)."""
+    if step <= 1.0 / RATE:
+        return told
+    at = np.arange(round(told.size * step * RATE)) / (RATE * step)
+    n = np.minimum(at.astype(int), told.size - 2)
+    x = at - n
+    padded = np.concatenate([told[:1], told, told[-1:]])
+    a, b, c, d = (padded[n + k] for k in range(4))
+    bend = x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a))
+    return np.asarray(b + 0.5 * x * (c - a + bend))
+
+
 def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
     """Return what the floor did between two times (s) of a ride, by check (SI); an index only of a whole block."""
     a, rising, stop, roll = (
@@ -91,9 +108,10 @@ def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
         LEANS: abs(float(roll.mean())),
     }
     if until - since >= BLOCK:
-        rate = 1.0 / course.step
         a_y, a_z = (
-            block_percentiles(window_rms(weighted(whole, rate, by)[round(since * rate) :], rate))
+            block_percentiles(
+                window_rms(weighted(finely(whole, course.step), RATE, by)[round(since * RATE) :], RATE)
+            )
             for whole, by in (
                 (course.of("acceleration", 0.0, until), W_D),
                 (course.of("rising", 0.0, until), W_B),

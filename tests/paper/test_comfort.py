@@ -19,7 +19,15 @@ from paper_study.comfort import (
     weighting,
     window_rms,
 )
-from paper_study.hybrid.floor import COMFORT, COMFORT_OF_BOTH, COMFORT_UPWARD, JUDGED_OF, RISES, ridden
+from paper_study.hybrid.floor import (
+    COMFORT,
+    COMFORT_OF_BOTH,
+    COMFORT_UPWARD,
+    JUDGED_OF,
+    RISES,
+    finely,
+    ridden,
+)
 
 RATE = 1000.0
 
@@ -197,3 +205,16 @@ def test_a_floor_that_sways_and_rises_at_once():
     assert found[COMFORT_OF_BOTH] == pytest.approx(np.hypot(N_y, N_z), rel=2e-3)
     assert found[RISES] == pytest.approx(0.3 / sqrt(2.0), rel=1e-3)
     assert set(ridden(Sines(), 0.0, 100.0)) == set(JUDGED_OF) - {COMFORT, COMFORT_UPWARD, COMFORT_OF_BOTH}
+
+
+@pytest.mark.parametrize(("frequency", "left_out"), [(1.2, 1e-4), (2.4, 1e-3), (4.0, 5e-3)])
+def test_what_is_told_fifty_times_a_second_is_weighted_as_what_is_told_always(frequency, left_out):
+    step = 0.02
+    told = np.sin(2 * np.pi * frequency * step * np.arange(500))
+    fine = finely(told, step)
+    assert fine.size == 10_000
+    assert fine[:: round(step * RATE)] == pytest.approx(told)
+    whole = np.sin(2 * np.pi * frequency * np.arange(fine.size) / RATE)
+    inside = slice(1000, 9000)
+    assert np.sum(fine[inside] * whole[inside]) / np.sum(whole[inside] ** 2) == pytest.approx(1, abs=left_out)
+    assert finely(fine, 1 / RATE) is fine
