@@ -144,9 +144,6 @@ THRESHOLD_MARGIN: Final = 0.1
 
 #: So many of the best scores bring their confusers and richer relatives with them.
 WITH_RELATIVES: Final = 2
-#: Part of the χ² that the first fit gains which another candidate must promise to be fitted, if it is no relative: half
-#: of what a rival has to gain.
-WORTH_A_FIT: Final = 0.25
 #: χ² that would be gained beyond the end of a range, from which on the range is violated: two standard deviations.
 RANGE_CHI2: Final = 4.0
 #: A base parameter so many prior standard deviations from its nominal value is no longer believed …

@@ -7,11 +7,6 @@ together with all base parameters. Fitted are the hypotheses that exceed the thr
 with the two highest whatever their catalogue calls their confusers or their richer relatives: an impostor often scores
 first, and the true cause may stand behind it.
 
-The first to be fitted is what lowers χ² most by the linear model, which need not be the highest score: what is far
-behind it is not carried to the end (`fit.py`). A hopeless one that came first cost more than all others together, and
-the most memory. Once the first fit has passed its gates, what promises less than a small part of its gain is not
-fitted: it could be no rival, and is scored again beside it. Relatives are fitted whatever they promise.
-
 A fit starts at the amplitude that the score estimates, with the base parameters that make room for it. All fits of one
 forward step share the noise and the columns of the base parameters, which makes them cheap, and comparable by BIC.
 
@@ -25,9 +20,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 
-from diagnosis.engine.config import SUBSTITUTE, WITH_RELATIVES, WORTH_A_FIT
+from diagnosis.engine.config import SUBSTITUTE, WITH_RELATIVES
 from diagnosis.engine.family import richer_surcharge
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import Point
@@ -78,26 +72,17 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
     current = state.current
-    promised = current.screening.projection.z**2 / current.model.noise.dispersion
-    wanted = dict(sorted(_wanted(problem, current).items(), key=lambda one: -float(promised[one[1]])))
+    wanted = _wanted(problem, current)
     starts = {name: current.screening.start(current.model.point, place) for name, place in wanted.items()}
-    alike = _relatives(problem, current)
-    far = {name: float(promised[place]) for name, place in wanted.items() if name not in alike}
-    return tried(problem, state, starts, promised=far)
+    return tried(problem, state, starts)
 
 
 def tried(
-    problem: Problem,
-    state: SearchState,
-    starts: Mapping[str, Point],
-    gate: Gate = lambda _model, _there: "",
-    promised: Mapping[str, float] = MappingProxyType({}),
+    problem: Problem, state: SearchState, starts: Mapping[str, Point], gate: Gate = lambda _model, _there: ""
 ) -> tuple[Trial, ...]:
     """Fit effects, each from its start, the most promising first, and judge them; best BIC first.
 
     A further ``gate`` returns why a fitted model with its prediction of the select runs does not pass, or "".
-    ``promised`` says by how much the linear model lowers χ² with an effect: what is far behind the first one, and that
-    passes, is not fitted.
     """
     current = state.current
     if not starts:
@@ -105,9 +90,6 @@ def tried(
     first, *others = starts.items()
     fitted = [_fitted(problem, current, math.inf, first)]
     best = fitted[0][0].penalised_chi2
-    if fitted[0][1] is not None:
-        least = WORTH_A_FIT * (current.model.penalised_chi2 - best)
-        others = [one for one in others if promised.get(one[0], math.inf) >= least]
     fitted += in_threads(problem.replay.workers, partial(_fitted, problem, current, best), others)
     fitted.sort(key=lambda one: one[0].bic)
     trials = [trial for trial, _ in fitted]
@@ -142,17 +124,12 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
     screening = current.screening
     exceeding = screening.exceeding[: problem.config.fits]
     wanted = {screening.candidates[i].effect.name: i for i in exceeding}
-    for name in _relatives(problem, current):
-        wanted.setdefault(name, screening.best(name))
+    for i in exceeding[:WITH_RELATIVES]:
+        effect = screening.candidates[i].effect
+        for name in (*effect.richer, *effect.confusers):
+            if name in problem.hypotheses and name not in current.effects:
+                wanted.setdefault(name, screening.best(name))
     return wanted
-
-
-def _relatives(problem: Problem, current: CurrentModel) -> list[str]:
-    """Return what the catalogue calls confusers, or richer relatives, of the two highest scores."""
-    screening = current.screening
-    effects = [screening.candidates[i].effect for i in screening.exceeding[:WITH_RELATIVES]]
-    names = (name for effect in effects for name in (*effect.richer, *effect.confusers))
-    return [name for name in names if name in problem.hypotheses and name not in current.effects]
 
 
 def fit_physical(
