@@ -189,10 +189,8 @@ MESSAGES: Final = (
                 for name in ("enable", "hold", "active", "reset")
             ),
             _word(TOKEN),
-            # No set-point of the bench; here it costs the bus nothing.
-            Field("car.wind_setpoint", 16),
         ),
-        "Feeds the watchdog and asks for a state, and lets wind blow on the car in the loop",
+        "Feeds the watchdog and asks for a state",
     ),
     _command(
         "ForceSetpoints",
@@ -212,6 +210,7 @@ MESSAGES: Final = (
         _fields(*(f"platform.{axis}_setpoint" for axis in PLATFORM_AXES)),
         "Set-points for the vibration platform",
     ),
+    _command("CarWind", 0x206, _fields("car.wind_setpoint"), "Wind on the car in the loop"),
     _command(
         "LeaseRequest",
         0x205,

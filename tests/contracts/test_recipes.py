@@ -113,7 +113,7 @@ from test_plans.run import Nobody
 @plan(setup=lambda run: None, teardown=lambda run: None)
 def look(run):
     """Look: what is there."""
-    run.bench.wait(0.1)
+    run.bench.wait(0.6)
     on_can = run.bench.platform.acceleration
     on_modbus = run.bench.wiring.read(["platform.acceleration", "left.height"])["platform.acceleration"]
     run.check("on both wires", on_can - on_modbus, "m/s2", low=-0.1, high=0.1)
@@ -140,7 +140,7 @@ def test_a_reading(copy: Copy, tmp_path: Path) -> None:
         ),
         "bench_protocol/table_messages.py": (
             '        "What the bench is doing and why",\n    ),',
-            '    _message("Accelerometers", 0x283, COMMAND_RATE, _fields("platform.acceleration"), "More of them"),',
+            '    _message("Accelerometers", 0x283, SLOW_RATE, _fields("platform.acceleration"), "More of them"),',
         ),
         "bench_sim/model/layout.py": ("    PLATFORM_ROLL = 26", "    PLATFORM_ACCELERATION = 27"),
         "bench_sim/model/sensors.py": (

@@ -101,8 +101,6 @@ def _protected(message) -> dict[str, Any]:
         "counter_period": 15,
         "checksum": {"signal": "e2e_crc", "scheme": "function:crc"},
     }
-    if message.name == "Control":
-        keys["values"] = {"car_wind_setpoint": 0.0}
     return keys | ({"every": f"{1000 / message.rate:g} ms"} if message.rate else {})
 
 
@@ -141,8 +139,6 @@ def _line(signal: Signal) -> dict[str, Any]:
     match signal.kind:
         case Kind.SETPOINT if signal.name.startswith("lease."):
             return {"absent": "the lease is taken on Modbus"}
-        case Kind.SETPOINT if signal.name == "car.wind_setpoint":
-            return {"absent": "Control is sent before anybody lets wind blow"}
         case Kind.SETPOINT:
             return {"to": place, **number, **({"given": "plc.modbus.lease"} if signal.name == TOKEN else {})}
         case Kind.SETTING:

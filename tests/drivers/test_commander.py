@@ -47,13 +47,13 @@ def _values(samples, name):
     return samples.values[samples.signals == TABLE.index[name]].tolist()
 
 
-def test_fifty_blocks_a_second_of_all_four_messages():
+def test_fifty_blocks_a_second_of_all_five_messages():
     line = Line()
     line.commander.start()
     line.cycles(50)
     assert len(line.blocks) == 50
     for k, block in enumerate(line.blocks, 1):
-        assert block["id"].tolist() == [0x201, 0x202, 0x203, 0x204]
+        assert block["id"].tolist() == [0x201, 0x202, 0x203, 0x204, 0x206]
         assert (block["time"] == k * CYCLE).all()
     line.commander.stop()
     line.cycles(50)
@@ -73,7 +73,7 @@ def test_every_frame_is_accepted_by_the_autosar_oracle():
         counters.setdefault(int(record["id"]), []).append(data[1] & 0x0F)
         data[5] ^= 0x10
         assert not e2e.e2e_p01_check(data, messages[int(record["id"])].data_id)
-    assert set(counters) == {0x201, 0x202, 0x203, 0x204}
+    assert set(counters) == {0x201, 0x202, 0x203, 0x204, 0x206}
     for sequence in counters.values():
         assert sequence == [k % 15 for k in range(40)]
 

@@ -28,7 +28,7 @@ class Commander:
         self.values = np.zeros(len(TABLE.signals))
         self._encoder = Encoder(TABLE)
         self._rows = self._encoder.rows(
-            ["Control", "ForceSetpoints", "DisplacementSetpoints", "PlatformSetpoints"]
+            ["Control", "ForceSetpoints", "DisplacementSetpoints", "PlatformSetpoints", "CarWind"]
         )
         self._transaction = 0
 
