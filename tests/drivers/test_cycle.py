@@ -125,7 +125,7 @@ def test_the_stream_goes_on_while_a_library_holds_the_interpreter(peer):
     peer.commander.ramp("lateral.force_setpoint", 5000.0, 10_000.0)
     hold_the_interpreter(300 * ms)
     frames = peer.waiting()
-    assert frames.size >= 4 * 10, "ten cycles of four frames, while no Python ran"
+    assert frames.size >= 5 * 10, "ten cycles of five frames, while no Python ran"
     decoder = Decoder(TABLE)
     samples = decoder.decode(frames)
     assert decoder.tally[3] == 0, "the counters are in sequence"

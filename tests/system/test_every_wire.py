@@ -30,7 +30,8 @@ def test_can_and_modbus_tell_the_same_of_one_instant(site, armed):
         r
         for r in TABLE.registers
         if r.space == "input" and r.encoding == "float32" and r.signal in TABLE.index
-        if TABLE[r.signal].kind is not Kind.SETTING and r.address <= first_block.address(first_block.numbers[-1])
+        if TABLE[r.signal].kind is not Kind.SETTING
+        and r.address <= first_block.address(first_block.numbers[-1])
     ]
     first = readings[0].address - 1
     count = readings[-1].address + 3 - first
