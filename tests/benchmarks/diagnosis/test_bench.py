@@ -77,11 +77,11 @@ def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
     assert all(
         check["verdict"] == "pass" for check in json.loads((tmp_path / "result.json").read_text())["checks"]
     )
-    times, _ = record.series("lateral.displacement")
     phase = next(one for one in record.phases if one.name.startswith("replay "))
-    inside = times[(times >= phase.start) & (times <= phase.end)]
-    assert np.diff(inside).max() > 5.5 / FAST_RATE
-    assert 0.88 < len(inside) / (phase.duration * FAST_RATE) < 0.92
+    fast = [message.fields[0].signal for message in TABLE.messages if message.rate == FAST_RATE]
+    heard = [times[(times >= phase.start) & (times <= phase.end)] for times, _ in map(record.series, fast)]
+    assert max(np.diff(inside).max() for inside in heard) > 5.5 / FAST_RATE
+    assert all(0.88 < len(inside) / (phase.duration * FAST_RATE) < 0.92 for inside in heard)
 
 
 def test_a_coarse_converter_has_steps_of_the_wire():
@@ -115,5 +115,9 @@ def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
     texts = [path.read_text() for path in record.rglob("*") if path.suffix in {".json", ".xml"}]
     texts += [str(known.meta), *(f"{event.text} {event.data}" for event in known.events)]
     assert len(texts) > 20
-    for word in ("effect", "leak", "sealed", "roughness", *(name for name in CATALOGUE if "_" in name)):
+    wired = " ".join(
+        signal.name for signal in TABLE.signals
+    )  # a car's signals are named after its bump stop, too
+    named = [name for name in CATALOGUE if "_" in name and name not in wired]
+    for word in ("effect", "leak", "sealed", "roughness", *named):
         assert not [text for text in texts if word in text], word
