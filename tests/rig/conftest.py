@@ -12,6 +12,9 @@ from bench_protocol.words import CONTROL_MODES, SIDES, STATES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 
+#: What a commander sends each cycle.
+STREAM = [message for message in TABLE.messages if not message.from_rig and message.rate]
+
 CYCLE = 20  # ticks between commands
 
 
@@ -27,9 +30,7 @@ class Commander:
         self.decoder = Decoder(TABLE, from_rig=True)
         self.values = np.zeros(len(TABLE.signals))
         self._encoder = Encoder(TABLE)
-        self._rows = self._encoder.rows(
-            ["Control", "ForceSetpoints", "DisplacementSetpoints", "PlatformSetpoints", "CarWind"]
-        )
+        self._rows = self._encoder.rows([message.name for message in STREAM])
         self._transaction = 0
 
     def read(self, name: str) -> float:

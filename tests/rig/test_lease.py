@@ -17,6 +17,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_sim.rig.controls import CONTROLS
 from bench_sim.rig.lease import Lease
+from tests.rig.conftest import STREAM
 
 
 def published(commander, name: str) -> int:
@@ -98,7 +99,7 @@ def test_nobody_commands_without_a_lease(commander) -> None:
     commander.cycle(5, control_reset=1)
     commander.wait(100)
     assert commander.state == "DISABLED"
-    assert published(commander, "strangers") == 40
+    assert published(commander, "strangers") == 10 * len(STREAM)
     assert published(commander, "stranger") == 1
     assert published(commander, "rejected_commands") == 0
 
@@ -121,9 +122,9 @@ def test_a_stranger_with_the_next_counter_moves_nothing(commander, peer: str) ->
     assert armed.state == "ACTIVE"
     assert abs(armed.read("platform.vertical")) < 1 * mm
     assert armed.read("rig.rejected_commands") == before, "the true commander's frames still count"
-    assert published(armed, "strangers") == 40
+    assert published(armed, "strangers") == 10 * len(STREAM)
     assert published(armed, "stranger") == (2 if peer == "can:2" else 0)
-    assert published(armed, "stranger_identifier") == 0x204
+    assert published(armed, "stranger_identifier") == STREAM[-1].identifier
 
 
 def test_the_token_of_somebody_before_is_a_strangers(armed) -> None:

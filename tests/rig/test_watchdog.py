@@ -5,6 +5,7 @@ import pytest
 
 from bench_protocol.table import TABLE
 from bench_sim.rig.controls import TICK_NS
+from tests.rig.conftest import STREAM
 
 
 def test_silence_holds_at_100_ms_and_disables_at_500_ms(armed) -> None:
@@ -74,7 +75,7 @@ def test_spoilt_commands_feed_no_watchdog(armed) -> None:
     armed.rig.receive = spoil
     armed.cycle(7)
     assert armed.state == "FAULT_HOLD"
-    assert armed.rig.values[TABLE.index["rig.rejected_commands"]] == 28
+    assert armed.rig.values[TABLE.index["rig.rejected_commands"]] == 7 * len(STREAM)
 
 
 def test_a_closed_connection_holds_within_two_ticks(armed) -> None:
