@@ -107,6 +107,8 @@ def test_a_saved_state_gives_the_same_as_the_way_there(tmp_path: Path, spring_fm
         for name, unit in (
             ("springs.lateral", " m"),
             ("springs.lateral_speed", " m/s"),
+            ("springs.lateral_acceleration", " m/s2"),
+            *((f"{side}.height_acceleration", " m/s2") for side in ("left", "right")),
             *((f"{side}.{what}", "") for side in ("left", "right") for what in ("leveling", "service_valve")),
             *((f"air.{one}", "") for one in ("left_reservoir", "right_reservoir", "dpv")),
             ("supply.open", ""),
