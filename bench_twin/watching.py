@@ -19,7 +19,7 @@ from diagnosis.contracts import DiagnosisError
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
 
 #: A look comes so many s after the last one began at the earliest, and takes half of the time at most.
-EVERY: Final = 1.0
+EVERY: Final = 0.5
 #: So long (s) a run may take to begin.
 BEGINS: Final = 30.0
 

@@ -16,7 +16,7 @@ from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, child, com
 from benchmarks.ticks import CALLED, Lateness, lateness_during, rig_of_its_own
 
 PLAN, QUICK_PLAN = "aw0", "leak_down"
-PAIRS, QUICK_PAIRS = 4, 1
+PAIRS, QUICK_PAIRS = 3, 1
 #: How often (s) record and story are looked at.
 _LOOK: Final = 0.05
 
