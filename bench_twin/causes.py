@@ -41,9 +41,9 @@ _LATE: Final = 2.0
 _ALIKE: Final = 9.0
 
 
-#: Blocks before and after the parting at which a cause may have begun.
-_NEAR: Final = (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2)
-#: The same in bins, where it is looked for closely.
+#: Bins before and after the parting at which a cause may have begun: whole blocks.
+_NEAR: Final = tuple(BINS * block for block in (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2))
+#: The same where it is looked for closely.
 _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 _POSSIBLE: Final = 4.0
@@ -192,14 +192,14 @@ class _Look:
 
         All that may have begun with a bin are simulated together.
         """
-        looks = [_Closely(one, self._near(one.onset)) for one in chosen]
+        looks = [_Closely(one, self._around(one.onset, _NEAR)) for one in chosen]
         for _ in range(_ROUNDS):
             self._simulate(looks)
         looks = [one for one in looks if one.found]
         best = sorted(looks, key=lambda one: one.best.left)[:_FINELY]
         for _ in range(_FINE_ROUNDS):
             for one in best:
-                one.near = self._nearer(one.best.onset)
+                one.near = self._around(one.best.onset, _NEARER)
             self._simulate(best)
         return [self._suspect(one) for one in looks]
 
@@ -216,17 +216,10 @@ class _Look:
         for one, near in zip(looks, fitted, strict=True):
             one.learn(near)
 
-    def _near(self, onset: int) -> set[int]:
-        """Return the bins with which a cause may have begun that was tried with one."""
+    def _around(self, onset: int, bins: Sequence[int]) -> set[int]:
+        """Return the bins with which a cause may have begun that was tried with one; 0 is before the stretch."""
         last = len(self._columns.measured) - 2 * BINS
-        return (
-            {one for one in (onset + BINS * blocks for blocks in _NEAR) if 0 < one <= last} if onset else {0}
-        )
-
-    def _nearer(self, onset: int) -> set[int]:
-        """Return the bins closely around one."""
-        last = len(self._columns.measured) - 2 * BINS
-        return {one for one in (onset + bins for bins in _NEARER) if 0 < one <= last} if onset else {0}
+        return {one for one in (onset + off for off in bins) if 0 < one <= last} if onset else {0}
 
     def _suspect(self, look: _Closely) -> Suspect:
         best = look.best

@@ -63,8 +63,7 @@ class Twin:
         self._closed: list[Judged] = []
         self._partings: list[Parting] = []
         self._open: Parting | None = None
-        self._looked_until = self._since = 0.0
-        self._within: tuple[float, float] | None = None
+        self._looked_until = 0.0
 
     def look(self, *, ended: bool = True) -> TwinStory:
         """Judge what has come since the last look, and return all that can be said by now."""
@@ -113,31 +112,35 @@ class Twin:
             return Judged(start, stretch.end, True)
         since, c = alarm.since * BLOCK, alarm.channel
         before = self._open
-        again = before is None or end - start - since > _AGAIN * (self._looked_until - start - since)
-        if again or (not stretch.open and self._looked_until < end):
-            # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
-            prior = Belief.prior(self._parameters).at_a_start(self._parameters, rates)
-            found = suspects(run, columns, prior, self._simulator, since)
-            self._looked_until = end
-            self._since = found[0].since if found else since
-            self._within = (
-                (min(one.since_low for one in found), max(one.since_high for one in found)) if found else None
-            )
-            causes = tuple(_cause(one, self._simulator.catalogue[one.name]) for one in found)
-        else:
-            assert before is not None
-            causes = before.causes
         parting = Parting(
             start + (alarm.at + 1) * BLOCK,
-            start + self._since,
+            start + since,
             channels[c].name,
             float(told.measured[alarm.at, c]),
             float(told.expected[alarm.at, c]),
             2.0 * float(told.band[alarm.at, c]),
-            causes,
-            earliest=None if self._within is None else start + self._within[0],
-            latest=None if self._within is None else start + self._within[1],
         )
+        longer = end - start - since > _AGAIN * (self._looked_until - start - since)
+        if before is None or longer or (not stretch.open and self._looked_until < end):
+            # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
+            prior = Belief.prior(self._parameters).at_a_start(self._parameters, rates)
+            if found := suspects(run, columns, prior, self._simulator, since):
+                parting = replace(
+                    parting,
+                    since=start + found[0].since,
+                    causes=tuple(_cause(one, self._simulator.catalogue[one.name]) for one in found),
+                    earliest=start + min(one.since_low for one in found),
+                    latest=start + max(one.since_high for one in found),
+                )
+            self._looked_until = end
+        else:
+            parting = replace(
+                parting,
+                since=before.since,
+                causes=before.causes,
+                earliest=before.earliest,
+                latest=before.latest,
+            )
         self._open = _told(parting, channels[c])
         return Judged(start, stretch.end, False)
 
