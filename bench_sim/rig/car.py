@@ -17,7 +17,7 @@ from bench_sim.model.sensors import read_cells
 from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import CELLS, MEDIUM, TARGETS, Happened, Target
 from bench_sim.rig.faults.in_tick import disturb
-from bench_sim.rig.setpoints import LONGEST_WAVE_STEP, REACH
+from bench_sim.rig.setpoints import DISPLACEMENTS, LONGEST_WAVE_STEP, REACH
 
 #: The law of the car is compiled as it stands.
 _wave, _slope = compiled(law.track_wave), compiled(law.track_slope)
@@ -148,11 +148,8 @@ class Couplings:
             *(setpoints_of(Place(0.0, 0.0, 0.0), dimensions, Springs(*one)) for one in unit),
         ]
         self._to_targets = np.zeros((TARGETS, 2 * WAYS))
-        for target in Target:
-            name = target.name.lower()
-            platform = target >= Target.PLATFORM_VERTICAL
-            row = f"{name.replace('_', '.', 1)}_setpoint" if platform else f"{name}.displacement_setpoint"
-            self._to_targets[target] = [one.get(row, 0.0) for one in asked]
+        for target, name in enumerate(DISPLACEMENTS):
+            self._to_targets[target] = [one.get(name, 0.0) for one in asked]
         #: Whether a set-point is moved at all.
         self.moved = self._to_targets.any(axis=1)
 
@@ -170,12 +167,10 @@ class Couplings:
         if (speeds > LONGEST_WAVE_STEP / TICK).any():
             return False
         car = c["car"]
-        for name in (one for one in car.dtype.names if one in MovingCar.__dataclass_fields__):
+        for name in MovingCar.__dataclass_fields__:
             car[name] = own.get(name, 0.0)
         car["inertia"] = own["mass"] * own["roll_gyration"] ** 2
         car["gravity"] = self._gravity
-        car["wind"] = 0.0
-        car["bump_stop"] = 0.0
         car["bump_stop_travel"] = travel
         car["bump_stop_force"] = [own[f"stop_force_{k}"] for k in range(1, STOP_POINTS + 1)]
         car["track_size"] = track

@@ -77,11 +77,10 @@ def _values(e: Any, k: int, which: int, references: int, count: int, values: int
 
 
 @compiled
-def _fails(e: Any, k: int, call: int, status: int) -> bool:
-    """Note how a call of an instance went; ok and warning are no failures."""
+def _fails(e: Any, status: int) -> bool:
+    """Note how the call that was noted went; ok and warning are no failures."""
     if status == 0 or status == 1:
         return False
-    _note(e, k, call)
     e.numbers[Place.FAILED] = Failure.STATUS.value
     e.numbers[Place.STATUS] = status
     return True
@@ -123,17 +122,17 @@ def call_instances(e: Any) -> None:
         held = e.inputs.ctypes.data + 8 * first
         at_end = held + 8 * e.input_references.size
         _note(e, k, Call.SET.value)
-        if _fails(e, k, Call.SET.value, _values(e, k, SET, references, count, held)):
+        if _fails(e, _values(e, k, SET, references, count, held)):
             return
         _note(e, k, Call.STEP.value)
         status = _do_step(e, k)
         if status == -1:
             e.numbers[Place.FAILED] = Failure.ENDED.value
             return
-        if _fails(e, k, Call.STEP.value, status):
+        if _fails(e, status):
             return
         _note(e, k, Call.SET.value)
-        if _fails(e, k, Call.SET.value, _values(e, k, SET, references, count, at_end)):
+        if _fails(e, _values(e, k, SET, references, count, at_end)):
             return
         if not take_outputs(e, k):
             return
@@ -147,7 +146,7 @@ def take_outputs(e: Any, k: int) -> bool:
     references = e.output_references.ctypes.data + 4 * first
     _note(e, k, Call.GET.value)
     status = _values(e, k, GET, references, last - first, e.outputs.ctypes.data + 8 * first)
-    if _fails(e, k, Call.GET.value, status):
+    if _fails(e, status):
         return False
     for place in range(first, last):
         if not abs(e.outputs[place]) < 1e300:

@@ -58,17 +58,13 @@ assert len(_TABLE) == TARGETS
 #: The same for the tick: the longest step of a set-point in one of them.
 _STEPS: Final = np.array([[pace.travel * TICK if pace else math.inf for pace in row] for row in _TABLE])
 _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
-#: In displacement control: the longest step of a wave, and how far a set-point goes.
-LONGEST_WAVE_STEP: Final = np.array([pace.wave * TICK for row in _TABLE if (pace := row[_DISPLACEMENT])])
-REACH: Final = np.array(
-    [
-        TABLE[f"{one}_setpoint"].high
-        for one in (
-            *(f"{a}.displacement" for a in ACTUATORS),
-            *(f"platform.{axis}" for axis in PLATFORM_AXES),
-        )
-    ]
+#: By target, in displacement control: its set-point, the longest step of a wave, and how far it goes.
+DISPLACEMENTS: Final = (
+    *(f"{one}.displacement_setpoint" for one in ACTUATORS),
+    *(f"platform.{axis}_setpoint" for axis in PLATFORM_AXES),
 )
+LONGEST_WAVE_STEP: Final = np.array([pace.wave * TICK for row in _TABLE if (pace := row[_DISPLACEMENT])])
+REACH: Final = np.array([TABLE[name].high for name in DISPLACEMENTS])
 _ACTUATORS: Final = len(ACTUATORS)
 
 
