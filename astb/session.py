@@ -118,11 +118,6 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
     return springs
 
 
-def springs_said(rig: "Rig") -> tuple[str, ...]:
-    """Return what should be known beforehand of springs that an FMU computes."""
-    return () if rig.springs is None else rig.springs.said
-
-
 def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
     """Return the faults that the rig file asks for; FaultError for a time that is none."""
     from bench_sim.rig.faults.orders import read_time
@@ -171,7 +166,7 @@ def open_session(
                 f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
             )
         simulated = build_rig(rig.simulation, seed)
-        for line in springs_said(simulated):
+        for line in simulated.springs.said if simulated.springs else ():
             say(line)
         try:
             with virtual_session(simulated, rig.simulation, seed) as session:

@@ -35,7 +35,7 @@ from diagnosis.systems.fmu.description import read_fmu
 _WORKER: Final = "astb.spring_fmu.worker"
 #: Parameters of the supply before the main valve.
 _SUPPLY: Final = ("supply_", "sawtooth_")
-#: s that an FMU may take until it has begun.
+#: s that an FMU may take until it has begun, and until it has been tried.
 _BEGINNING: Final = 120.0
 #: ms for which a rig in real time may not answer: whoever commands it gives up after half a second.
 _SILENCE: Final = 300
@@ -109,7 +109,8 @@ class SpringFmu:
             raise SpringFmuError(f"{path} cannot be unpacked: {error}") from None
         feeds = first_feeds(Plant.depressurised(parameters))
         self.budget = self._try(self.plan, feeds)
-        self._said = (*self.plan.said, *self._of_time(feeds))
+        #: What should be known of it beforehand, in words: what it does not tell, and how long its steps take.
+        self.said = (*self.plan.said, *self._of_time(feeds))
         self.arrays = shared(self._folder / "memory", self.plan, create=True)
         prepare(self.arrays, self.plan)
         self._log: list[str] = []
@@ -117,16 +118,6 @@ class SpringFmu:
             self._begin_apart(feeds)
         else:
             self._kept = begin(self.arrays, self.plan, self._folder / "unpacked", feeds, self._log)
-
-    @property
-    def name(self) -> str:
-        """Which FMU it is, beyond doubt."""
-        return self.plan.fmu.identity
-
-    @property
-    def said(self) -> tuple[str, ...]:
-        """What should be known of it beforehand, in words: what it does not tell, and how long its steps take."""
-        return self._said
 
     @property
     def told(self) -> frozenset[str]:
@@ -181,9 +172,8 @@ class SpringFmu:
         prepare(e, plan)
         order = Order(plan, self._folder / "unpacked", memory, feeds, steps)
         process = self._start()
-        patience = _BEGINNING + steps * plan.patience
         try:
-            output, _ = process.communicate(pickle.dumps(order), timeout=min(patience, _BEGINNING))
+            output, _ = process.communicate(pickle.dumps(order), timeout=_BEGINNING)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
