@@ -87,14 +87,16 @@ def read(track: str) -> TrackRecord:
     return drawn() if track == DRAWN else read_track(Path(track))
 
 
-def excitation(track: str, speed: float, duration: float, wind: float) -> tuple[Samples, dict[str, Samples]]:
+def excitation(
+    record: TrackRecord, speed: float, duration: float, wind: float
+) -> tuple[Samples, dict[str, Samples]]:
     """Return times (s) and what is added to each set-point (SI): a track under a train, and a steady wind across it.
 
     All of it comes within 4 s and goes within 4 s, and counts for ``duration`` s in between.
     """
     count = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, count * STEP, count + 1)
-    share, record = fade(times), read(track)
+    share = fade(times)
     if (lasts := float(record.times(speed)[-1])) < times[-1]:
         under = "" if record.timed else f" at {speed / KMH:.4g} km/h"
         raise NoTrack(
@@ -107,19 +109,14 @@ def excitation(track: str, speed: float, duration: float, wind: float) -> tuple[
     return times, moves
 
 
-def _asked(run: Run) -> tuple[Samples, dict[str, Samples]]:
-    values = run.values
-    speed, duration, wind = (float(values[name]) for name in ("speed", "duration", "wind"))
-    return excitation(str(values["track"]), speed, duration, wind)
-
-
 def _look_at_the_track(run: Run) -> ConditionResult:
+    speed, duration, wind = (float(run.values[name]) for name in ("speed", "duration", "wind"))
     try:
         record = read(str(run.values["track"]))
-        run.bench.waveform.foresee(*_asked(run))
+        run.bench.waveform.foresee(*excitation(record, speed, duration, wind))
     except (NoTrack, Misuse, NotAvailable) as error:
         return ConditionResult(False, str(error))
-    told = f"{record.name}, {record.times(float(run.values['speed']))[-1]:.4g} s"
+    told = f"{record.name}, {record.times(speed)[-1]:.4g} s"
     told += f", SHA-256 {record.digest[:16]}" if record.digest else ""
     told += f"; not read: {', '.join(record.unread)}" if record.unread else ""
     return ConditionResult(True, told)
@@ -170,8 +167,7 @@ def track_record(
     stiffness of the springs over frequency is kept, and not judged: limits hold for the motion for which they were
     stated.
     """
-    del track, speed, duration, wind  # as `_asked` has them
-    times, moves = _asked(run)
+    times, moves = excitation(read(track), speed, duration, wind)
     with run.phase("track"):
         with run.bench.capture(*READ) as capture:
             run.bench.wait(BEFORE)

@@ -149,7 +149,7 @@ def test_a_wave_that_is_shorter_than_two_steps_becomes_no_longer_one():
 
 
 def test_all_axes_begin_and_end_at_rest_together(line):
-    times, moves = excitation(str(line), 20.0, 30.0, 4.0)
+    times, moves = excitation(read_track(line), 20.0, 30.0, 4.0)
     assert set(moves) == {*WAYS, "lateral.force"}
     assert times[-1] == pytest.approx(30.0 + 2 * RISE)
     middle = (times > RISE) & (times < times[-1] - RISE)
