@@ -1,5 +1,6 @@
 """`astb rehearse`: a plan in virtual time before a rig moves, and the limits that it would come close to or trip."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -7,7 +8,15 @@ import click
 from msgspec.structs import replace
 
 from astb.commands.completion import complete_plans
-from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
+from astb.commands.options import (
+    RIG_OPTION,
+    SEED,
+    pairs,
+    read_rig,
+    read_specimen,
+    simulated,
+    simulation_options,
+)
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, PASS, REFUSED, blocked, misuse
 from astb.operators import operator_for
@@ -113,9 +122,15 @@ def _past(plans: tuple[str, ...], kept: str | None, faults: tuple[str, ...]) -> 
     from astb.rehearsal.again import Past
 
     try:
-        return Past.named(kept, faults)
+        return Past.named(kept, [_fault(text) for text in faults])
     except (ValueError, RecordError) as error:
         misuse(error)
+
+
+def _fault(text: str) -> tuple[str, dict[str, str]]:
+    """Return name and values of a fault, as `astb fault on` takes them."""
+    name, *values = shlex.split(text) or [""]
+    return name, pairs(values, "is no KEY=VALUE, such as area=2mm2", option=f"--fault {name} ")
 
 
 def _rehearsed(

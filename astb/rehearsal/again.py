@@ -5,7 +5,6 @@ the same plan on the same rig comes to the same states, to the bit. So the run i
 against the record up to that instant, and changed there. Its noise stays the same: what differs, the change has done.
 """
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -23,7 +22,7 @@ from bench_sim.parameters.values import read_value
 from test_plans.discovery import plans
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from test_plans.plan import Plan
 
@@ -47,10 +46,10 @@ class Past(NamedTuple):
     record: Record
     plan: "Plan"
     at: float
-    faults: tuple[str, ...]
+    faults: "Sequence[tuple[str, Mapping[str, str]]]"  #: name, and values as people write them
 
     @classmethod
-    def named(cls, text: str, faults: tuple[str, ...]) -> "Past":
+    def named(cls, text: str, faults: "Sequence[tuple[str, Mapping[str, str]]]") -> "Past":
         """Read ``RUN@TIME``. ValueError or RecordError, which says what would be right."""
         directory, mark, time = text.rpartition("@")
         if not mark:
@@ -70,11 +69,7 @@ class Past(NamedTuple):
                 f"{self.record.path} lasts {self.record.duration:.1f} s: {self.at:g} s is not within it"
             )
         begin = f"{self.at + self.record.start_ns / NS:.3f} s"
-        entries = []
-        for text in self.faults:
-            name, *values = shlex.split(text) or [""]
-            pairs: dict[str, str | int | float] = dict(value.partition("=")[::2] for value in values)
-            entries.append(FaultEntry(name, values=pairs, at=begin))
+        entries = [FaultEntry(name, values={**values}, at=begin) for name, values in self.faults]
         return replace(simulation, faults=(*simulation.faults, *entries))
 
     def told(self, directory: Path) -> list[str]:
