@@ -180,18 +180,18 @@ class Course:
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""
-        return np.array(getattr(self, name)[_rows(since, until, STEP)])
+        return np.array(getattr(self, name)[rows_of(since, until, STEP)])
 
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
         """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
-        rows = _rows(since, until, HOST_STEP)
+        rows = rows_of(since, until, HOST_STEP)
         names = (*POSES, "lateral.force")
         read = {name: _between(one) for name, one in zip(names, np.array(self.read).T, strict=True)}
         return np.array(self.asked[rows]), standing(read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
         """Return for how long a reading stays until the next comes (s), by those of a height that moves."""
-        rows = np.array(self.read)[_rows(since, until, HOST_STEP), 0]
+        rows = np.array(self.read)[rows_of(since, until, HOST_STEP), 0]
         came = np.flatnonzero(np.diff(rows))
         return float(HOST_STEP * np.median(np.diff(came))) if came.size > 1 else HOST_STEP
 
@@ -202,7 +202,8 @@ def standing(read: Mapping[str, Floats], rig: Rig) -> Floats:
     return np.column_stack([shear_of(read, rig), 0.5 * sum(heights), roll_of(read, rig)])
 
 
-def _rows(since: float, until: float, step: float) -> slice:
+def rows_of(since: float, until: float, step: float) -> slice:
+    """Return the rows between two times (s) of what has one every ``step`` s."""
     return slice(round(since / step), round(until / step))
 
 

@@ -12,9 +12,10 @@ import numpy.typing as npt
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.units import s
 from drivers.errors import LinkLost
+from drivers.waveform import WIND
 from paper_study.hybrid.agreement import ROLLED, UP, WAYS, followed
 from paper_study.hybrid.car import Car
-from paper_study.hybrid.coupling import FORCES, POSES, Delay, standing
+from paper_study.hybrid.coupling import FORCES, POSES, Delay, rows_of, standing
 from paper_study.hybrid.shaking import FREQUENCY, SIZES
 from test_plans.analysis.cells import upward_force
 
@@ -59,20 +60,17 @@ class TickCourse:
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""
-        return self.columns[name][self._rows(since, until)]
+        return self.columns[name][rows_of(since, until, self.step)]
 
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
         """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
-        rows = self._rows(since, until)
+        rows = rows_of(since, until, self.step)
         asked = np.column_stack([self.columns[name] for name in ("shear", "height", "roll")])
         return asked[rows], standing(self.read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
         """Return for how long a force that the car feels was held (s)."""
         return self.hold
-
-    def _rows(self, since: float, until: float) -> slice:
-        return slice(round(since / self.step), round(until / self.step))
 
 
 def settings_of(car: Car, mass: float, delay: Delay, waves: int) -> dict[str, float]:
@@ -111,7 +109,8 @@ def ride_in_tick(
                 lambda: np.isfinite(bench.car.shear), within=RESTS, what="news of the car in the loop"
             )
             if wind is not None:
-                bench.waveform.start(*_blowing(wind))
+                times, force = wind
+                bench.waveform.start(times, {WIND: force})
             bench.car.wait_done(within=lasts + RESTS)
         except BaseException:
             bench.generator.stop()
@@ -125,11 +124,6 @@ def ride_in_tick(
     columns = {name: at[told][first:last] for name, told in TOLD.items()}
     read = {name: at[name][first:last] - rest[name] for name in (*POSES, "lateral.force")}
     return TickCourse(0.5 * float(upward_force(rest, run.rig)), columns, read, delay.hold)
-
-
-def _blowing(wind: tuple[Floats, Floats]) -> tuple[Floats, dict[str, Floats]]:
-    times, force = wind
-    return times, {"car.wind": force}
 
 
 def shake_in_tick(run: Run) -> Delay:
