@@ -82,19 +82,8 @@ def run(effort: Effort) -> Section:
 @contextlib.contextmanager
 def _pages(file: Path) -> Iterator[list[Page]]:
     """Open a panel and its pages while the block lasts."""
-    command = [
-        sys.executable,
-        "-m",
-        "astb",
-        "panel",
-        "--rig",
-        str(file),
-        "--port",
-        "0",
-        "--out",
-        str(file.parent),
-    ]
-    with child(*command) as panel:
+    given = ("--rig", str(file), "--port", "0", "--out", str(file.parent))
+    with child(sys.executable, "-m", "astb", "panel", *given) as panel:
         port = int(panel.stdout.readline().rpartition(":")[2].strip().strip("/"))
         _await(port)
         pages = [Page(port, number) for number in range(PAGES)]

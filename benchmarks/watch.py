@@ -1,9 +1,10 @@
 """What a twin costs its rig, and how far it is behind: a plan in real time, with and without a twin beside it."""
 
+import math
 import os
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -67,16 +68,16 @@ def _follow(test: Any, directory: Path, shares: list[float], behind: list[float]
         assert test.poll() is None, "the run did not begin"
         time.sleep(_LOOK)
     began = time.monotonic()
-    with child(sys.executable, "-m", "astb", "watch", str(directory)) as twin:
+    with ExitStack() as stack:
+        twin = stack.enter_context(child(sys.executable, "-m", "astb", "watch", str(directory)))
         record = None
         until: list[tuple[float, float]] = []
-        written = float(
-            "inf"
-        )  # by this machine's clock, when the record began; a sample is kept some time later
+        # By this machine's clock, when the record began; a sample is kept some time later.
+        written = math.inf
         while test.poll() is None:
             now = time.monotonic()
             with suppress(RecordError):
-                record = record or GrowingRecord(directory)
+                record = record or stack.enter_context(GrowingRecord(directory))
                 record.look()
                 if len(record):
                     written = min(written, now - record.duration)
@@ -84,8 +85,6 @@ def _follow(test: Any, directory: Path, shares: list[float], behind: list[float]
                 if story and (not until or story.until > until[-1][1]):
                     until.append((now, story.until))
             time.sleep(_LOOK)
-        if record:
-            record.__exit__()
         behind += [told - written - before for (_, before), (told, _) in pairwise(until)]
         _, _, used = os.wait4(twin.pid, 0)
         twin.returncode = 0

@@ -1,6 +1,5 @@
 """How often a diagnosis is right, measured on systems with something hidden in them."""
 
-import os
+from bench_protocol.system.one_core import keep_algebra_to_one_core
 
-# As `astb` does, and like it before numpy is loaded: threads of the algebra library would be in our own threads' way.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+keep_algebra_to_one_core()

@@ -1,6 +1,5 @@
 """How often a twin is wrong, how soon it tells what begins, and which causes it names (`python -m benchmarks.twin`)."""
 
-import os
+from bench_protocol.system.one_core import keep_algebra_to_one_core
 
-#: Small matrices are not worth the threads of the algebra, which only wait for one another.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+keep_algebra_to_one_core()

@@ -5,16 +5,14 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from astb.rig_in_memory import RigInMemory
-from bench_protocol.frames import Block
 from bench_protocol.rates import TICK
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import find_effect
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.faults.schedule import Mend
 from bench_sim.rig.rig import Rig
+from benchmarks.diagnosis import sealed
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.sealed import parameters_of
-from benchmarks.diagnosis.sibling_forms import CURVED, Curved
 from benchmarks.twin.cases import Case
 from drivers.bench import Bench
 
@@ -26,17 +24,15 @@ _DRIFT: Final = "pressure_drift"
 
 @contextmanager
 def bench_of(case: Case) -> Iterator[Bench]:
-    """Yield a connected bench on the rig of a case."""
+    """Yield a connected bench on the rig of a case; a sibling is sound."""
     if case.sibling:
-        truth = draw(case.seed, "null", "sibling")
-        rig = Rig(parameters_of(truth), seed=case.seed)
-        bent = Curved(rig, truth.form[CURVED]) if CURVED in truth.form else rig
-    else:
-        bent = rig = Rig(load("astb"), seed=case.seed)
+        with sealed.bench_of(draw(case.seed, "null", "sibling")) as bench:
+            yield bench
+        return
+    rig = Rig(load("astb"), seed=case.seed)
     if case.effect:
         begin(rig, case)
-    run: Callable[[int], Block] = bent.run
-    with RigInMemory(rig, run).bench(seed=case.seed) as bench:
+    with RigInMemory(rig).bench(seed=case.seed) as bench:
         yield bench
 
 
