@@ -16,6 +16,9 @@ from bench_panel.runs import CannotDo
 _BODY_MAX: Final = 64 * 1024
 _DEPTH_MAX: Final = 8
 _AT_ONCE: Final = 4  # of one command
+_REASON_MAX: Final = (
+    1000  # characters: a reason repeats what was sent, which may be all that there is room for
+)
 
 Command = Callable[[Request, dict[str, Any]], object]
 
@@ -38,9 +41,9 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
             body = await json_body(request)
             return json_answer({"done": await to_thread.run_sync(do, request, body, limiter=places)})
         except NotAllowed as error:
-            return json_answer({"error": str(error)}, error.status)
+            return refusal(error, error.status)
         except CannotDo as error:
-            return json_answer({"error": str(error)}, 409)
+            return refusal(error, 409)
 
     return Route(path, endpoint, methods=["POST"])
 
@@ -100,6 +103,14 @@ def _written(name: str, value: object) -> str:
     if isinstance(value, dict | list):
         raise NotAllowed(f"{name} is no text and no number", 400)
     return text_of({name: str(value)}, name)
+
+
+def refusal(error: Exception, status: int) -> Response:
+    """Return why something is not done; of a long reason its beginning."""
+    reason = str(error)
+    return json_answer(
+        {"error": reason if len(reason) <= _REASON_MAX else f"{reason[:_REASON_MAX]}…"}, status
+    )
 
 
 def json_answer(content: object, status: int = 200) -> Response:

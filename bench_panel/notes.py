@@ -15,7 +15,7 @@ from starlette.routing import Route
 
 from bench_panel.access import NotAllowed
 from bench_panel.answers import answered
-from bench_panel.commands import json_answer
+from bench_panel.commands import json_answer, refusal
 from bench_records.layout import RecordError
 from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
 
@@ -79,9 +79,9 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
                 file = Path(told["file"]) if told["file"] else None
                 await to_thread.run_sync(add_note, directory, told["text"], told["by"], file, content)
         except NotAllowed as error:
-            return json_answer({"error": str(error)}, error.status)
+            return refusal(error, error.status)
         except RecordError as error:
-            return json_answer({"error": str(error)}, 409)
+            return refusal(error, 409)
         return json_answer({"done": None})
 
     return endpoint

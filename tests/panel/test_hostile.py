@@ -63,6 +63,9 @@ BODY = st.one_of(
 )
 
 
+LONG = b"x" * 20_000
+
+
 def posts(routes):
     for one in routes:
         if isinstance(one, Route) and "POST" in one.methods:
@@ -88,6 +91,15 @@ def test_every_command_answers_hostile_bodies(client, parts, door):
 
     parts.access._patience.wait = lambda client: 0.0
     answers()
+
+
+def test_an_answer_does_not_repeat_all_that_was_sent(client, parts, door):
+    one = client()
+    parts.runs.start = lambda *_, **__: None
+    parts.access._patience.wait = lambda client: 0.0
+    body = LONG.join([b'{"plan":"', b'","name":"', b'","run":"', b'"}'])
+    for path in posts(application(parts, host="127.0.0.1").routes):
+        assert len(one.post(path, content=body).content) < 3000, path
 
 
 @pytest.mark.parametrize("body", [b"[" * 20_000, b'{"token":' + b"[" * 900 + b"]" * 900 + b"}"])
