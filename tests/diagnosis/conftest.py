@@ -40,7 +40,7 @@ def ar1() -> Callable[[np.random.Generator, int, float], Array]:
 def bench_record(tmp_path_factory):
     """Record stretches of motion on a virtual rig: ``directory`` of the record and the ``parameters`` without effects.
 
-    ``effects`` are hidden in the rig, ``faults`` in its CAN; the sensors' biases are drawn from the seed.
+    ``effects`` are hidden in the rig, ``faults`` in what its CAN brings; the sensors' biases are drawn from the seed.
     """
     from types import SimpleNamespace
 
@@ -48,6 +48,7 @@ def bench_record(tmp_path_factory):
     from bench_sim.parameters import load
     from bench_sim.parameters.effects import with_effects
     from bench_sim.rig.rig import Rig
+    from drivers.memory import Faults
     from test_plans.execution import execute
     from test_plans.loads import AW0
     from test_plans.programmes.motions import Part, Programme
@@ -58,7 +59,7 @@ def bench_record(tmp_path_factory):
         rig = Rig(with_effects(parameters, effects or {}), seed=seed)
         directory = tmp_path_factory.mktemp(name)
         programme = Programme("short", "Short motions", (Part(AW0, tuple(stretches)),), "To be replayed.")
-        with RigInMemory(rig).bench(faults=faults, seed=seed) as bench:
+        with RigInMemory(rig).bench(faults=faults, outward=Faults(), seed=seed) as bench:
             result = execute(programme_plan(programme), bench, directory, seed=seed)
         assert result.verdict.value == "pass" or not stretches, result.reason
         return SimpleNamespace(directory=directory, parameters=parameters)

@@ -38,9 +38,9 @@ def explained(result):
 
 
 @contextmanager
-def composed(seed=0, faults=None, latency=0.0, **changes):
+def composed(seed=0, faults=None, latency=0.0, outward=None, **changes):
     memory = RigInMemory(Rig(load("astb").with_values(**changes), seed=seed))
-    with memory.bench(faults=faults, seed=seed, latency=latency) as bench:
+    with memory.bench(faults=faults, outward=outward, seed=seed, latency=latency) as bench:
         bench.instruments = ordinary()
         yield SimpleNamespace(rig=memory.rig, clock=memory.clock, cut=memory.cut, bench=bench)
 
@@ -98,8 +98,8 @@ def after():
 def bench_run(tmp_path):
     """Run a plan on a fresh virtual rig; ``at=(seconds, act)`` lets something happen to it meanwhile."""
 
-    def run(name, seed=0, *, at=None, faults=None, latency=0.0, directory="out", **changes):
-        with composed(seed, faults, latency, **changes) as made:
+    def run(name, seed=0, *, at=None, faults=None, outward=None, latency=0.0, directory="out", **changes):
+        with composed(seed, faults, latency, outward, **changes) as made:
             if at is not None:
                 After(made.clock, at[0], lambda: at[1](made))
             result = explained(
