@@ -1,32 +1,29 @@
-"""The model description of the spring's FMU, in the words of FMI 2.0 or 3.0."""
+"""The model description of an FMU, in the words of FMI 2.0 or 3.0."""
 
 from collections.abc import Iterable, Sequence
 from math import isfinite
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from bench_fmu.variables import Kind, Variable
+from bench_fmu.unit import Kind, Unit, Variable
 from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
 from bench_protocol.units import WRITTEN_UNITS
-
-IDENTIFIER: Final = "springs"
 
 #: In which unit people read a quantity.
 _SHOWN: Final = {"m": "mm", "Pa": "bar", "N": "kN", "m3": "litre", "rad": "mrad"}
 
 
-def model_description(
-    every: Sequence[Variable], *, fmi: int, token: str, name: str, said: str, version: str
-) -> bytes:
-    """Return ``modelDescription.xml``: ``token`` is its GUID, ``said`` describes it."""
+def model_description(unit: Unit, *, fmi: int, token: str, version: str) -> bytes:
+    """Return ``modelDescription.xml``; ``token`` is its GUID."""
+    every = unit.variables
     root = Element("fmiModelDescription")
     root.attrib.update(
         {
             "fmiVersion": f"{fmi}.0",
-            "modelName": name,
+            "modelName": unit.name,
             "guid" if fmi == 2 else "instantiationToken": token,
-            "description": said,
+            "description": unit.said,
             "version": version,
             "generationTool": f"astb {version}",
             "license": "Apache-2.0",
@@ -35,7 +32,7 @@ def model_description(
     )
     state = "FMUstate" if fmi == 2 else "FMUState"
     able = {
-        "modelIdentifier": IDENTIFIER,
+        "modelIdentifier": unit.code.name,
         "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true",
         f"canSerialize{state}": "true",
@@ -80,7 +77,7 @@ def _units(units: Element, needed: Iterable[str], fmi: int) -> None:
 
 def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
     about = {"name": one.name, "valueReference": str(reference), "description": one.description}
-    if one.kind in (Kind.MOTION, Kind.VALVE):
+    if one.kind in (Kind.MOTION, Kind.INPUT):
         about |= {"causality": "input", "variability": "continuous"}
     elif one.kind in (Kind.BEGIN, Kind.FIXED, Kind.TUNABLE):
         varies = "tunable" if one.kind is Kind.TUNABLE else "fixed"
@@ -100,7 +97,7 @@ def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
 
 
 def _structure(structure: Element, every: Sequence[Variable], fmi: int) -> None:
-    outputs = [place for place, one in enumerate(every) if one.kind >= Kind.ALGEBRAIC]
+    outputs = [place for place, one in enumerate(every) if one.kind is Kind.OUTPUT]
     if fmi == 3:
         for place in outputs:
             SubElement(structure, "Output", valueReference=str(place))

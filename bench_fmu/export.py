@@ -1,4 +1,4 @@
-"""An FMU of the springs: object code of the model, the functions of FMI around it, a description, a page, a licence."""
+"""An FMU: object code of the model, the functions of FMI around it, a description, a page, a licence."""
 
 import hashlib
 import json
@@ -6,75 +6,55 @@ import platform
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
 from importlib.metadata import distribution, version
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from bench_fmu.description import IDENTIFIER, model_description
-from bench_fmu.variables import MOTIONS, Kind, Variable, variables
+from bench_fmu.description import model_description
+from bench_fmu.object_code import write_object
+from bench_fmu.unit import Code, Kind, Unit
 from bench_protocol.rates import TICK
 from bench_protocol.system import LINUX
-from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES, State
-from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.parameters import Parameters
+from bench_sim.model.compiled import digest_of
 
 #: Versions of FMI that there are.
 VERSIONS: Final = (2, 3)
 _FLAGS: Final = ("-O2", "-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
 _COMPILED: Final = ("advance", "start")
-#: Pairs of parameters that only make sense in one order.
-_ORDERS: Final = (
-    ("dpv_reclosing", "dpv_opening"),
-    ("sawtooth_low", "sawtooth_high"),
-    ("left.leveling_hysteresis", "left.leveling_deadband"),
-    ("right.leveling_hysteresis", "right.leveling_deadband"),
-)
 
 
 class ExportError(Exception):
     """An FMU cannot be made here; the message says what is missing."""
 
 
-def write_springs(
-    parameters: Parameters, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None
-) -> str:
-    """Write an FMU of both springs with their valves, and return its token (GUID).
+def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None) -> str:
+    """Write ``unit`` as an FMU, and return its token (GUID).
 
     It runs on every processor of this architecture unless it is ``native``. ``compiled`` is a folder in which
-    `compile_springs` was: several FMUs may have what it made. Raises `ExportError` or OSError.
+    `compile_code` was: several FMUs may have what it made. Raises `ExportError` or OSError.
     """
     compiler = _compiler()
     machine = platform.machine()
-    every = variables(parameters)
-    token = _token(parameters, every, fmi)
-    description = model_description(
-        every,
-        fmi=fmi,
-        token=token,
-        name=f"{parameters.name} {parameters.load_case}",
-        said=f"Both air springs of {parameters.name} under {parameters.load_case}, with their valves and supply",
-        version=version("astb"),
-    )
+    token = _token(unit, fmi)
+    description = model_description(unit, fmi=fmi, token=token, version=version("astb"))
     with TemporaryDirectory() as folder:
         place = Path(folder)
         if compiled is None:
-            compile_springs(place, native=native)
-        (place / "model.h").write_text(_header(parameters, every, token), encoding="utf-8")
-        library = _link(compiler, place, compiled or place, fmi)
+            compile_code(unit.code, place, native=native)
+        (place / "model.h").write_text(_header(unit, token), encoding="utf-8")
+        library = _link(compiler, place, compiled or place, unit.code, fmi)
         # as FMI names platforms
         where = "linux64" if fmi == 2 and machine == "x86_64" else f"{machine}-linux"
         with zipfile.ZipFile(to, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("modelDescription.xml", description)
-            archive.write(library, f"binaries/{where}/{IDENTIFIER}.so")
-            archive.writestr("documentation/index.html", _page(parameters, every))
+            archive.write(library, f"binaries/{where}/{library.name}")
+            archive.writestr("documentation/index.html", _page(unit))
             archive.writestr("documentation/licenses/license.txt", _licence())
     return token
 
@@ -99,58 +79,46 @@ def _licence() -> str:
     return "Apache-2.0: https://www.apache.org/licenses/LICENSE-2.0\n"
 
 
-def _token(parameters: Parameters, every: Sequence[Variable], fmi: int) -> str:
+def _token(unit: Unit, fmi: int) -> str:
     """Return a GUID that is another one for other values, variables, laws or functions of FMI."""
-    from bench_sim.model.compiled import digest_of
-
-    digest = hashlib.sha256(digest_of([*files("bench_fmu").iterdir()]).encode())
-    for source in sorted(files("bench_fmu").joinpath("c").iterdir(), key=lambda one: one.name):
+    package = files("bench_fmu")
+    sources = [one for folder in (".", "kernels", "models") for one in package.joinpath(folder).iterdir()]
+    digest = hashlib.sha256(digest_of(sources).encode())
+    for source in sorted(package.joinpath("c").iterdir(), key=lambda one: one.name):
         digest.update(source.read_bytes())
-    digest.update(json.dumps([parameters.digest(), fmi, [one.name for one in every]]).encode())
+    digest.update(unit.defaults.tobytes())
+    told = [unit.code.name, fmi, *(f"{one.name} {one.start}" for one in unit.variables)]
+    digest.update(json.dumps(told).encode())
     text = digest.hexdigest()
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
 
 
-def _header(parameters: Parameters, every: Sequence[Variable], token: str) -> str:
+def _header(unit: Unit, token: str) -> str:
     """Return ``model.h``: sizes, places, and the table of variables with their bounds and starts."""
-    fields: Any = PARAMETERS.fields
-    references = {one.name: one.place for one in every if one.kind in (Kind.FIXED, Kind.TUNABLE)}
+    code = unit.code
+    references = {one.name: one.place for one in unit.variables if one.kind in (Kind.FIXED, Kind.TUNABLE)}
     places = {
-        "ATMOSPHERE": fields["atmospheric_pressure"][1] // 8,
-        "MEMBRANE": fields["membrane_length"][1] // 8,
-        "MEMBRANE_SLOPE": fields["membrane_length_slope"][1] // 8,
-        "PRELOAD": fields["nominal_preload"][1] // 8,
-        "EMERGENCY": fields["emergency_spring"][1] // 8,
-        "EMERGENCY_STIFFNESS": fields["emergency_stiffness_vertical"][1] // 8,
-        "LEVER": int(State.LEVER),
-        "PIPE_LENGTH": fields["pipe_length"][1] // 8,
-        "PIPE_DIAMETER": fields["pipe_diameter"][1] // 8,
-        "BELLOWS_VERTICAL": int(Algebraic.BELLOWS_VERTICAL),
-        "PRESSURE": int(Algebraic.PRESSURE),
-        "AUXILIARY_PRESSURE": int(Algebraic.AUXILIARY_PRESSURE),
-        "STATES": STATES,
-        "INPUTS": INPUTS,
-        "MOTIONS": len(MOTIONS),
-        "ALGEBRAICS": ALGEBRAICS,
-        "PARAMETERS": PARAMETERS.itemsize // 8,
-        "MEMORY_RECORD": MEMORY.itemsize,
-        # The springs' part of the memory stands before that of actuators and sensors.
-        "MEMORY_DOUBLES": _springs_memory() // 8,
-        "EXTRA_BRANCHES": EXTRA_BRANCHES,
-        "EXTRA_DASHPOTS": EXTRA_DASHPOTS,
-        "VARIABLES": len(every),
-        "ORDERS": len(_ORDERS),
+        **unit.places,
+        "STATES": code.states,
+        "INPUTS": code.inputs,
+        "MOTIONS": max(code.motions, 1),
+        "OUTPUTS": code.outputs,
+        "ROWS": code.rows,
+        "PARAMETERS": code.parameters.itemsize // 8,
+        "MEMORY_RECORD": code.memory.itemsize,
+        "MEMORY_DOUBLES": code.remembered // 8,
+        "VARIABLES": len(unit.variables),
+        "ORDERS": len(unit.orders),
     }
     kinds = ", ".join(kind.name for kind in Kind)
-    defaults = np.frombuffer(np.asarray(parameters.record).tobytes(), dtype=np.float64)
     rows = ",\n".join(
-        f"    {{{one.kind.name}, {one.place}, {_number(one.start or 0.0)}, {_number(one.low)}, {_number(one.high)}, "
-        f"{json.dumps(one.name)}, {json.dumps(one.unit)}}}"
-        for one in every
+        f"    {{{one.kind.name}, {one.place}, {int(one.whole)}, {_number(one.start or 0.0)}, {_number(one.low)}, "
+        f"{_number(one.high)}, {json.dumps(one.name)}, {json.dumps(one.unit)}}}"
+        for one in unit.variables
     )
     orders = ",\n".join(
         f"    {{{references[low]}, {references[high]}, {json.dumps(low)}, {json.dumps(high)}}}"
-        for low, high in _ORDERS
+        for low, high in unit.orders
     )
     return "\n".join(
         (
@@ -160,21 +128,15 @@ def _header(parameters: Parameters, every: Sequence[Variable], token: str) -> st
             f"#define TICK {_number(TICK)}",
             f"enum {{ {', '.join(f'{name} = {value}' for name, value in places.items())} }};",
             f"enum {{ {kinds} }};",
-            "typedef struct { int kind, place; double start, low, high; const char *name, *unit; } Variable;",
+            "typedef struct { int kind, place, whole; double start, low, high; const char *name, *unit; } Variable;",
             "typedef struct { int low, high; const char *name, *than; } Order;",
             f"static const Variable VARIABLE[] __attribute__((unused)) = {{\n{rows}\n}};",
-            f"static const Order ORDER[] __attribute__((unused)) = {{\n{orders}\n}};",
+            f"static const Order ORDER[] __attribute__((unused)) = {{\n{orders or '    {0, 0, 0, 0}'}\n}};",
             "static const double DEFAULTS[] __attribute__((unused)) = {",
-            ", ".join(map(_number, map(float, defaults))),
+            ", ".join(map(_number, map(float, unit.defaults))),
             "};\n",
         )
     )
-
-
-def _springs_memory() -> int:
-    """Bytes of `MEMORY` before the first field that no spring has."""
-    fields: Any = MEMORY.fields
-    return int(fields["mode"][1])
 
 
 def _number(value: float) -> str:
@@ -184,35 +146,34 @@ def _number(value: float) -> str:
     return value.hex()
 
 
-def compile_springs(place: Path, *, native: bool = False) -> None:
-    """Compile the springs into two object files in the folder ``place``: no number of theirs is in them yet."""
+def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
+    """Compile ``code`` into two object files in the folder ``place``: no number of a parameter set is in them."""
     import numba
-    from numba import types
 
-    from bench_fmu.kernel import advance, start
-    from bench_fmu.object_code import write_object
-
+    types = numba.types
     number, row, rows = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
-    memory, record = (types.Array(numba.from_dtype(kind), 1, "C") for kind in (MEMORY, PARAMETERS))
+    memory, record = (types.Array(numba.from_dtype(kind), 1, "C") for kind in (code.memory, code.parameters))
     given = row, memory, row, record, row
-    for function, symbol, further in (
-        (advance, "spring_advance", (number, number, types.int64, rows, row)),
-        (start, "spring_start", (number, rows, row, rows, rows, row)),
+    for function, name, further in (
+        (code.advance, "advance", (number, number, types.int64, rows, row)),
+        (code.start, "start", (number, rows, row)),
     ):
-        path = place / f"{symbol}.o"
-        write_object(function, (*given, *further), symbol, path, native=native)
+        write_object(
+            function, (*given, *further), f"model_{name}", place / _object(code, name), native=native
+        )
 
 
-def _link(compiler: str, place: Path, compiled: Path, fmi: int) -> Path:
+def _object(code: Code, function: str) -> str:
+    return f"{code.name}_{function}.o"
+
+
+def _link(compiler: str, place: Path, compiled: Path, code: Code, fmi: int) -> Path:
     sources = files("bench_fmu").joinpath("c")
-    for name in ("springs.h", "springs.c", f"fmi{fmi}.c"):
+    written = "unit.c", f"fmi{fmi}.c", code.checks
+    for name in ("unit.h", *written):
         (place / name).write_bytes(sources.joinpath(name).read_bytes())
-    library = place / f"{IDENTIFIER}.so"
-    objects = (
-        "springs.c",
-        f"fmi{fmi}.c",
-        *(str(compiled.resolve() / f"spring_{one}.o") for one in _COMPILED),
-    )
+    library = place / f"{code.name}.so"
+    objects = *written, *(str(compiled.resolve() / _object(code, one)) for one in _COMPILED)
     command = [compiler, *_FLAGS, "-shared", "-Wl,--no-undefined", "-o", library.name, *objects, "-lm"]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -222,21 +183,19 @@ def _link(compiler: str, place: Path, compiled: Path, fmi: int) -> Path:
     return library
 
 
-def _page(parameters: Parameters, every: Sequence[Variable]) -> str:
+def _page(unit: Unit) -> str:
     rows = "\n".join(
         f"<tr><td>{escape(one.name)}</td><td>{one.kind.name.lower()}</td><td>{escape(one.unit)}</td>"
         f"<td>{'' if one.start is None else f'{one.start:g}'}</td><td>{escape(one.description)}</td></tr>"
-        for one in every
+        for one in unit.variables
     )
+    about = "\n".join(f"<p>{escape(text)}</p>" for text in unit.about)
     return f"""<!DOCTYPE html>
-<html lang="en"><meta charset="utf-8"><title>Air springs</title>
-<h1>Both air springs of {escape(parameters.name)} under {escape(parameters.load_case)}</h1>
-<p>Two air springs with auxiliary chambers, orifices, leveling and service valves, differential pressure valve and
-supply. They are driven by how far they are stretched, and say what they do to what stands on them. Units are SI;
-pressures are over the atmosphere, heights over design height, lateral positions to the left.</p>
-<p>It begins at rest, with relaxed rubber and the pressure that carries its preload. Within a communication step the
-displacements go on with the speeds that were given with them. Inside, steps are {TICK * 1e3:g} ms long: what is left
-of one at the end of a communication step belongs to the next.</p>
+<html lang="en"><meta charset="utf-8"><title>{escape(unit.name)}</title>
+<h1>{escape(unit.said)}</h1>
+{about}
+<p>Inside, steps are {TICK * 1e3:g} ms long: what is left of one at the end of a communication step belongs to the
+next.</p>
 <table><tr><th>name</th><th>kind</th><th>unit</th><th>start</th><th></th></tr>
 {rows}
 </table></html>

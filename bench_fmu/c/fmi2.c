@@ -1,5 +1,5 @@
 /* The functions of FMI 2.0 for co-simulation. */
-#include "springs.h"
+#include "unit.h"
 
 typedef void (*Logger)(void *, const char *, int, const char *, const char *, ...);
 
@@ -32,10 +32,10 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
     if (type != 1 || callbacks == NULL) { /* co-simulation */
         return NULL;
     }
-    return spring_new(name, guid, callbacks->environment, (Callback)callbacks->logger, say);
+    return unit_new(name, guid, callbacks->environment, (Callback)callbacks->logger, say);
 }
 
-EXPORT void fmi2FreeInstance(void *me) { spring_free(me); }
+EXPORT void fmi2FreeInstance(void *me) { unit_free(me); }
 
 EXPORT int fmi2SetupExperiment(void *me, int given, double tolerance, double begin, int ends, double stop) {
     (void)given, (void)tolerance, (void)ends, (void)stop;
@@ -43,24 +43,24 @@ EXPORT int fmi2SetupExperiment(void *me, int given, double tolerance, double beg
     return OK;
 }
 
-EXPORT int fmi2EnterInitializationMode(void *me) { return spring_begin(me, ((Instance *)me)->now.begin); }
-EXPORT int fmi2ExitInitializationMode(void *me) { return spring_initialized(me); }
-EXPORT int fmi2Terminate(void *me) { return spring_end(me); }
+EXPORT int fmi2EnterInitializationMode(void *me) { return unit_begin(me, ((Instance *)me)->now.begin); }
+EXPORT int fmi2ExitInitializationMode(void *me) { return unit_initialized(me); }
+EXPORT int fmi2Terminate(void *me) { return unit_end(me); }
 
 EXPORT int fmi2Reset(void *me) {
-    spring_reset(me);
+    unit_reset(me);
     return OK;
 }
 
-EXPORT int fmi2GetReal(void *me, const unsigned *vr, size_t n, double *values) { return spring_get(me, vr, n, values); }
+EXPORT int fmi2GetReal(void *me, const unsigned *vr, size_t n, double *values) { return unit_get(me, vr, n, values); }
 EXPORT int fmi2SetReal(void *me, const unsigned *vr, size_t n, const double *values) {
-    return spring_set(me, vr, n, values);
+    return unit_set(me, vr, n, values);
 }
 
 #define NONE(name, type)                                                                                               \
     EXPORT int name(void *me, const unsigned *vr, size_t n, type values) {                                             \
         (void)vr, (void)values;                                                                                        \
-        return n == 0 ? OK : spring_refuse(me, "%s: all variables of this FMU are real numbers", #name);               \
+        return n == 0 ? OK : unit_refuse(me, "%s: all variables of this FMU are real numbers", #name);               \
     }
 NONE(fmi2GetInteger, int *)
 NONE(fmi2GetBoolean, int *)
@@ -69,12 +69,12 @@ NONE(fmi2SetInteger, const int *)
 NONE(fmi2SetBoolean, const int *)
 NONE(fmi2SetString, const char *const *)
 
-EXPORT int fmi2GetFMUstate(void *me, void **state) { return spring_save(me, state); }
-EXPORT int fmi2SetFMUstate(void *me, void *state) { return spring_restore(me, state); }
+EXPORT int fmi2GetFMUstate(void *me, void **state) { return unit_save(me, state); }
+EXPORT int fmi2SetFMUstate(void *me, void *state) { return unit_restore(me, state); }
 
 EXPORT int fmi2FreeFMUstate(void *me, void **state) {
     (void)me;
-    return spring_forget(state);
+    return unit_forget(state);
 }
 
 EXPORT int fmi2SerializedFMUstateSize(void *me, void *state, size_t *size) {
@@ -84,36 +84,36 @@ EXPORT int fmi2SerializedFMUstateSize(void *me, void *state, size_t *size) {
 }
 
 EXPORT int fmi2SerializeFMUstate(void *me, void *state, char *bytes, size_t size) {
-    return spring_serialize(me, state, bytes, size);
+    return unit_serialize(me, state, bytes, size);
 }
 
 EXPORT int fmi2DeSerializeFMUstate(void *me, const char *bytes, size_t size, void **state) {
-    return spring_deserialize(me, bytes, size, state);
+    return unit_deserialize(me, bytes, size, state);
 }
 
 EXPORT int fmi2GetDirectionalDerivative(
     void *me, const unsigned *of, size_t n, const unsigned *by, size_t m, const double *seed, double *values) {
     (void)of, (void)n, (void)by, (void)m, (void)seed, (void)values;
-    return spring_refuse(me, "this FMU has no directional derivatives");
+    return unit_refuse(me, "this FMU has no directional derivatives");
 }
 
 EXPORT int fmi2SetRealInputDerivatives(
     void *me, const unsigned *vr, size_t n, const int *order, const double *values) {
     (void)vr, (void)order, (void)values;
-    return n == 0 ? OK : spring_refuse(me, "the speeds are inputs of their own: derivatives of inputs are not taken");
+    return n == 0 ? OK : unit_refuse(me, "the speeds are inputs of their own: derivatives of inputs are not taken");
 }
 
 EXPORT int fmi2GetRealOutputDerivatives(void *me, const unsigned *vr, size_t n, const int *order, double *values) {
     (void)vr, (void)order, (void)values;
-    return n == 0 ? OK : spring_refuse(me, "this FMU has no derivatives of its outputs");
+    return n == 0 ? OK : unit_refuse(me, "this FMU has no derivatives of its outputs");
 }
 
 EXPORT int fmi2DoStep(void *me, double time, double step, int no_way_back) {
     (void)no_way_back;
-    return spring_step(me, time, step);
+    return unit_step(me, time, step);
 }
 
-EXPORT int fmi2CancelStep(void *me) { return spring_refuse(me, "no step lasts until it could be cancelled"); }
+EXPORT int fmi2CancelStep(void *me) { return unit_refuse(me, "no step lasts until it could be cancelled"); }
 
 EXPORT int fmi2GetRealStatus(void *me, int kind, double *value) {
     if (kind != 2) { /* fmi2LastSuccessfulTime */

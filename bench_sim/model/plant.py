@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.realtime.binding import bind
-from bench_sim.model.actuator import hold_setpoint
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.bench_rest import rest_forces, seated_height, settle_bench
 from bench_sim.model.kernel import advance_plant, measure_plant, observe
 from bench_sim.model.layout import (
     ACTUATORS,
@@ -24,8 +24,7 @@ from bench_sim.model.layout import (
     State,
 )
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors, settled_temperature
-from bench_sim.model.spring import stretch, volume
+from bench_sim.model.rest import settle_sensors
 
 #: Length of the fixed step in s.
 STEP = 1e-3
@@ -80,20 +79,11 @@ class Plant:
     def depressurised(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
         """Return a bench without air: atmosphere in every chamber, bolster on the emergency springs, actuators off."""
         plant = cls(parameters, seed=seed, dt=dt)
-        par = parameters
-        weight = 0.5 * par.bolster_mass * par.gravity
-        bellows = np.empty(SIDES)
-        height = np.empty(SIDES)
-        for side in range(SIDES):
-            shell = par.shell_stiffness_vertical[side]
-            hanging = -weight / shell if shell > 0.0 else -np.inf
-            seated = (par.contact_stiffness * par.contact_height - weight) / (shell + par.contact_stiffness)
-            bellows[side] = max(hanging, seated)
-            height[side] = bellows[side]
-            if par.emergency_spring:
-                height[side] -= (weight - par.nominal_preload[side]) / par.emergency_stiffness_vertical[side]
+        seated = [seated_height(parameters, side) for side in range(SIDES)]
+        bellows, height = (np.array(one) for one in zip(*seated, strict=True))
         plant.inputs[[Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
-        plant._settle(bellows, height, np.full(SIDES, par.atmospheric_pressure), par.atmospheric_pressure)
+        atmosphere = parameters.atmospheric_pressure
+        plant._settle(bellows, height, np.full(SIDES, atmosphere), atmosphere)
         return plant
 
     @classmethod
@@ -104,11 +94,7 @@ class Plant:
         """
         plant = cls(parameters, seed=seed, dt=dt)
         par = parameters
-        preload = par.nominal_preload
-        force = np.zeros(ACTUATORS)
-        total = preload[0] + preload[1] - par.bolster_mass * par.gravity
-        difference = (preload[0] - preload[1]) * par.spring_half_spacing / par.actuator_half_spacing
-        force[:2] = 0.5 * (total + difference), 0.5 * (total - difference)
+        force = rest_forces(par)
         plant.inputs[
             [Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]
         ] = 1
@@ -117,7 +103,7 @@ class Plant:
             plant.inputs[Input.VERTICAL_LEFT_COMMAND + j] = force[j]
             plant.memory.mode[j] = Mode.FORCE
             plant.state[State.ACTUATOR + j] = force[j]
-        pressure = preload / par.effective_area + par.atmospheric_pressure
+        pressure = par.nominal_preload / par.effective_area + par.atmospheric_pressure
         supply = par.sawtooth_high if par.supply_sawtooth else par.supply_pressure
         plant._settle(np.zeros(SIDES), np.zeros(SIDES), pressure, supply + par.atmospheric_pressure)
         return plant
@@ -129,21 +115,9 @@ class Plant:
         pressure: NDArray[np.float64],
         supply: float,
     ) -> None:
-        """Put the bolster at the given spring heights with relaxed rubber, gas as warm as its walls, lags settled."""
+        """Put the bolster at the given spring heights (`settle_bench`), with sensors that have seen it for ever."""
         par, x, mem = self.parameters, self.state, self.memory
-        T = settled_temperature(par)
-        x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])
-        x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
-        x[State.SUPPLY_LINE] = supply
-        for side in range(SIDES):
-            held = volume(par, side, bellows[side], 0.0) + stretch(par, side, pressure[side])
-            fill_chamber(x, par, State.BELLOWS_MASS + side, pressure[side], held, T)
-            fill_chamber(x, par, State.AUXILIARY_MASS + side, pressure[side], par.auxiliary_volume[side], T)
-            x[[State.BELLOWS_WALL + side, State.AUXILIARY_WALL + side]] = T
-            x[State.LEVER + side] = height[side] + par.lever_offset[side]
-            relax_rubber(x, mem, side, bellows[side], 0.0)
-        for j in range(ACTUATORS):
-            hold_setpoint(mem, j, float(x[State.ACTUATOR + j]))
+        settle_bench(x, mem, par, bellows, height, pressure, supply)
         observe(x, mem, self.inputs, par, self._slope, self._algebraic, self._values)
         settle_sensors(mem, par, self._values, self.dt)
 

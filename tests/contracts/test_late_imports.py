@@ -14,7 +14,7 @@ from tests.contracts.test_imports import PACKAGES, ROOT
 INSIDE_FUNCTIONS = {
     "acceptance": 7,
     "astb": 87,
-    "bench_fmu": 9,
+    "bench_fmu": 6,
     "bench_panel": 10,
     "bench_protocol": 4,
     "bench_records": 113,

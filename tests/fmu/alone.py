@@ -102,26 +102,32 @@ class Unit:
         return "not refused"
 
 
-def moved(unit, times, motion, names, *, start=0, saved_at=None, other=None):
-    """Step from time to time; ``motion`` (n, names) is put before each step. Returns outputs after each."""
+def moved(unit, times, given, names, outputs, *, saved_at=None, other=None):
+    """Step from time to time; ``given`` (n, names) is put before each step. Returns outputs after each."""
     rows = []
-    for n in range(start, len(times) - 1):
+    for n in range(len(times) - 1):
         if n == saved_at:
             kept = unit.save()
             unit = other
             unit.restore(kept)
-        unit.set(dict(zip(names, motion[n], strict=True)))
+        unit.set(dict(zip(names, given[n], strict=True)))
         unit.step(times[n], times[n + 1] - times[n])
-        rows.append(unit.get(*OUTPUTS))
+        rows.append(unit.get(*outputs))
     return rows
 
 
 def motion(fresh, running):
+    """Move what is given, twice: the second time with another instance from the middle on."""
     given = np.load(sys.argv[4])
     names, times = [str(one) for one in given["names"]], given["times"]
-    whole = moved(running(), times, given["motion"], names)
+    outputs = [str(one) for one in given["outputs"]] if "outputs" in given else OUTPUTS
+    begun = {}
+    if "begin" in given:
+        begun = dict(zip(map(str, given["begin"]), given["begin_values"].tolist(), strict=True))
+    first, second = running(begun), running(begun)
+    whole = moved(first, times, given["motion"], names, outputs)
     half = len(times) // 2
-    again = moved(running(), times, given["motion"], names, saved_at=half, other=running())
+    again = moved(second, times, given["motion"], names, outputs, saved_at=half, other=running())
     return {"outputs": whole, "again": again}
 
 
@@ -190,6 +196,56 @@ def refusals(fresh, running):
     return answers
 
 
+def bench_refusals(fresh, running):
+    unit = running()
+    heights = unit.get("left.height", "right.height")
+    for n in range(50):
+        unit.step(0.02 * n, 0.02)
+    return {
+        "mode": unit.refused(unit.set, {"vertical_left.control": 1.5}),
+        "range": unit.refused(unit.set, {"platform.roll_setpoint": 1.0}),
+        "fixed": unit.refused(unit.set, {"left.nominal_preload": 5e4}),
+        "rest": max(
+            abs(a - b) for a, b in zip(unit.get("left.height", "right.height"), heights, strict=True)
+        ),
+    }
+
+
+def cars(fresh, running):
+    """A hundred cars of different masses, and one that goes by parts of a tick."""
+
+    def ride(units, steps, length):
+        for n in range(steps):
+            for unit in units:
+                unit.set({"car.wind": 3e4})
+                unit.step(length * n, length)
+        return [unit.get("car.lateral")[0] for unit in units]
+
+    units = [running({"mass": 1e4 + 10.0 * k}, name=f"car {k}") for k in range(100)]
+    places = ride(units, 20, 5e-3)
+    (alone,) = ride([running({"mass": 1e4 + 630.0})], 20, 5e-3)
+    (parts,) = ride([running()], 100, 3e-4)
+    (whole,) = ride([running()], 1, 30e-3)
+    for unit in units:
+        unit.unit.freeInstance()
+    return {"places": places, "alone": alone, "parts": parts, "whole": whole}
+
+
+def car_refusals(fresh, running):
+    unit = running()
+    answers = {
+        "mass": unit.refused(unit.set, {"mass": 0.0}),
+        "spacing": unit.refused(unit.set, {"spring_half_spacing": 1.0}),
+    }
+    before = unit.get("car.lateral", "car.lean")
+    unit.set({"bump_stop_travel[2]": 0.01})
+    answers["stop"] = unit.refused(unit.step, 0.0, 1e-3)
+    unit.set({"bump_stop_travel[2]": 0.03, "track.lateral": 1e308, "bump_stop_force[9]": 1e7})
+    answers["far"] = unit.refused(unit.step, 0.0, 1e-3)
+    answers["kept"] = [before, unit.get("car.lateral", "car.lean")]
+    return answers
+
+
 def main():
     path, what = sys.argv[2:4]
     description = fmpy.read_model_description(path, validate=True)
@@ -202,9 +258,11 @@ def main():
     def fresh(**more):
         return Unit(path, folder, description, **more)
 
-    def running(**more):
+    def running(begun=None, **more):
         unit = fresh(**more)
         unit.begin()
+        if begun:
+            unit.set(begun)
         unit.ready()
         return unit
 

@@ -1,4 +1,4 @@
-"""FMUs of the springs, compiled once, and simulations of them where this project is not."""
+"""FMUs of springs, bench and car, compiled once, and simulations of them where this project is not."""
 
 import json
 import os
@@ -13,29 +13,47 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench_fmu.export import compile_springs, write_springs
+from bench_fmu.export import compile_code, write_unit
+from bench_fmu.models.kinds import unit_of
 from bench_protocol.system.file_locks import hold
-from bench_sim.parameters import load
 
 HERE = Path(__file__).parent
+
+
+def _made(name: str, factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Return FMUs of each version."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "fmus"
+    made = {version: folder / f"{name}{version}.fmu" for version in (2, 3)}
+    folder.mkdir(exist_ok=True)
+    with (folder / f"{name}.lock").open("w") as lock:  # workers compile it once
+        hold(lock.fileno(), wait=True)
+        if not made[3].exists():
+            unit = unit_of(name)
+            compile_code(unit.code, folder)
+            for version, path in made.items():
+                write_unit(unit, path, fmi=version, compiled=folder)
+    return made
 
 
 @pytest.fixture(scope="session")
 def spring_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     """The springs as an FMU of each version."""
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler")
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "fmus"
-    made = {version: folder / f"spring{version}.fmu" for version in (2, 3)}
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:  # workers compile it once
-        hold(lock.fileno(), wait=True)
-        if not made[3].exists():
-            compile_springs(folder)
-            for version, path in made.items():
-                write_springs(load(), path, fmi=version, compiled=folder)
-    return made
+    return _made("spring", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def bench_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The bench as an FMU of each version."""
+    return _made("bench", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def car_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The car as an FMU of each version."""
+    return _made("car", tmp_path_factory)
 
 
 @pytest.fixture

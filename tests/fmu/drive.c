@@ -1,4 +1,8 @@
-/* Instances of an FMI 2.0 FMU from birth to death, for valgrind: drive LIBRARY GUID. */
+/* Instances of an FMI 2.0 FMU from birth to death, for valgrind:
+
+   drive LIBRARY GUID VARIABLES MOVED BY OUTSIDE VALUE STOPPING VALUE
+
+   MOVED goes on by so much a step, OUTSIDE is not taken at its value, and with STOPPING at its value no step is. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,7 +33,7 @@ static void *find(const char *name) {
 }
 
 int main(int argc, char **argv) {
-    library = argc == 3 ? dlopen(argv[1], RTLD_NOW) : NULL;
+    library = argc == 10 ? dlopen(argv[1], RTLD_NOW) : NULL;
     if (library == NULL) {
         return 2;
     }
@@ -58,17 +62,17 @@ int main(int argc, char **argv) {
     if (instantiate("stranger", 1, "{another}", "", &callbacks, 0, 0) != NULL || told != 1) {
         return 3;
     }
-    unsigned motion[6] = {0, 1, 2, 3, 4, 5};
-    double values[6] = {0};
+    unsigned variables = (unsigned)atoi(argv[3]), moved = (unsigned)atoi(argv[4]);
+    unsigned outside = (unsigned)atoi(argv[6]), stopping = (unsigned)atoi(argv[8]);
+    double by = atof(argv[5]), beyond = atof(argv[7]), stop = atof(argv[9]);
     for (int k = 0; k < 3; k++) {
         void *one = instantiate("spring", 1, argv[2], "", &callbacks, 0, 0);
         if (one == NULL || enter(one) || leave(one)) {
             return 4;
         }
         for (int n = 0; n < 50; n++) {
-            values[0] = 1e-4 * n;
-            values[2] = -2e-4 * n;
-            if (set(one, motion, 6, values) || step(one, 2e-3 * n, 2e-3, 1)) {
+            double value = by * n;
+            if (set(one, &moved, 1, &value) || step(one, 2e-3 * n, 2e-3, 1)) {
                 return 5;
             }
         }
@@ -81,23 +85,23 @@ int main(int argc, char **argv) {
         if (pack(one, state, packed, bytes) || unpack(one, packed, bytes, &other) || restore(one, other)) {
             return 7;
         }
-        values[0] = -0.3;
-        if (set(one, motion, 6, values) || step(one, 0.1, 1e-3, 1) != 3) { /* too deep: an error */
+        if (set(one, &stopping, 1, &stop) || step(one, 0.1, 1e-3, 1) != 3) { /* an error */
             return 8;
         }
-        values[0] = 1.0;
-        if (set(one, motion, 6, values) != 3) {
+        if (set(one, &outside, 1, &beyond) != 3) {
             return 9;
         }
-        unsigned all[300];
-        double numbers[300];
-        for (unsigned v = 0; v < 300; v++) {
+        unsigned *all = calloc(variables, sizeof *all);
+        double *numbers = calloc(variables, sizeof *numbers);
+        for (unsigned v = 0; v < variables; v++) {
             all[v] = v;
         }
-        if (get(one, all, 300, numbers) || reset(one) || enter(one) || leave(one) || step(one, 0.0, 5e-3, 1)) {
+        if (get(one, all, variables, numbers) || reset(one) || enter(one) || leave(one) || step(one, 0.0, 5e-3, 1)) {
             return 10;
         }
         free(packed);
+        free(all);
+        free(numbers);
         forget(one, &state);
         forget(one, &other);
         end(one);

@@ -12,8 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from bench_fmu.cli import fmu_command
-from bench_fmu.export import variables, write_springs
-from bench_fmu.variables import Kind
+from bench_fmu.export import write_unit
+from bench_fmu.models.springs import springs
+from bench_fmu.unit import Kind
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, Input
 from bench_sim.model.plant import Plant
@@ -24,6 +25,7 @@ from tests.plain_python import run_plain
 pytestmark = pytest.mark.slow
 
 VERSIONS = (2, 3)
+MODELS = ("spring", "bench", "car")
 HERE = Path(__file__).parent
 NAMES = (
     *("left.height", "right.height", "springs.lateral"),
@@ -46,9 +48,8 @@ OUTPUTS = (
 TWIN = """
 import sys
 import numpy as np
-from bench_fmu.kernel import advance, start
-from bench_sim.model.algebraic import ALGEBRAICS
-from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, INPUTS, STATES, Input
+from bench_fmu.kernels.springs import OUTPUTS, ROWS, advance, start
+from bench_sim.model.layout import INPUTS, STATES, Input
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.parameters import load
 
@@ -59,10 +60,9 @@ def run():
         motion = np.pad(given["motion"][::ticks], ((0, 0), (0, 3)))  # without accelerations
         parameters = np.array([load().record], PARAMETERS).view(np.recarray)
         memory = np.zeros(1, MEMORY).view(np.recarray)
-        x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((5, STATES)), np.zeros(ALGEBRAICS)
+        x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((ROWS, STATES)), np.zeros(OUTPUTS)
         u[[Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
-        behind = np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS))
-        start(x, memory, u, parameters, np.zeros(9), 1.0, np.zeros((2, 4)), np.zeros(2), behind, work, out)
+        start(x, memory, u, parameters, np.zeros(9), 1.0, work, out)
         for row in motion[:-1]:
             advance(x, memory, u, parameters, row, 0.0, 1e-3, ticks, work, out)
             every.append(out.copy())
@@ -120,15 +120,17 @@ def test_another_tool_finds_nothing_wrong(spring_fmus, alone, version):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_nothing_of_python_is_linked(spring_fmus, tmp_path, version):
-    with zipfile.ZipFile(spring_fmus[version]) as archive:
-        (name,) = (one for one in archive.namelist() if one.startswith("binaries/"))
-        archive.extract(name, tmp_path)
-    linked = subprocess.run(["ldd", tmp_path / name], capture_output=True, text=True, check=True).stdout
+@pytest.mark.parametrize("name", MODELS)
+def test_nothing_of_python_is_linked(spring_fmus, bench_fmus, car_fmus, tmp_path, name, version):
+    fmu = {"spring": spring_fmus, "bench": bench_fmus, "car": car_fmus}[name][version]
+    with zipfile.ZipFile(fmu) as archive:
+        (library,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        archive.extract(library, tmp_path)
+    linked = subprocess.run(["ldd", tmp_path / library], capture_output=True, text=True, check=True).stdout
     assert {line.split()[0].split("/")[-1].split(".")[0] for line in linked.splitlines()} <= {
         *("linux-vdso", "libm", "libc", "ld-linux-x86-64", "ld-linux-aarch64"),
     }
-    said = subprocess.run(["nm", "-D", tmp_path / name], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(["nm", "-D", tmp_path / library], capture_output=True, text=True, check=True).stdout
     symbols = [line.split()[-1] for line in said.splitlines()]
     assert not [one for one in symbols if one.startswith(("Py", "_Py", "numba", "NRT"))]
     ours = [line.split()[-1] for line in said.splitlines() if line.split()[-2] in "TW"]
@@ -162,11 +164,11 @@ def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
     speeds = np.array([0.03, -0.02, 0.05])
     times = 1e-3 * np.arange(n)
     parameters = load().record
-    springs = times[:, None] * speeds
-    roll = 0.5 * (springs[:, 0] - springs[:, 1]) / parameters.spring_half_spacing
+    stretched = times[:, None] * speeds
+    roll = 0.5 * (stretched[:, 0] - stretched[:, 1]) / parameters.spring_half_spacing
     displacement = np.zeros((n, 6))
-    displacement[:, 0] = springs[:, 2] - parameters.centre_height * roll
-    displacement[:, 1] = 0.5 * (springs[:, 0] + springs[:, 1])
+    displacement[:, 0] = stretched[:, 2] - parameters.centre_height * roll
+    displacement[:, 1] = 0.5 * (stretched[:, 0] + stretched[:, 1])
     displacement[:, 2] = roll
     p = parameters.nominal_preload[0] / parameters.effective_area[0] + parameters.atmospheric_pressure
     inputs = np.zeros((n, INPUTS))
@@ -178,7 +180,7 @@ def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
     gas = Gas(np.full(4, p), np.full(4, parameters.ambient_temperature))
     motion = Motion.through(displacement, 1e-3)
     replay(parameters, motion, inputs, supply, gas, step=1e-3, before=Before.nothing(), rows=rows)
-    given = np.hstack((springs, np.broadcast_to(speeds, springs.shape)))
+    given = np.hstack((stretched, np.broadcast_to(speeds, stretched.shape)))
     got = alone(spring_fmus[3], "motion", names=NAMES, times=times, motion=given)
     assert equal(np.array(got["outputs"]), looked_at(rows)[1:], 1e-9)
 
@@ -213,17 +215,34 @@ def test_what_does_not_fit_is_a_status_with_words(spring_fmus, alone, version):
     assert got["state"][0].startswith("these 8 bytes are no state of this FMU")
 
 
-def test_memory_is_its_own(spring_fmus, tmp_path):
+#: What `drive.c` moves, and by how much; what is not taken; what no step is taken with.
+DRIVEN = {
+    "spring": (("springs.lateral", -2e-4), ("left.height", 1.0), ("left.height", -0.3)),
+    "bench": (("lateral.force_setpoint", 50.0), ("platform.roll_setpoint", 1.0), ("dpv_reclosing", 5e5)),
+    "car": (("car.wind", 500.0), ("mass", 0.0), ("bump_stop_travel[2]", 0.01)),
+}
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_memory_is_its_own(spring_fmus, bench_fmus, car_fmus, tmp_path, name):
     if shutil.which("valgrind") is None:
         pytest.skip("no valgrind here")
-    with zipfile.ZipFile(spring_fmus[2]) as archive:
-        (name,) = (one for one in archive.namelist() if one.startswith("binaries/"))
-        archive.extract(name, tmp_path)
-        guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
+    fmu = {"spring": spring_fmus, "bench": bench_fmus, "car": car_fmus}[name][2]
+    with zipfile.ZipFile(fmu) as archive:
+        (library,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        archive.extract(library, tmp_path)
+        description = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    names = [one.get("name") for one in description.iter("ScalarVariable")]
+    given = [str(len(names))]
+    for variable, value in DRIVEN[name]:
+        given += [str(names.index(variable)), str(value)]
     program = tmp_path / "drive"
     subprocess.run(["cc", "-g", "-o", program, HERE / "drive.c", "-ldl"], check=True)
     done = subprocess.run(
-        ["valgrind", "-q", "--leak-check=full", "--error-exitcode=99", program, tmp_path / name, guid],
+        [
+            *("valgrind", "-q", "--leak-check=full", "--error-exitcode=99"),
+            *(program, tmp_path / library, description.get("guid"), *given),
+        ],
         capture_output=True,
         text=True,
         check=False,
@@ -236,7 +255,7 @@ def test_memory_is_its_own(spring_fmus, tmp_path):
 def test_for_this_processor_alone_it_does_the_same(spring_fmus, alone, ridden, tmp_path):
     """``--native``: other instructions, the same springs."""
     native = tmp_path / "native.fmu"
-    write_springs(load(), native, fmi=2, native=True)
+    write_unit(springs(load()), native, fmi=2, native=True)
     motion, _ = ridden
     given = {"names": NAMES, "times": 1e-3 * np.arange(len(motion)), "motion": motion}
     here, portable = (np.array(alone(fmu, "motion", **given)["outputs"]) for fmu in (native, spring_fmus[2]))
@@ -267,7 +286,7 @@ def test_every_parameter_of_a_law_is_one_of_the_fmu():
     read = {name for law in laws for name in re.findall(r"par\.(\w+)", (folder / f"{law}.py").read_text())}
     given = {
         re.sub(r"^(left|right)\.|\[.*", "", one.name)
-        for one in variables(load())
+        for one in springs(load()).variables
         if one.kind in (Kind.FIXED, Kind.TUNABLE)
     }
     assert given == read & {one.name for one in PLANT_QUANTITIES}

@@ -1,0 +1,1 @@
+"""Compiled functions inside of the FMUs."""

@@ -1,0 +1,119 @@
+"""The whole bench without its measuring chain: the compiled functions inside of its FMU."""
+
+from enum import IntEnum
+from typing import Any, Final
+
+from bench_fmu.kernels.springs import supply_open
+from bench_sim.model import bench_rest
+from bench_sim.model.actuator import command_actuators
+from bench_sim.model.algebraic import ALGEBRAICS
+from bench_sim.model.compiled import compiled, compiled_once
+from bench_sim.model.kernel import evaluate
+from bench_sim.model.layout import ACTUATORS, INPUTS, SENSORS, SIDES, Input, Mode, State
+from bench_sim.model.runge_kutta import integrate, step_scheme
+from bench_sim.model.sensors import true_values
+from bench_sim.model.step_start import begin
+
+#: Working rows: four slopes and a state, and the inputs of the model.
+ROWS: Final = 6
+#: Behind the algebraic quantities stands what ideal sensors read (`Sensor`).
+OUTPUTS: Final = ALGEBRAICS + SENSORS
+
+
+class Given(IntEnum):
+    """Inputs of the FMU: valves and modes of actuators as in `Input`, then a set-point of each kind."""
+
+    FORCE = Input.VERTICAL_LEFT_COMMAND  #: N, per actuator
+    DISPLACEMENT = FORCE + ACTUATORS  #: m, per actuator
+    PLATFORM = DISPLACEMENT + ACTUATORS  #: up, to the left, in roll
+
+
+GIVEN: Final = Given.PLATFORM + 3
+assert Input.PLATFORM_ROLL - Input.PLATFORM_VERTICAL == 2 and INPUTS == Input.PLATFORM_ROLL + 1
+
+_rest_forces, _settle, _seated = (
+    compiled(one) for one in (bench_rest.rest_forces, bench_rest.settle_bench, bench_rest.seated_height)
+)
+
+
+@compiled_once
+def bench_slope(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
+    """The bench's right-hand side, compiled once for all who call it."""
+    evaluate(ahead, x, mem, u, par, given, dx, out)
+
+
+@compiled
+def _command(given: Any, u: Any) -> None:
+    """Write the model's inputs from those of the FMU: the set-point that the actuator's mode asks for."""
+    for k in range(Input.VERTICAL_LEFT_COMMAND):
+        u[k] = given[k]
+    for j in range(ACTUATORS):
+        mode = int(given[Input.VERTICAL_LEFT_MODE + j])
+        command = 0.0
+        if mode == Mode.FORCE:
+            command = given[Given.FORCE + j]
+        elif mode == Mode.DISPLACEMENT:
+            command = given[Given.DISPLACEMENT + j]
+        u[Input.VERTICAL_LEFT_COMMAND + j] = command
+    for k in range(3):
+        u[Input.PLATFORM_VERTICAL + k] = given[Given.PLATFORM + k]
+
+
+@compiled
+def _tell(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    bench_slope(0.0, x, mem, u, par, (), dx, out)
+    true_values(x, mem, par, out, out[ALGEBRAICS:])
+
+
+def advance(
+    x: Any,
+    memory: Any,
+    given: Any,
+    parameters: Any,
+    motion: Any,
+    since: float,
+    dt: float,
+    steps: int,
+    work: Any,
+    out: Any,
+) -> None:
+    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (OUTPUTS) what is at their end.
+
+    Nothing is moved from outside: ``motion`` and ``since`` are not read. ``work`` (ROWS, STATES) is the caller's
+    working memory.
+    """
+    mem, par, u = memory[0], parameters[0], work[5]
+    _command(given, u)
+    scheme = step_scheme(par, dt)
+    for _ in range(steps):
+        command_actuators(x, mem, u, par, dt)
+        begin(bench_slope, x, mem, u, par, (), work[0], out)
+        integrate(bench_slope, dt, scheme, x, mem, u, par, (), work, out)
+        mem.step += 1
+    _tell(x, mem, u, par, work[0], out)
+
+
+def start(
+    x: Any, memory: Any, given: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any
+) -> None:
+    """Begin at rest: with ``air`` at design height under the preload, without it on the emergency springs.
+
+    With air the actuators press with what the preload is more than the bolster; without it they are off. ``x``,
+    ``memory`` and ``work`` are zero.
+    """
+    mem, par, u = memory[0], parameters[0], work[5]
+    _command(given, u)
+    bellows, height, pressure = work[1], work[2], work[3]
+    for i in range(SIDES):
+        if air > 0.0:
+            pressure[i] = par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
+        else:
+            bellows[i], height[i] = _seated(par, i)
+            pressure[i] = par.atmospheric_pressure
+    if air > 0.0:
+        force = _rest_forces(par)
+        for j in range(ACTUATORS):
+            mem.mode[j] = Mode.FORCE.value
+            x[State.ACTUATOR + j] = force[j]
+    _settle(x, mem, par, bellows, height, pressure, supply_open(u, par))
+    _tell(x, mem, u, par, work[0], out)

@@ -1,0 +1,20 @@
+"""Which FMUs there are, made of parameter sets by their names."""
+
+from pathlib import Path
+
+from bench_fmu.models.bench import bench
+from bench_fmu.models.car import car
+from bench_fmu.models.springs import springs
+from bench_fmu.unit import Unit
+from bench_sim.parameters import load
+from bench_sim.parameters.vehicle import load_vehicle
+
+
+def unit_of(
+    kind: str, model: str | Path = "astb", load_case: str | None = None, vehicle: str | Path = "vehicle"
+) -> Unit:
+    """Return the ``spring``, the ``bench`` or the ``car`` of these sets; `ParameterError` where one does not fit."""
+    parameters = load(model, load_case)
+    if kind == "car":
+        return car(parameters, load_vehicle(vehicle))
+    return {"spring": springs, "bench": bench}[kind](parameters)

@@ -1,0 +1,153 @@
+"""Both air springs with their valves as an FMU: names, units, bounds and places of inputs, outputs and parameters."""
+
+from collections.abc import Iterator
+from math import inf
+from typing import Final
+
+from bench_fmu.kernels.springs import OUTPUTS, ROWS, Gauge, advance, start
+from bench_fmu.models.gas import ORDERS, defaults_of, places_of
+from bench_fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
+from bench_protocol.table import TABLE
+from bench_protocol.words import SIDES
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.layout import INPUTS, STATES, Input
+from bench_sim.model.quantities import MEMORY, PARAMETERS, PLANT_QUANTITIES
+from bench_sim.parameters import Parameters
+
+#: Parameters of what stands on the springs and of what measures them; all others are the springs'.
+_ELSEWHERE: Final = (
+    *("bolster_", "bump_stop_", "actuator_", "frame_", "platform_", "load_cell_", "extra_stop_", "pressure_"),
+    *(
+        "gravity",
+        "lateral_actuator_height",
+        "accelerometer_height",
+        "platen_mass",
+        "seat_ahead",
+        "load_ahead",
+    ),
+    *("support_softness", "force_latency"),
+)
+#: Parameters by which states come and go, or from which only the start follows.
+FIXED: Final = (
+    *("emergency_spring", "wall_temperature_offset", "wall_heat_capacity", "pipe_length"),
+    *("extra_branch_ratio", "extra_friction", "flow_inertance", "spring_half_spacing", "centre_height"),
+)
+
+MOTIONS: Final = (
+    ("left.height", "m", "Height of the left spring over design height"),
+    ("right.height", "m", "Height of the right spring over design height"),
+    ("springs.lateral", "m", "Top plates against the feet of the springs, to the left"),
+    ("left.height_speed", "m/s", "Speed of left.height, with which it goes on within a step"),
+    ("right.height_speed", "m/s", "Speed of right.height, with which it goes on within a step"),
+    ("springs.lateral_speed", "m/s", "Speed of springs.lateral, with which it goes on within a step"),
+    ("left.height_acceleration", "m/s2", "With which left.height_speed goes on within a step"),
+    ("right.height_acceleration", "m/s2", "With which right.height_speed goes on within a step"),
+    ("springs.lateral_acceleration", "m/s2", "With which springs.lateral_speed goes on within a step"),
+)
+VALVES: Final = (
+    ("supply.open", Input.SUPPLY, 1.0, 0.0, "Supply main valve: 1 open, 0 closed and vented"),
+    ("left.leveling", Input.LEFT_LEVELING, 0.0, 0.0, "Leveling valve: 1 connected, 0 isolated"),
+    ("right.leveling", Input.RIGHT_LEVELING, 0.0, 0.0, "Leveling valve: 1 connected, 0 isolated"),
+    ("left.service_valve", Input.LEFT_SERVICE_VALVE, 0.0, -1.0, "Fills (to +1) or exhausts (to -1)"),
+    ("right.service_valve", Input.RIGHT_SERVICE_VALVE, 0.0, -1.0, "Fills (to +1) or exhausts (to -1)"),
+    ("air.left_reservoir", Input.LEFT_RESERVOIR_VALVE, 1.0, 0.0, ""),
+    ("air.right_reservoir", Input.RIGHT_RESERVOIR_VALVE, 1.0, 0.0, ""),
+    ("air.dpv", Input.DPV_CONNECTED, 1.0, 0.0, ""),
+)
+#: Each stands for left and right.
+OF_SPRINGS: Final = (
+    ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Force up on what stands on the spring"),
+    ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on it"),
+    ("roll_moment", "N*m", Algebraic.ROLL_MOMENT, "Moment on it, left side up"),
+)
+_GAS: Final = (
+    ("bellows_pressure", "Pa", Gauge.PRESSURE, ""),
+    ("auxiliary_pressure", "Pa", Gauge.AUXILIARY_PRESSURE, ""),
+    ("bellows_temperature", "K", Algebraic.TEMPERATURE, "Gas in the bellows"),
+    ("auxiliary_temperature", "K", Algebraic.AUXILIARY_TEMPERATURE, "Gas in the auxiliary"),
+)
+FLOWS: Final = (
+    ("orifice_flow", "kg/s", Algebraic.ORIFICE_FLOW, "From bellows to auxiliary chamber"),
+    ("leveling_flow", "kg/s", Algebraic.LEVELING_FLOW, "Into it through the leveling valve"),
+    ("service_flow", "kg/s", Algebraic.SERVICE_FLOW, "Into it through the service valve"),
+)
+CODE: Final = Code(
+    "springs",
+    start,
+    advance,
+    MEMORY,
+    PARAMETERS,
+    states=STATES,
+    inputs=INPUTS,
+    motions=len(MOTIONS),
+    outputs=OUTPUTS,
+    rows=ROWS,
+    # The springs' part of the memory stands before that of actuators and sensors.
+    remembered=offset(MEMORY, "mode"),
+    checks="gas.c",
+)
+
+
+def springs(parameters: Parameters) -> Unit:
+    """Return both springs with these parameters."""
+    return Unit(
+        CODE,
+        f"{parameters.name} {parameters.load_case}",
+        f"Both air springs of {parameters.name} under {parameters.load_case}, with their valves and supply",
+        (
+            "Two air springs with auxiliary chambers, orifices, leveling and service valves, differential pressure "
+            "valve and supply. They are driven by how far they are stretched, and say what they do to what stands on "
+            "them. Units are SI; pressures are over the atmosphere, heights over design height, lateral positions to "
+            "the left.",
+            "It begins at rest, with relaxed rubber and the pressure that carries its preload. Within a communication "
+            "step the displacements go on with the speeds that were given with them.",
+        ),
+        (*_motions(), *valves(), *_outputs(), *_parameters(parameters)),
+        defaults_of(parameters),
+        places_of(shims=True),
+        ORDERS,
+    )
+
+
+def told(name: str, text: str = "") -> str:
+    """Return ``text``, or what the table of signals says."""
+    return text or TABLE[name].description
+
+
+def _motions() -> Iterator[Variable]:
+    high = TABLE["left.height"].high
+    for place, (name, unit, text) in enumerate(MOTIONS):
+        bound = high if unit == "m" else inf
+        yield Variable(name, unit, Kind.MOTION, place, text, 0.0, -bound, bound)
+
+
+def valves() -> Iterator[Variable]:
+    """Yield what feeds the springs and joins their chambers."""
+    for name, number, begins, low, text in VALVES:
+        yield Variable(name, "1", Kind.INPUT, int(number), told(name, text), begins, low, 1.0)
+
+
+def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
+    """Yield outputs that both springs have."""
+    for name, unit, first, text in rows:
+        for side, word in enumerate(SIDES):
+            full = f"{word}.{name}"
+            yield Variable(full, unit, Kind.OUTPUT, first + side, told(full, text))
+
+
+def dpv_flow() -> Variable:
+    """Return what flows from spring to spring."""
+    return Variable("springs.dpv_flow", "kg/s", Kind.OUTPUT, Algebraic.DPV_FLOW, "From left to right")
+
+
+def _outputs() -> Iterator[Variable]:
+    yield from of_sides((*OF_SPRINGS, *_GAS, *FLOWS))
+    yield dpv_flow()
+    yield Variable("supply.pressure", "Pa", Kind.OUTPUT, Gauge.SUPPLY, told("supply.pressure"))
+
+
+def _parameters(parameters: Parameters) -> Iterator[Variable]:
+    text = "Share of the pressure that carries the preload with which it begins; 0: without air"
+    yield Variable("air.at_start", "1", Kind.BEGIN, 0, text, 1.0, 0.0, 1.0)
+    own = [one for one in PLANT_QUANTITIES if not one.name.startswith(_ELSEWHERE)]
+    yield from parameters_of(own, parameters.entries, parameters.record, PARAMETERS, FIXED)

@@ -1,0 +1,145 @@
+"""What one kind of FMU consists of: its variables, the code inside, and what its pages say."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from math import inf
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.words import ACTUATORS, SIDES
+from bench_sim.model.quantities import Quantity
+from bench_sim.parameters.loading import Entry
+
+
+class Kind(IntEnum):
+    """Where a variable stands in an instance of the FMU."""
+
+    MOTION = 0  #: input with which the instance goes on within a communication step
+    INPUT = 1  #: input, held over a communication step
+    BEGIN = 2  #: parameter of the beginning: how much of its air is there
+    FIXED = 3  #: parameter that stays once the FMU has begun
+    TUNABLE = 4  #: parameter
+    OUTPUT = 5
+
+
+#: Parameters that each actuator has.
+_OF_ACTUATORS: Final = (
+    "actuator_delay",
+    "actuator_damping",
+    "actuator_f",
+    "actuator_relief",
+    "actuator_s",
+    "actuator_unload",
+    "frame_",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One scalar; values are SI. What is calculated has no start; ``whole`` numbers stand for choices."""
+
+    name: str
+    unit: str
+    kind: Kind
+    place: int
+    description: str
+    start: float | None = None
+    low: float = -inf
+    high: float = inf
+    whole: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Two compiled functions, and how much room they work in.
+
+    ``start(x, memory, u, parameters, motion, air, work, out)`` begins at rest; all but the inputs is zero.
+    ``advance(x, memory, u, parameters, motion, since, dt, steps, work, out)`` goes on by ticks, the first of which is
+    ``since`` s after the motion was given. ``memory`` and ``parameters`` are arrays of one record. Neither function
+    makes arrays.
+    """
+
+    name: str
+    start: Callable[..., Any]
+    advance: Callable[..., Any]
+    memory: np.dtype[np.void]
+    parameters: np.dtype[np.void]
+    states: int
+    inputs: int
+    motions: int
+    outputs: int
+    #: Rows of the working memory; each is as long as all states.
+    rows: int
+    #: So many bytes of ``memory`` are written, from its first on.
+    remembered: int
+    #: The file of C that says where the model holds.
+    checks: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unit:
+    """An FMU to be written. ``name`` and ``said`` are what a tool shows of it, ``about`` are paragraphs of its page."""
+
+    code: Code
+    name: str
+    said: str
+    about: tuple[str, ...]
+    variables: Sequence[Variable]
+    #: What its parameters are until somebody sets them, as numbers one behind the other.
+    defaults: NDArray[np.float64]
+    #: Places by the names that C has for them.
+    places: Mapping[str, int]
+    #: Pairs of parameters that only make sense in one order.
+    orders: Sequence[tuple[str, str]] = ()
+
+
+def offset(kinds: np.dtype[np.void], field: str) -> int:
+    """Return how many bytes of a record stand before its ``field``."""
+    fields: Any = kinds.fields
+    return int(fields[field][1])
+
+
+def parameters_of(
+    quantities: Sequence[Quantity],
+    entries: Mapping[str, Entry],
+    record: Any,
+    kinds: np.dtype[np.void],
+    fixed: Collection[str],
+) -> Iterator[Variable]:
+    """Yield the scalars of these ``quantities`` with bounds and provenance; ``record`` has their values.
+
+    ``kinds`` is what the FMU keeps them in.
+    """
+    for quantity in quantities:
+        name = quantity.name
+        entry = entries[name]
+        kind = Kind.FIXED if name in fixed else Kind.TUNABLE
+        values = np.asarray(record[name], dtype=np.float64)
+        first = offset(kinds, name) // 8
+        said = f"{name.replace('_', ' ')}; {entry.provenance}: {entry.source}"
+        for place, index in enumerate(np.ndindex(values.shape)):
+            value, low, high = (float(one[index]) for one in (values, entry.low, entry.high))
+            yield Variable(
+                _scalar(name, values.shape, index),
+                quantity.unit,
+                kind,
+                first + place,
+                said,
+                value,
+                min(low, value),
+                max(high, value),
+            )
+
+
+def _scalar(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
+    """Return the name of one element: of its side or its actuator, or numbered from 1."""
+    if not shape:
+        return name
+    if name.startswith(_OF_ACTUATORS):
+        return f"{ACTUATORS[index[0]]}.{name}"
+    if shape == (2,) and "_surface_" not in name:
+        return f"{SIDES[index[0]]}.{name}"
+    return f"{name}[{','.join(str(i + 1) for i in index)}]"

@@ -1,0 +1,53 @@
+"""The whole bench at rest: what its actuators press with, where it sits without air, and its state.
+
+None of it is compiled: who makes a bench calls it as it is, and an FMU of the bench compiles it.
+"""
+
+from typing import Any
+
+from bench_sim.model.actuator import hold_setpoint
+from bench_sim.model.layout import ACTUATORS, SIDES, State
+from bench_sim.model.rest import fill_chamber, relax_rubber, settled_temperature
+from bench_sim.model.spring import stretch, volume
+
+
+def rest_forces(par: Any) -> tuple[float, float, float]:
+    """What the actuators press with (N) where springs at design height carry their preload."""
+    left, right = par.nominal_preload[0], par.nominal_preload[1]
+    total = left + right - par.bolster_mass * par.gravity
+    difference = (left - right) * par.spring_half_spacing / par.actuator_half_spacing
+    return 0.5 * (total + difference), 0.5 * (total - difference), 0.0
+
+
+def seated_height(par: Any, side: int) -> tuple[float, float]:
+    """How high one bellows and its spring stand (m) without air, under the weight of the bolster alone."""
+    weight = 0.5 * par.bolster_mass * par.gravity
+    shell = par.shell_stiffness_vertical[side]
+    bellows = (par.contact_stiffness * par.contact_height - weight) / (shell + par.contact_stiffness)
+    if shell > 0.0:
+        bellows = max(bellows, -weight / shell)
+    height = bellows
+    if par.emergency_spring != 0.0:
+        height -= (weight - par.nominal_preload[side]) / par.emergency_stiffness_vertical[side]
+    return bellows, height
+
+
+def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure: Any, supply: float) -> None:
+    """Put the bolster where the springs are so high, with relaxed rubber and gas as warm as its walls.
+
+    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have a number for each side. Actuators have always
+    been asked for what they do.
+    """
+    T = settled_temperature(par)
+    x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])
+    x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
+    x[State.SUPPLY_LINE] = supply
+    for side in range(SIDES):
+        held = volume(par, side, bellows[side], 0.0) + stretch(par, side, pressure[side])
+        fill_chamber(x, par, State.BELLOWS_MASS + side, pressure[side], held, T)
+        fill_chamber(x, par, State.AUXILIARY_MASS + side, pressure[side], par.auxiliary_volume[side], T)
+        x[State.BELLOWS_WALL + side] = x[State.AUXILIARY_WALL + side] = T
+        x[State.LEVER + side] = height[side] + par.lever_offset[side]
+        relax_rubber(x, mem, side, bellows[side], 0.0)
+    for j in range(ACTUATORS):
+        hold_setpoint(mem, j, x[State.ACTUATOR + j])
