@@ -196,6 +196,64 @@ def refusals(fresh, running):
     return answers
 
 
+#: What springs and car tell each other, by the names of each: first ours, then those of `models/RidingCar.py`.
+FORCES = {
+    "left.vertical_force": "F_left",
+    "right.vertical_force": "F_right",
+    "left.lateral_force": "S_left",
+    "right.lateral_force": "S_right",
+    "left.roll_moment": "M_left",
+    "right.roll_moment": "M_right",
+}
+PLACES = {
+    "left.height": "h_left",
+    "right.height": "h_right",
+    "springs.lateral": "shear",
+    "left.height_speed": "h_left_rate",
+    "right.height_speed": "h_right_rate",
+    "springs.lateral_speed": "shear_rate",
+}
+#: Wind, and the track with its speed, each sideways and up; then what the floor does.
+DRIVES = {
+    "car.wind": "wind",
+    "track.lateral": "y_track",
+    "track.vertical": "z_track",
+    "track.lateral_speed": "v_track",
+    "track.vertical_speed": "w_track",
+}
+FELT = {"car.acceleration": "a_floor", "car.rising": "a_up", "car.bump_stop": "stop", "car.lean": "lean"}
+
+
+def ride(fresh, running):
+    """Let a car ride on the springs in common steps; both are FMUs.
+
+    The springs go first, to where the car's speeds lead; what the car feels is the mean of their forces at both ends.
+    """
+    given = np.load(sys.argv[4])
+    place = 1 if given["strange"] else 0
+    forces, places, drives, felt = (
+        [pair[place] for pair in one.items()] for one in (FORCES, PLACES, DRIVES, FELT)
+    )
+    springs, car = running(), opened(str(given["car"]))()
+    car.begin()
+    car.set({"mass": float(given["mass"])})
+    car.ready()
+    step = float(given["step"])
+    before, stands = springs.get(*FORCES), car.get(*places)
+    rows = []
+    for n, driven in enumerate(given["driven"].tolist()):
+        springs.set(dict(zip(PLACES, stands, strict=True)))
+        springs.step(n * step, step)
+        after = springs.get(*FORCES)
+        mean = [0.5 * (one + other) for one, other in zip(before, after, strict=True)]
+        car.set(dict(zip([*forces, *drives], [*mean, *driven], strict=True)))
+        car.step(n * step, step)
+        before, stands = after, car.get(*places)
+        rows.append(car.get(*felt))
+    np.save(str(given["to"]), rows)
+    return {"steps": len(rows)}
+
+
 def bench_refusals(fresh, running):
     unit = running()
     heights = unit.get("left.height", "right.height")
@@ -246,17 +304,21 @@ def car_refusals(fresh, running):
     return answers
 
 
+def opened(path):
+    """Return what makes instances of an FMU."""
+    description = fmpy.read_model_description(path, validate=True)
+    folder = fmpy.extract(path)
+    return lambda **more: Unit(path, folder, description, **more)
+
+
 def main():
     path, what = sys.argv[2:4]
-    description = fmpy.read_model_description(path, validate=True)
     if what == "validate":
         from fmpy.validation import validate_fmu
 
-        return {"problems": validate_fmu(path), "version": description.fmiVersion}
-    folder = fmpy.extract(path)
-
-    def fresh(**more):
-        return Unit(path, folder, description, **more)
+        version = fmpy.read_model_description(path, validate=True).fmiVersion
+        return {"problems": validate_fmu(path), "version": version}
+    fresh = opened(path)
 
     def running(begun=None, **more):
         unit = fresh(**more)
