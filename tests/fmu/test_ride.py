@@ -1,13 +1,18 @@
 """A car of somebody else's on our springs, both FMUs in a tool that is not ours: it rides as on the bench."""
 
 import re
+import shutil
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
+from bench_sim.model.car import RideChannel
+from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load
+from bench_sim.parameters.vehicle import load_vehicle
 from bench_sim.rig.rig import Rig
 from paper_study.hybrid.alone import Alone
 from paper_study.hybrid.car import STEP
@@ -104,3 +109,18 @@ def test_it_gives_the_figures_of_the_ride(
     for what, value in found.items():
         assert abs(value - on_the_bench.bench[what]) <= on_the_bench.expanded[what], what
         assert value == pytest.approx(on_the_bench.alone[what], rel=far), what
+
+
+def test_what_the_page_says_couples_both(spring_fmus, car_fmus, tmp_path, monkeypatch):
+    """As the model's own vehicle goes in the same wind, whose springs are not told anything in steps."""
+    page = (HERE.parents[1] / "docs" / "how-to" / "export-an-fmu.md").read_text()
+    shutil.copy(spring_fmus[3], tmp_path / "spring.fmu")
+    shutil.copy(car_fmus[3], tmp_path / "car.fmu")
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, Any] = {}
+    (code,) = (one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "car.fmu" in one)
+    exec(code, scope)
+    vehicle = Vehicle(load().record, load_vehicle().with_values(track_shape=0).record)
+    (*_, last) = vehicle.ride(2e3, 10.001).rows
+    found = scope["car"].get(["car.lateral", "car.lean"])
+    assert found == pytest.approx([last[RideChannel.LATERAL], last[RideChannel.ROLL]], rel=2e-3)
