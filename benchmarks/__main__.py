@@ -26,6 +26,7 @@ NAMES: Final = (
     "diagnosis_duration",
     "panel",
     "watch",
+    "fmu",
 )
 
 
