@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -51,10 +52,11 @@ class Parameters:
         array = np.zeros(1, PARAMETERS)
         for name in PARAMETERS.names or ():
             array[name][0] = self.entries[name].value
-        record = array.view(np.recarray)[0]
-        apply_effects(record, self.entries, self.effects)
-        _check_order(record)
-        object.__setattr__(self, "record", record)
+        records = array.view(np.recarray)
+        apply_effects(records[0], self.entries, self.effects)
+        _check_order(records[0])
+        records.flags.writeable = False  # several may hold this very set
+        object.__setattr__(self, "record", records[0])
 
     def with_values(self, **changes: ArrayLike | Mapping[Sensor, float]) -> "Parameters":
         """Return a copy with some values changed (SI).
@@ -103,8 +105,11 @@ def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
 
 
 def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> Parameters:
-    path, tables = read_toml(name, SETS)
+    own = name in SETS
+    path, tables = (Path(f"{name}.toml"), {}) if own else read_toml(name, SETS)
     try:
+        if own:
+            return _own(str(name), load_case)
         if not is_model(tables):
             return _parse(path.stem, tables, load_case)
         if path.resolve() in above:
@@ -114,6 +119,16 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
         return extended(_load(named, load_case, (*above, path.resolve())), model, path.stem)
     except ParameterError as error:
         raise ParameterError(f"{path.name}: {error}") from error
+
+
+@cache
+def _own(name: str, load_case: str | None) -> Parameters:
+    """Return a set that stands beside this module; its file is read once in a process."""
+    read = _parse(name, read_toml(name, SETS)[1], load_case)
+    for entry in (*read.entries.values(), *read.load_cases.values()):
+        if entry.value.ndim:
+            entry.value.flags.writeable = False
+    return read
 
 
 def _parse(name: str, tables: dict[str, Any], load_case: str | None) -> Parameters:

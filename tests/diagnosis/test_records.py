@@ -343,7 +343,7 @@ def test_springs_were_shimmed_before_a_record_for_what_it_first_says():
 @pytest.mark.parametrize("joined", [True, False])
 def test_the_gas_at_the_start_is_free_of_what_its_sensors_are_off_by(joined):
     """Zero, drift since the bench was switched on, gain and a fitted offset: each shifts what a run begins from."""
-    par = load().record
+    par = load().record.copy()
     true = dict.fromkeys(GAS, 5e5) | {name: 290.0 + k for k, name in enumerate(GAS[4:])}
     true |= {} if joined else {"left.auxiliary_pressure": 3e5, "right.auxiliary_pressure": 4e5}
     offsets = {f"{name}.offset": 300.0 if "pressure" in name else 0.4 for name in GAS}

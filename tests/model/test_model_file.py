@@ -100,7 +100,7 @@ def test_a_model_is_loaded_like_a_parameter_set(tmp_path):
     np.testing.assert_array_equal(record.load_cell_crosstalk, 1e-3 * (1.0 - np.eye(6)))
     np.testing.assert_array_equal(record.force_surface, FULL.changes["force_surface"])
     assert load(path).digest() == load(path).digest() != BASE.digest()
-    drawn = BASE.as_built(3).record.sensor_bias
+    drawn = BASE.as_built(3).record.sensor_bias.copy()
     drawn[Sensor.LEFT_HEIGHT], drawn[Sensor.LOAD_CELL_3] = 2e-5, -12.5
     np.testing.assert_array_equal(
         parameters.as_built(3).record.sensor_bias, drawn, "what is known is not drawn"
