@@ -85,7 +85,11 @@ AHEAD = UPPER | {"lead": "30 ms", "persistence": "5 ms", "at": "11.58 mm"}
 LONG = UPPER | {"persistence": "120 ms", "at": "7.28 mm"}
 
 
-@pytest.mark.parametrize("limit", [UPPER, LOWER, RATE, ERROR, AHEAD, LONG], ids=lambda one: one["kind"])
+@pytest.mark.parametrize(
+    "limit",
+    [UPPER, ERROR, *(pytest.param(one, marks=pytest.mark.slow) for one in (LOWER, RATE, AHEAD, LONG))],
+    ids=lambda one: one["kind"],
+)
 def test_what_is_refused_trips_and_what_is_not_does_not(tmp_path, limit):
     rig, refused = virtual(limit), []
     for amplitude in (9.9, 10.2):

@@ -17,6 +17,7 @@ def client():
         yield client
 
 
+@pytest.mark.slow
 def test_all_cases_become_rows_in_their_order(client, tmp_path):
     standings: list[Standing] = []
     cases = {f"case {n}": n for n in range(20)}
@@ -36,6 +37,7 @@ def test_all_cases_become_rows_in_their_order(client, tmp_path):
     assert standings[-1].left == standings[-1].failed == 0
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_not_computed_again(client, tmp_path):
     some = {name: (str(tmp_path), name, 0.0) for name in "ab"}
     run_cases(questions.seen, some, tmp_path / "rows", client=client)
@@ -46,6 +48,7 @@ def test_what_is_kept_is_not_computed_again(client, tmp_path):
     assert all((tmp_path / name).read_text() == "begun\n" for name in "abc")
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_is_a_row_and_not_the_end(client, tmp_path):
     run_cases(questions.whatever, {"fine": "fine"}, tmp_path, client=client)
     asked = ["fine", "raise", "leave", "die", "linger", "text", "number", "renames", "unkept", "good"]
@@ -62,6 +65,7 @@ def test_a_case_that_fails_is_a_row_and_not_the_end(client, tmp_path):
     assert (errors["fine"], errors["renames"], errors["good"]) == ("", "", "")
 
 
+@pytest.mark.slow
 def test_those_that_failed_are_tried_again_when_that_is_asked_for(client, tmp_path):
     cases = {"x": "raise", "y": "fine"}
     run_cases(questions.whatever, cases, tmp_path, client=client)

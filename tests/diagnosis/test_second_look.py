@@ -28,6 +28,7 @@ STOP = Hypothesis(
     grid=((0.004,), (0.006,), (0.008,), (0.012,)),
 )
 CATALOGUE = {**OSCILLATOR_EFFECTS, "stop": STOP}
+SLOW = pytest.mark.slow
 
 
 def sentence_of(page: str) -> str:
@@ -36,7 +37,7 @@ def sentence_of(page: str) -> str:
     return " ".join(after.split())
 
 
-@pytest.mark.parametrize("seed", [1001, 1, 7])
+@pytest.mark.parametrize("seed", [1001, pytest.param(1, marks=SLOW), pytest.param(7, marks=SLOW)])
 def test_a_stop_that_is_met_now_and_then_is_named_with_its_size(laboratory, oscillator, seed):
     lab = laboratory(oscillator(catalogue=CATALOGUE))
     finding = diagnose(lab.measure(seed, HIDDEN), lab.simulator, ONE)
@@ -54,6 +55,7 @@ def test_without_the_second_look_it_is_not_found(laboratory, oscillator, monkeyp
     assert not diagnose(data, lab.simulator, ONE).causes
 
 
+@SLOW
 def test_the_page_says_what_comes_of_its_example(capsys):
     page = PAGE.read_text()
     (example,) = (
@@ -77,7 +79,7 @@ def test_nobody_looks_again_where_the_noise_is_reached(laboratory, oscillator, m
     assert [cause.effect for cause in finding.causes] == list(hidden)
 
 
-@pytest.mark.parametrize("end", ["nan", "raise"])
+@pytest.mark.parametrize("end", ["nan", pytest.param("raise", marks=SLOW)])
 def test_what_diverges_at_a_finite_amplitude_is_left_out(laboratory, oscillator, end):
     """A candidate that has no finite outputs at 1 or 5 times its size, or none that is tried, hides no other one."""
     ripe = Hypothesis("ripe", "loss", "ripe", Parameter("amplitude", "N", 0.0, 1.0, low=0.0))
@@ -97,7 +99,7 @@ def test_what_diverges_at_a_finite_amplitude_is_left_out(laboratory, oscillator,
     assert [cause.effect for cause in finding.causes] == ["stop"]
 
 
-@pytest.mark.parametrize("seed", [1001, 1])
+@pytest.mark.parametrize("seed", [1001, pytest.param(1, marks=SLOW)])
 def test_a_stop_that_is_not_looked_for_makes_no_other_cause(laboratory, oscillator, seed):
     """What leaves most of the error is not taken for it: the verdict says that something is wrong, or what remains."""
     lab = laboratory(oscillator())

@@ -48,13 +48,9 @@ def verdicts(result):
 
 @pytest.mark.parametrize(
     ("name", "plan"),
-    [
-        ("plant_a", "aw0"),
-        pytest.param("plant_a", "aw3", marks=slow),
-        pytest.param("hall_b", "aw0", marks=slow),
-        pytest.param("hall_b", "aw3", marks=slow),
-    ],
+    [("plant_a", "aw0"), ("plant_a", "aw3"), ("hall_b", "aw0"), ("hall_b", "aw3")],
 )
+@slow
 def test_a_plan_judges_a_spring_as_on_our_own_rig(run_on, name, plan):
     own, strange = run_on("own", plan), run_on(name, plan)
     assert own.verdict is Outcome.PASS, own.reason

@@ -243,6 +243,7 @@ WIDE = {
 }
 
 
+@slow
 def test_a_wide_and_heavy_bench_is_judged_by_its_own_dimensions(tmp_path):
     """b² of roll, and a bolster twice as heavy: with dimensions of ours it cannot pass."""
     described = ordinary().built(dimensions_of(load("astb").with_values(**WIDE)))
@@ -321,6 +322,7 @@ def test_a_map_names_the_dimensions_of_the_rig_that_was_measured_on(tmp_path):
         read_map(tmp_path / "map.toml")
 
 
+@slow
 def test_a_record_brings_the_dimensions_of_its_rig(tmp_path):
     described = ordinary().built(dimensions_of(load("astb").with_values(**WIDE)))
     ran(tmp_path / "wide", "small_fast_sines", described, **WIDE)

@@ -40,6 +40,7 @@ def test_words_of_the_pictures_in_the_docs(page: Any) -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_words_of_the_pictures_in_a_report(page: Any, passed_run: Path) -> None:
     from bench_records.report import write_report
 

@@ -320,7 +320,7 @@ LIVES = st.tuples(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sort
 AFTER = (*ARRIVALS, *LATE_ARRIVALS)
 #: Each is told to the end once for every arrival: with the four below 200 stories, 752, and 20 000 for whoever changes
 #: what rests.
-FEW, MANY = 21, int(os.environ.get("ASTB_STORIES", "20")) * 9 // 2
+FEW, MANY = 8, int(os.environ.get("ASTB_STORIES", "20")) * 9 // 2
 
 
 #: What pushed an empty bolster aside was still held when it was armed: it swung by 31 mm instead of 26.

@@ -19,6 +19,7 @@ def test_likelihood_ratios_have_mean_one_at_most_while_the_model_holds():
     assert ratios.max() <= np.exp(MOST) * (1 + 1e-12)
 
 
+@pytest.mark.slow
 def test_a_hundred_hours_of_a_sound_rig_give_hardly_an_alarm():
     # The mean length between two alarms is more than 100 h: of 100 h at most two thirds would have one, if it were
     # that short. It is much longer, since the bound is not sharp.

@@ -30,6 +30,7 @@ def test_nothing(judged, condition):
     assert not found.amiss
 
 
+@pytest.mark.slow
 def test_what_is_in_no_catalogue_is_called_unknown(judged):
     found = judged("oscillator", "outside", "white", 3)
     assert found.verdict == Verdict.UNKNOWN
@@ -61,7 +62,9 @@ def test_two_causes_neither_of_which_makes_sense_alone(judged):
     assert found.exact
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("single", 2), ("single", 1294), ("near", 1025)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("single", 2), ("single", 1294), pytest.param("near", 1025, marks=pytest.mark.slow)]
+)
 def test_what_the_true_cause_is_wrong_by_is_no_second_cause(judged, kind, seed):
     """Of a cause in plain view, a fiftieth that nobody models is larger than the noise."""
     found = judged("oscillator", kind, "white", seed)
