@@ -43,7 +43,7 @@ from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.laws import not_told
-from diagnosis.engine.memory import share_heap
+from diagnosis.engine.memory import give_back, share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.remainder import Remainder, held_back, remainder
@@ -73,6 +73,7 @@ def diagnose(
     with its minutes. Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
     share_heap()
+    give_back()  # Whoever read the data left room.
     config = config or Config()
     tell = progress or (lambda _text, _part: None)
     data, model = measured_channels(dataset, simulator)

@@ -3,7 +3,8 @@
 The C library keeps what is freed between what is still in use, in a heap for each thread, and asks for more elsewhere:
 after a few rounds a process is half as large again as what it holds. So columns have pages of their own (`room`), which
 go with them, and all threads share one heap (`share_heap`). What is free there goes back where much was dropped
-(`give_back`), and not after every simulation: it has to be got again, page by page.
+(`give_back`), and not after every simulation: it has to be got again, page by page. So does what Arrow has kept of the
+files that it read: 150 MB of a record of seven minutes.
 """
 
 from __future__ import annotations
@@ -49,8 +50,10 @@ def share_heap() -> None:
 
 
 def give_back() -> None:
-    """Return memory that is free to the system, where the C library can (glibc)."""
+    """Return memory that is free to the system, where the C library can (glibc), and what Arrow keeps, if it is used."""
     _call("malloc_trim", 0)
+    if arrow := sys.modules.get("pyarrow"):
+        arrow.default_memory_pool().release_unused()
 
 
 def _call(function: str, *arguments: Any) -> None:

@@ -7,11 +7,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from diagnosis.engine.columns import Columns, Trace
 from diagnosis.engine.config import OWN_PAGES
-from diagnosis.engine.memory import first_rows, room
+from diagnosis.engine.memory import first_rows, give_back, room
 
 ROWS, SAMPLES = 500, 40 * OWN_PAGES * mmap.PAGESIZE // 1000
 
@@ -53,6 +54,18 @@ def test_pages_go_back_with_the_rows_that_are_not_kept_and_with_the_array():
     assert resident() - before < 0.2 * size
     del values
     assert resident() - before < 0.1 * size
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="what is in memory is read in Linux' /proc")
+def test_what_was_read_by_arrow_and_dropped_goes_back():
+    size, count = 1 << 16, 1500
+    before = resident()
+    buffers = [pa.allocate_buffer(size) for _ in range(count)]
+    for buffer in buffers:
+        np.frombuffer(buffer, np.uint8)[:] = 1
+    del buffers, buffer
+    give_back()
+    assert resident() - before < 0.3 * size * count
 
 
 def test_neighbouring_columns_are_chosen_without_a_copy_and_others_with_the_same_values():
