@@ -18,7 +18,7 @@ from bench_sim.model.quantities import MEMORY, PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters import Parameters
 
 #: Parameters of the measuring chain, which is not in it.
-_ELSEWHERE: Final = ("pressure_", "force_latency", "load_cell_crosstalk")
+_ELSEWHERE: Final = ("pressure_", "force_latency", "displacement_latency", "load_cell_crosstalk")
 _PLATFORM: Final = (Input.PLATFORM_VERTICAL, Input.PLATFORM_LATERAL, Input.PLATFORM_ROLL)
 assert PLATFORM_AXES == ("vertical", "lateral", "roll") and list(_PLATFORM) == sorted(_PLATFORM)
 CODE: Final = Code(

@@ -25,7 +25,7 @@ _ELSEWHERE: Final = (
         "seat_ahead",
         "load_ahead",
     ),
-    *("support_softness", "force_latency"),
+    *("support_softness", "force_latency", "displacement_latency"),
 )
 #: Parameters by which states come and go, or from which only the start follows.
 FIXED: Final = (

@@ -192,7 +192,15 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS, lanes=Lanes.ELSEWHERE),
     *_off("N", "platform_twist", low=-5e4, high=5e4, lanes=Lanes.ELSEWHERE),
     # acquisition: how late the readings of a group of sensors arrive
-    *_off("s", "force_latency", "pressure_latency", low=0.0, high=0.25, lanes=Lanes.ELSEWHERE),
+    *_off(
+        "s",
+        "force_latency",
+        "pressure_latency",
+        "displacement_latency",
+        low=0.0,
+        high=0.25,
+        lanes=Lanes.ELSEWHERE,
+    ),
     *_off("1", "pressure_clock_skew", low=0.0, high=0.01, lanes=Lanes.ELSEWHERE),
     *_off("1", "pressure_hold", low=0.0, high=1.0, lanes=Lanes.ELSEWHERE),
     *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02, lanes=Lanes.ELSEWHERE),

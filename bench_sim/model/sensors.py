@@ -152,6 +152,7 @@ def arrives_late(par: Any) -> bool:
     return (
         par.force_latency > 0.0
         or par.pressure_latency > 0.0
+        or par.displacement_latency > 0.0
         or par.pressure_clock_skew > 0.0
         or par.pressure_hold > 0.0
     )
@@ -170,6 +171,10 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
     transducer = Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE
     if transducer or Sensor.LOAD_CELL_1 <= sensor <= Sensor.LOAD_CELL_6:
         return par.force_latency
+    height = sensor <= Sensor.RIGHT_HEIGHT
+    piston = Sensor.VERTICAL_LEFT_DISPLACEMENT <= sensor <= Sensor.LATERAL_DISPLACEMENT
+    if height or piston or Sensor.PLATFORM_VERTICAL <= sensor <= Sensor.PLATFORM_ROLL:
+        return par.displacement_latency
     return 0.0
 
 

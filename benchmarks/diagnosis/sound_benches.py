@@ -4,12 +4,15 @@
 benchmark, with seeds of their own. Scores should be standard normal: what they scatter beyond that, about 0, is the
 doing of the replay. Its motion is smoothed, its friction turns a little earlier or later than that of the bench. So is
 what stretches of a run show beyond chance in the directions of an effect (`diagnosis.engine.constancy`).
+
+``--effects`` makes the rows of some effects, of new ones say, each with its number of benches; the others stay.
 """
 
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -61,8 +64,8 @@ class Changed(NamedTuple):
     freedom: float
 
 
-def shown(seed: int) -> tuple[list[Scored], list[Changed]]:
-    """Return what a sound bench shows."""
+def shown(effects: Sequence[str], seed: int) -> tuple[list[Scored], list[Changed]]:
+    """Return what a sound bench shows of some effects (all)."""
     bench = BenchCases()
     with temporary_directory() as directory:
         dataset = bench.measure(seed, "null", "white", Path(directory)).dataset
@@ -71,7 +74,8 @@ def shown(seed: int) -> tuple[list[Scored], list[Changed]]:
         Replay(model, data.of("fit"), 1), (), dict(model.catalogue), Config(seed=seed, workers=1)
     )
     current = current_model(problem, fit_base_model(problem.replay))
-    return list(_scored(current)), list(_changed(problem, current))
+    scored = [one for one in _scored(current) if not effects or one.effect in effects]
+    return scored, list(_changed(problem, current, effects))
 
 
 def _scored(current: CurrentModel) -> Iterator[Scored]:
@@ -84,9 +88,11 @@ def _scored(current: CurrentModel) -> Iterator[Scored]:
             yield Scored(_bare(one.effect.name), one.effect.grid.index(one.shapes), float(z), float(unit))
 
 
-def _changed(problem: Problem, current: CurrentModel) -> Iterator[Changed]:
+def _changed(problem: Problem, current: CurrentModel, effects: Sequence[str]) -> Iterator[Changed]:
     screening = current.screening
     for name in problem.hypotheses:
+        if effects and _bare(name) not in effects:
+            continue
         start = screening.start(current.model.point, screening.best(name))
         chi2, freedom = np.sum(changes(refit(problem, start, current), name), axis=0)
         if freedom > 0.0:
@@ -101,44 +107,62 @@ def _bare(name: str) -> str:
 @click.command()
 @click.option("--rigs", default=40, show_default=True)
 @click.option("--processes", default=2, show_default=True)
-def main(rigs: int, processes: int) -> None:
+@click.option("--effects", "named", default="", help="Rows of these only, by commas; the others stay.")
+def main(rigs: int, processes: int, named: str) -> None:
     """Measure the table on so many sound benches, and keep it."""
     scored, changed = list[Scored](), list[Changed]()
+    effects = tuple(filter(None, named.split(",")))
     with ProcessPoolExecutor(processes) as pool:
-        for number, found in enumerate(pool.map(shown, range(SEEDS, SEEDS + rigs)), 1):
+        for number, found in enumerate(pool.map(partial(shown, effects), range(SEEDS, SEEDS + rigs)), 1):
             scored += found[0]
             changed += found[1]
             click.echo(f"{number} of {rigs}")
-    text = (
-        f"{HEADER.format(count=rigs)}{IMITATED}{_imitated(scored)}{OVERDISPERSION}{_overdispersion(changed)}"
-    )
+    parts = {"imitated": _imitated(scored), "overdispersion": _overdispersion(changed)}
+    header = HEADER.format(count=rigs)
+    if effects:
+        header = SOUND.read_text(encoding="utf-8").partition(IMITATED)[0]
+        told = {
+            part: {name: f"{row}  # of {rigs}" for name, row in rows.items()} for part, rows in parts.items()
+        }
+        parts = {part: _kept(part, effects) | rows for part, rows in told.items()}
+    lines = {
+        part: "".join(f"{name} = {rows[name]}\n" for name in sorted(rows)) for part, rows in parts.items()
+    }
+    text = f"{header}{IMITATED}{lines['imitated']}{OVERDISPERSION}{lines['overdispersion']}"
     SOUND.write_text(text, encoding="utf-8")
 
 
-def _imitated(scored: Sequence[Scored]) -> str:
-    """Return a line for each effect whose scores scatter beyond chance."""
+def _kept(part: str, others: Sequence[str]) -> dict[str, str]:
+    """Return the rows that a part of the table has of all effects but some ``others``."""
+    lines = SOUND.read_text(encoding="utf-8").partition(f"[{part}]\n")[2].partition("\n\n")[0].splitlines()
+    rows = (line.partition(" = ") for line in lines)
+    return {name: row for name, _, row in rows if name not in others}
+
+
+def _imitated(scored: Sequence[Scored]) -> dict[str, str]:
+    """Return the row of each effect whose scores scatter beyond chance."""
     seen: dict[str, dict[int, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
     for one in scored:
         seen[one.effect][one.place].append((one.excess, one.information))
-    lines = []
+    rows = {}
     for name, points in sorted(seen.items()):
         means = [np.mean(values, axis=0) for _, values in sorted(points.items())]
         amplitudes = [f"{np.sqrt(max(excess, 0.0) / information):.2g}" for excess, information in means]
         scatters = ", ".join(f"{np.sqrt(1.0 + excess):.2f}" for excess, _ in means)
         click.echo(f"{name}: scores scatter by {scatters}")
         if set(amplitudes) != {"0"}:
-            lines.append(f"{name} = [{', '.join(amplitudes)}]\n")
-    return "".join(lines)
+            rows[name] = f"[{', '.join(amplitudes)}]"
+    return rows
 
 
-def _overdispersion(changed: Sequence[Changed]) -> str:
-    """Return a line for each effect."""
-    lines = []
+def _overdispersion(changed: Sequence[Changed]) -> dict[str, str]:
+    """Return the row of each effect."""
+    rows = {}
     for name in sorted({one.effect for one in changed}):
         values = np.array([(one.chi2, one.freedom) for one in changed if one.effect == name])
         chi2, freedom = values.sum(axis=0)
-        lines.append(f"{name} = {max(chi2 / freedom, 1.0):.2f}\n")
-    return "".join(lines)
+        rows[name] = f"{max(chi2 / freedom, 1.0):.2f}"
+    return rows
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def share_heap() -> None:
 
 
 def give_back() -> None:
-    """Return memory that is free to the system, where the C library can (glibc), and what Arrow keeps, if it is used."""
+    """Return memory that is free to the system, where the C library can (glibc), and what Arrow keeps if it is used."""
     _call("malloc_trim", 0)
     if arrow := sys.modules.get("pyarrow"):
         arrow.default_memory_pool().release_unused()

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from bench_protocol.units import Hz, bar, mm, mrad
 from bench_sim.model.effects import CATALOGUE
@@ -118,6 +119,8 @@ def test_the_biases_that_the_rig_was_built_with_are_found(healthy):
     [
         ("leak.left", {"area": 1e-7}),
         ("pressure_lag", {"lag": 2e-3}),
+        ("force_lag", {"lag": 5.713e-3}),
+        ("displacement_latency", {"delay": 5e-3}),
         ("asymmetric_orifice", None),
         ("crosstalk", None),
     ],
@@ -367,6 +370,41 @@ def test_a_softer_frame_means_less_shear_where_the_give_is_told(made):
     softer = read(frame, shear=shear, **give)
     assert softer == pytest.approx(read({}, shear=(1.0 - 0.8 * 0.04) * shear), abs=1e-6)
     assert np.abs(softer - stiff).max() > 20.0
+
+
+@pytest.mark.parametrize("give", [0.0, 0.1])
+def test_what_displacements_say_late_has_been_before(made, give):
+    """The springs went through what was read later, the pistons' transducers are late, and all else is as it was."""
+    delay, skip = 7.5e-3, 20
+    time = made.experiment.time
+    move = {"left.height": 5 * mm, "right.height": -3 * mm, "shear": 6 * mm, "platform.vertical": 2 * mm}
+
+    def seen(at):
+        wave = np.sin(2.0 * np.pi * 1.5 * at) * np.clip(at, 0.0, 1.0) ** 3
+        moved = {name: size * wave for name, size in move.items()}
+        frame = (
+            give * mm * np.sin(2.0 * np.pi * 1.5 * time) * np.clip(time, 0.0, 1.0) ** 3
+        )  # of a force: never late
+        return moved | {"shear": moved["shear"] - frame, "lateral.give": frame}
+
+    def read(at, effects):
+        run = Experiment("moved", time, made.experiment.inputs | seen(at), made.experiment.settings)
+        return made.simulator.run(run, {}, effects)
+
+    right = read(time, {})
+    told = read(np.maximum(time - delay, 0.0), {"displacement_latency": {"delay": delay}})
+    wrong = read(np.maximum(time - delay, 0.0), {})
+    wrong_kinds = set()
+    for channel, as_told, expected, unaware in zip(
+        made.simulator.channels, told.T, right.T, wrong.T, strict=True
+    ):
+        off = np.abs(unaware - expected)[skip:-skip].max()
+        late = channel.kind == "displacement"
+        due = CubicSpline(time, expected)(np.maximum(time - delay, 0.0)) if late else expected
+        assert np.abs(as_told - due)[skip:-skip].max() < 0.03 * (channel.noise + off), channel.name
+        if off > 3.0 * channel.noise:
+            wrong_kinds.add(channel.kind)
+    assert wrong_kinds >= {"pressure", "force"}
 
 
 def test_what_is_missing_is_named(made):

@@ -128,6 +128,7 @@ def test_differences_of_rough_runs_are_those_of_good_ones(bench):
         "pipe_inertia",
         "force_latency",
         "pressure_latency",
+        "displacement_latency",
         "clock_skew",
         "sample_and_hold",
         "fractional",

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.effects.channels import FORCES, LATERAL_CELLS, PRESSURES, TRANSDUCERS, VERTICAL_CELLS
+from bench_sim.model.effects.channels import (
+    DISPLACEMENTS,
+    FORCES,
+    LATERAL_CELLS,
+    PRESSURES,
+    TRANSDUCERS,
+    VERTICAL_CELLS,
+)
 from bench_sim.model.layout import HISTORY, Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.parameters.effects import with_effects
@@ -62,7 +69,12 @@ def earlier(rows: np.ndarray, delay: np.ndarray | float) -> np.ndarray:
 
 @pytest.mark.parametrize("delay", [0.2 * MS, 1.0 * MS, 3.7 * MS, 90.0 * MS])
 @pytest.mark.parametrize(
-    ("name", "late"), [("force_latency", FORCES), ("pressure_latency", [*PRESSURES, Sensor.SUPPLY_PRESSURE])]
+    ("name", "late"),
+    [
+        ("force_latency", FORCES),
+        ("pressure_latency", [*PRESSURES, Sensor.SUPPLY_PRESSURE]),
+        ("displacement_latency", DISPLACEMENTS),
+    ],
 )
 def test_what_is_late_is_what_was(rig, name, late, delay):
     healthy, given = shaken(rig()), shaken(rig({name: {"delay": delay}}))

@@ -13,6 +13,12 @@ TRANSDUCERS: Final = [*sensors_of(Group.VERTICAL_FORCE), *sensors_of(Group.LATER
 CELLS: Final = [*VERTICAL_CELLS, *LATERAL_CELLS]
 #: Load cells and the actuators' force transducers: one make of amplifier.
 FORCES: Final = [*TRANSDUCERS, *CELLS]
+#: All that says where springs, pistons and platform are.
+DISPLACEMENTS: Final = [
+    *(Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT),
+    *(Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT, Sensor.LATERAL_DISPLACEMENT),
+    *(Sensor.PLATFORM_VERTICAL, Sensor.PLATFORM_LATERAL, Sensor.PLATFORM_ROLL),
+]
 #: The four chambers.
 PRESSURES: Final = sensors_of(Group.PRESSURE)
 #: By side: the two vertical load cells under a spring, and the transmitter of its bellows.

@@ -250,7 +250,13 @@ class TracedReplay:
 def _quick(parameters: Any, step: float) -> bool:
     """Whether anything happens within a step longer than that of a replay: what is late by a part of it, too."""
     par = parameters
-    late = (par.force_latency, par.pressure_latency, par.pressure_clock_skew, par.pressure_hold)
+    late = (
+        par.force_latency,
+        par.pressure_latency,
+        par.displacement_latency,
+        par.pressure_clock_skew,
+        par.pressure_hold,
+    )
     relaxing = np.concatenate(
         (par.maxwell_time[par.maxwell_ratio != 0.0], par.extra_branch_time[par.extra_branch_ratio != 0.0])
     )

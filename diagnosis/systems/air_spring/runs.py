@@ -7,6 +7,7 @@ from typing import Any, Final
 from weakref import WeakValueDictionary
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.lanes.traces import TracedReplay, feeds
@@ -23,6 +24,16 @@ _VALVES: Final = {
     "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
     "dpv": Input.DPV_CONNECTED,
 }
+
+#: The inputs that displacement sensors tell.
+_LATE: Final = (
+    "left.height",
+    "right.height",
+    "shear",
+    "platform.vertical",
+    "platform.lateral",
+    "platform.roll",
+)
 
 
 class PreparedRun:
@@ -44,24 +55,28 @@ class PreparedRun:
         self.outputs: OrderedDict[str, Array] = OrderedDict()
         self.kept = KeptTraces()
         self._par, self._step = par, step
-        self._softer: WeakValueDictionary[float, PreparedRun] = WeakValueDictionary()
+        self._moved: WeakValueDictionary[tuple[float, float], PreparedRun] = WeakValueDictionary()
 
-    def given_way(self, par: Any) -> "PreparedRun":
-        """Return the run as it was if the frame of the lateral actuator gives way as ``par`` has it.
+    def moved_by(self, par: Any) -> "PreparedRun":
+        """Return the run as it was if frame and displacement sensors are as ``par`` has them; kept while it is used.
 
-        The transducer sits in the actuator: the more it gives way, the less were the springs sheared. The run is kept
-        while anybody uses it.
+        The transducer sits in the lateral actuator: the more that gives way, the less were the springs sheared. What
+        arrives late has been before.
         """
-        experiment = self.experiment
         more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
-        if more == 0.0 or GIVE not in experiment.inputs:
+        late = float(par.displacement_latency - self._par.displacement_latency)
+        if GIVE not in self.experiment.inputs:
+            more = 0.0
+        if (more, late) == (0.0, 0.0):
             return self
-        softer = self._softer.get(more)
-        if softer is None:
-            shear = given(experiment, "shear", 0.0) - more * experiment.inputs[GIVE]
-            sheared = replace(experiment, inputs={**experiment.inputs, "shear": shear})
-            softer = self._softer[more] = PreparedRun(sheared, self._par, self._step)
-        return softer
+        moved = self._moved.get((more, late))
+        if moved is None:
+            inputs = _before(self.experiment, late) if late else dict(self.experiment.inputs)
+            if more:
+                inputs["shear"] = inputs.get("shear", 0.0) - more * inputs[GIVE]
+            experiment = replace(self.experiment, inputs=inputs)
+            moved = self._moved[more, late] = PreparedRun(experiment, self._par, self._step)
+        return moved
 
     @property
     def inputs(self) -> Array:
@@ -94,6 +109,19 @@ def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
     roll = motion.displacement[:, 2]
     vertical, angular = motion.acceleration[:, 1], motion.acceleration[:, 2]
     return read - (par.gravity + vertical) * roll + par.accelerometer_height * angular
+
+
+def _before(experiment: Experiment, late: float) -> dict[str, Array]:
+    """Return the inputs of an experiment whose displacements were read ``late`` (s); forces were not."""
+    time, inputs = experiment.time, dict(experiment.inputs)
+    own = np.zeros(len(time))
+    gave_way = inputs.get(GIVE, own)  # the shear was made of displacements less this
+    for name in _LATE:
+        if name in inputs:
+            apart = gave_way if name == "shear" else own
+            course = CubicSpline(time, inputs[name] + apart)
+            inputs[name] = course(np.clip(time + late, time[0], time[-1])) - apart
+    return inputs
 
 
 def given(experiment: Experiment, name: str, default: float | None = None) -> Array:

@@ -304,7 +304,7 @@ class AirSpring(CompleteSimulator):
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        prepared = prepared.given_way(record)
+        prepared = prepared.moved_by(record)
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
 
     def _replay(
@@ -349,7 +349,7 @@ class AirSpring(CompleteSimulator):
         """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
-        prepared = prepared.given_way(record)
+        prepared = prepared.moved_by(record)
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:

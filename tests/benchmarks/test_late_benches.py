@@ -1,0 +1,37 @@
+"""What is late on a bench is told by its own name, as late as it is, and nothing else still seems late."""
+
+import pytest
+
+from astb.diagnose import with_roles
+from bench_sim.model.effects import CATALOGUE
+from benchmarks.diagnosis.bench_cases import BenchCases
+from benchmarks.diagnosis.ground_truth import GroundTruth
+from benchmarks.diagnosis.sealed import measure
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.finding import Verdict
+from diagnosis.systems.records import read_records
+
+#: What moves readings in time, and what is mistaken for it.
+LATE = (
+    *("force_lag", "force_latency", "pressure_lag", "pressure_latency", "displacement_latency", "clock_skew"),
+    *("maxwell", "platen_inertia"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "ms"), [("force_lag", 5.713), ("displacement_latency", 5.0), ("displacement_latency", 20.0)]
+)
+def test_what_is_late_on_a_bench_is_told_by_its_name(tmp_path, cause, ms):
+    values = {CATALOGUE[cause].amplitude.name: 1e-3 * ms}
+    measure(GroundTruth(seed=5, kind="single", condition="white", effects={cause: values}), tmp_path / "run")
+    simulator = BenchCases().simulator
+    dataset = with_roles(read_records([tmp_path / "run"], simulator))
+    finding = diagnose(dataset, simulator, Config(effects=LATE, with_panel=False))
+    assert finding.verdict is Verdict.NAMED
+    assert finding.names == (cause,)
+    told = finding.causes[0].parameters[0]
+    assert told.low < ms < told.high
+    assert told.high - told.low < 0.1
+    assert not [text for text in finding.remains if "still has a score" in text]
