@@ -1,5 +1,6 @@
 """An FMU of an air spring that owes nothing to this project: a C file and a description in units of its own."""
 
+import platform
 import shutil
 import subprocess
 import sys
@@ -46,7 +47,7 @@ bellows_pressure = "p_bag"
 """
 
 
-def strange_spring(to: Path, bad: int = 0, **units: str) -> Path:
+def strange_spring(to: Path, bad: int = 0, fmi: int = 2, **units: str) -> Path:
     """Write the FMU to a file and return its path; variables named in ``units`` have other ones.
 
     ``bad``: what it does at 2 s: 1 returns an error, 2 gives NaN, 3 crashes, 4 hangs.
@@ -56,14 +57,15 @@ def strange_spring(to: Path, bad: int = 0, **units: str) -> Path:
         pytest.skip("no C compiler here, and an FMU in C is to be made")
     library = to.with_suffix(".so")
     flags = ["-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", *([f"-DBAD={bad}"] if bad else [])]
-    subprocess.run([compiler, *flags, "-o", str(library), str(HERE / "c" / "strange.c"), "-lm"], check=True)
+    subprocess.run([compiler, *flags, "-o", str(library), str(HERE / "c" / _SOURCES[fmi]), "-lm"], check=True)
     with zipfile.ZipFile(to, "w") as archive:
-        archive.writestr("modelDescription.xml", _description(units))
-        archive.write(library, f"binaries/{_PLATFORM}/strange.so")
+        archive.writestr("modelDescription.xml", _description(units) if fmi == 2 else _description_3(units))
+        archive.write(library, f"binaries/{_PLATFORMS[fmi]}/strange.so")
     return to
 
 
-_PLATFORM = "linux64" if sys.maxsize > 2**32 else "linux32"
+_PLATFORMS = {2: "linux64" if sys.maxsize > 2**32 else "linux32", 3: f"{platform.machine()}-linux"}
+_SOURCES = {2: "strange.c", 3: "strange3.c"}
 
 
 def _description(units: dict[str, str]) -> str:
@@ -85,5 +87,28 @@ def _description(units: dict[str, str]) -> str:
 <UnitDefinitions>{defined}</UnitDefinitions>
 <ModelVariables>{"".join(rows)}</ModelVariables>
 <ModelStructure><Outputs>{"".join(outputs)}</Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def _description_3(units: dict[str, str]) -> str:
+    rows, outputs = [], []
+    for reference, (name, causality, usual) in enumerate(_VARIABLES):
+        unit = units.get(name, usual)
+        varies = "fixed" if causality == "parameter" else "continuous"
+        said = f' unit="{unit}"' if unit else ""
+        rows.append(
+            f'<Float64 name="{name}" valueReference="{reference}" causality="{causality}" variability="{varies}"'
+            f"{said}{_STARTS[causality]}/>"
+        )
+        if causality == "output":
+            outputs.append(f'<Output valueReference="{reference}"/>')
+    defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in _UNITS.items())
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="strange" instantiationToken="{{strange}}">
+<CoSimulation modelIdentifier="strange" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions>{defined}</UnitDefinitions>
+<ModelVariables>{"".join(rows)}</ModelVariables>
+<ModelStructure>{"".join(outputs)}</ModelStructure>
 </fmiModelDescription>
 """

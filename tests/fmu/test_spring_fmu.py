@@ -158,6 +158,53 @@ def test_it_does_what_the_laws_do(spring_fmus, alone, ridden, tmp_path):
         first += steps
 
 
+#: A jump of both springs by 5 mm up: volume and absolute pressure of each bellows before and after.
+JUMP = """
+import sys
+import numpy as np
+from bench_fmu.kernels.springs import OUTPUTS, ROWS, advance, start
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.layout import INPUTS, STATES
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.parameters import load
+
+def run():
+    parameters = np.array([load().record], PARAMETERS).view(np.recarray)
+    memory = np.zeros(1, MEMORY).view(np.recarray)
+    x, u, work, out = np.zeros(STATES), np.zeros(INPUTS), np.zeros((ROWS, STATES)), np.zeros(OUTPUTS)
+    motion, found = np.zeros(9), []
+    start(x, memory, u, parameters, motion, 1.0, work, out)
+    for height in (0.0, 5e-3, 0.0):
+        motion[:2] = height
+        advance(x, memory, u, parameters, motion, 0.0, 1e-3, 0, work, out)
+        found.append([out[Algebraic.VOLUME + i] for i in range(2)] + [out[Algebraic.PRESSURE + i] for i in range(2)])
+    return np.array(found)
+"""
+
+
+def test_gas_does_the_work_of_a_jump(tmp_path):
+    """A step of a displacement is an adiabate, p V^γ = const., and leads back to where it came from."""
+    V, p = np.split(run_plain(JUMP, tmp_path), 2, axis=1)
+    gamma = float(load().record.heat_capacity_ratio)
+    assert V[1, 0] > 1.01 * V[0, 0]
+    assert p[1] * V[1] ** gamma == pytest.approx(p[0] * V[0] ** gamma, rel=1e-4)
+    assert p[2] == pytest.approx(p[0], rel=1e-6)
+
+
+def test_springs_that_are_moved_by_jumps_are_as_stiff(spring_fmus, alone):
+    """Who gives places and no speeds has the forces of who gives both, but for the half step that jumps come late."""
+    t = 1e-3 * np.arange(400)
+    height, speed = 4e-3 * np.sin(10.0 * t), 0.04 * np.cos(10.0 * t)
+    names = ["left.height", "right.height"]
+    jumping = alone(spring_fmus[3], "motion", names=names, times=t, motion=np.stack([height, height], axis=1))
+    names += ["left.height_speed", "right.height_speed"]
+    rows = np.stack([height, height, speed, speed], axis=1)
+    moving = alone(spring_fmus[3], "motion", names=names, times=t, motion=rows)
+    found, right = (np.array(one["outputs"])[:, 0] for one in (jumping, moving))
+    assert np.ptp(found) == pytest.approx(np.ptp(right), rel=0.01)
+    assert np.abs(found - right).max() < 0.02 * np.ptp(right)
+
+
 def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
     """`replay` takes another road: cubics between samples, which a constant speed makes straight."""
     n = 301

@@ -1,6 +1,7 @@
 """FMUs of others, diagnosed: what they are called, what is found in them, and what they may do wrong."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from diagnosis.contracts import DiagnosisError
 from diagnosis.finding import Finding
@@ -203,8 +205,37 @@ def test_a_step_that_shows_is_doubted(folder: Path) -> None:
         path.write_text(text.replace("[fmu.base]", f'[fmu]\nstep = "{step}"\n[fmu.base]'))
         _, data = read_mapped([folder / "fast.csv"], path, str(folder / "ShakenMass.fmu"))
         told.append([one for one in data.doubts if "communication step" in one])
-    assert len(told[0]) == 1 and "where the communication step is 0.005 s and not 0.01 s" in told[0][0]
+    assert "where the communication step is 0.005 s and not 0.01 s" in told[0][0]
     assert not told[1]
+
+
+@pytest.mark.slow
+def test_what_a_step_does_to_the_numbers_is_told_beforehand(folder: Path) -> None:
+    """A fit with steps of 10 ms to what the same FMU does in steps of 0.5 ms is wrong by what the doubt says."""
+    time = np.arange(0.0, 6.0, 0.01)
+    drive = 30.0 * np.sin(2.0 * np.pi * np.cumsum(np.linspace(0.5, 6.0, len(time))) * 0.01)
+    text = MASS.replace('"kN"', '"N"').replace('unit = "mm"', 'unit = "mm", noise = "0.002 mm"')
+    path, file = folder / "map.toml", folder / "swept.csv"
+    base = 'damping = { spread = "3 N*s/m" }\nstiffness = { spread = "80 N/m" }\n'
+    path.write_text(text.replace("[fmu.base]", f'[fmu]\nstep = "10 ms"\n[fmu.base]\n{base}'))
+    save(file, time=time, F=drive, x=0.0 * drive)
+    simulator, data = read_mapped([file], path, str(folder / "ShakenMass.fmu"))
+    experiment = data.runs[0].experiment
+    right = simulator.with_step(5e-4).run(experiment, {}, {})
+    save(file, time=time, F=drive, x=1e3 * right[:, 0])
+    simulator, data = read_mapped([file], path, str(folder / "ShakenMass.fmu"))
+    names = [one.name for one in simulator.nuisances]
+    nominal = np.array([one.nominal for one in simulator.nuisances])
+
+    def missed(parts: np.ndarray) -> np.ndarray:
+        values = dict(zip(names, (nominal * (1.0 + parts)).tolist(), strict=True))
+        return (simulator.run(experiment, values, {}) - right)[:, 0] / 2e-6
+
+    fitted = least_squares(missed, np.zeros(len(names)), x_scale=1e-3, diff_step=1e-4).x
+    (doubt,) = (one for one in data.doubts if "makes numbers of ShakenMass.fmu wrong" in one)
+    told = {name: 1e-2 * float(size) for name, size in re.findall(r"(\w+) by (\S+) %", doubt)}
+    assert set(told) == set(names)
+    assert [told[name] for name in names] == pytest.approx(fitted.tolist(), rel=0.1)
 
 
 @pytest.mark.slow
@@ -227,7 +258,9 @@ def test_the_page_does_what_it_says(folder: Path, tmp_path: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("There is dry friction (1.49"), done.stdout
+    doubt, verdict, *_ = done.stdout.splitlines()
+    assert doubt.startswith("doubtful: the communication step of 0.005 s alone makes numbers"), done.stdout
+    assert verdict.startswith("There is dry friction (1.49"), done.stdout
     finding = Finding.from_json((tmp_path / "out" / "finding.json").read_bytes())
     assert finding.names == ("friction",)
     assert finding.provenance.identity == read_fmu(folder / "ShakenMass.fmu").identity

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -38,8 +38,6 @@ from diagnosis.systems.splines import TensorSplines
 
 #: Outputs that are kept, in bytes.
 _KEPT: Final = 1 << 27
-#: What half the step changes, as a part of the noise, from which on it is doubted: a third more than that is wrong.
-_COARSE: Final = 0.25
 #: A step is a whole multiple of another one to within this part.
 _WHOLE: Final = 1e-6
 
@@ -131,23 +129,15 @@ class FmuSimulator(CompleteSimulator):
                 found[held.name] = of_period(held, period)
         return found
 
-    def step_doubts(self, runs: Sequence[MeasuredRun]) -> Iterator[str]:
-        """Yield what the communication step does to each output, where that is no small part of its noise."""
-        experiment = min(runs, key=lambda run: len(run.outputs)).experiment
-        step = self._drive.step or experiment.step
-        finer = copy(self)
-        finer._drive = replace(self._drive, step=0.5 * step)
-        try:
-            change = finer.run(experiment, {}, {}) - self.run(experiment, {}, {})
-        except DiagnosisError:  # an FMU whose step is fixed
-            return
-        for channel, size in zip(self.channels, np.sqrt(np.mean(change**2, axis=0)), strict=True):
-            if channel.noise > 0.0 and size > _COARSE * channel.noise:
-                yield (
-                    f"{channel.name} of {self.name} changes by {size / channel.noise:.2g} times its noise where the "
-                    f"communication step is {0.5 * step:g} s and not {step:g} s: let fmu.step be shorter, or what is "
-                    "found may be the step"
-                )
+    def step_of(self, experiment: Experiment) -> float:
+        """Return the communication step in s."""
+        return self._drive.step or experiment.step
+
+    def with_step(self, step: float) -> FmuSimulator:
+        """Return the same with another communication step (s); what was kept serves both."""
+        other = copy(self)
+        other._drive = replace(self._drive, step=step)
+        return other
 
     def starts(
         self, experiment: Experiment | None, parameters: Mapping[str, float], effects: Effects

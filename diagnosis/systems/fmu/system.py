@@ -24,6 +24,7 @@ from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, rea
 from diagnosis.systems.fmu.keys import BaseKeys, EffectKeys, FmuKeys, ShapeKeys, SurfaceKeys
 from diagnosis.systems.fmu.lane import Lanes
 from diagnosis.systems.fmu.simulator import Drive, FmuSimulator, OfVariable
+from diagnosis.systems.fmu.steps import step_doubts
 from diagnosis.systems.fmu.written import read_values
 from diagnosis.systems.measurement import KINDS, Measured, measurement_effects
 from diagnosis.systems.splines import SplineAxis, TensorSplines
@@ -392,7 +393,7 @@ class _Maker:
 
 
 def _doubts(simulator: Simulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
-    return simulator.step_doubts(runs) if isinstance(simulator, FmuSimulator) else iter(())
+    return step_doubts(simulator, runs) if isinstance(simulator, FmuSimulator) else iter(())
 
 
 def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, float]:

@@ -1,0 +1,108 @@
+"""What the communication step of an FMU does to a diagnosis: to its outputs, and to the numbers that are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.contracts import Array, DiagnosisError, MeasuredRun, Nuisance
+from diagnosis.systems.fmu.simulator import FmuSimulator
+
+#: What half the step changes, as a part of the noise, from which on it is doubted: a third more than that is wrong.
+_COARSE: Final = 0.25
+#: From which part of how well the runs tell a number its error by the step is doubted.
+_BIASED: Final = 0.5
+#: An error of second order in the step is four thirds of what half the step changes.
+_WHOLE_ERROR: Final = 4.0 / 3.0
+#: Of its spread a number is moved by so much to see what it does.
+_MOVED: Final = 0.1
+
+
+def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
+    """Yield what the communication step does to each output, and to each number of the base, where that shows."""
+    few = _few(runs)
+    step = simulator.step_of(few[0].experiment)
+    finer = simulator.with_step(0.5 * step)
+    try:
+        now = [simulator.run(run.experiment, {}, {}) for run in few]
+        changes = [finer.run(run.experiment, {}, {}) - one for run, one in zip(few, now, strict=True)]
+    except DiagnosisError:  # an FMU whose step is fixed
+        return
+    sizes = np.max([np.sqrt(np.mean(change**2, axis=0)) for change in changes], axis=0)
+    for channel, size in zip(simulator.channels, sizes, strict=True):
+        if channel.noise > 0.0 and size > _COARSE * channel.noise:
+            yield (
+                f"{channel.name} of {simulator.name} changes by {size / channel.noise:.2g} times its noise where the "
+                f"communication step is {0.5 * step:g} s and not {step:g} s: let fmu.step be shorter, or what is "
+                "found may be the step"
+            )
+    times = sum(len(one.outputs) for one in runs) / sum(len(one.outputs) for one in few)
+    yield from _biases(simulator, few, now, changes, times)
+
+
+def _few(runs: Sequence[MeasuredRun]) -> list[MeasuredRun]:
+    """Return the run that moves least, the one in the middle, and the one that moves most."""
+    moved = sorted(runs, key=lambda one: float(np.nanmax(np.nanstd(one.outputs, axis=0), initial=0.0)))
+    return [moved[k] for k in sorted({0, len(moved) // 2, len(moved) - 1})]
+
+
+def _biases(
+    simulator: FmuSimulator,
+    runs: Sequence[MeasuredRun],
+    now: Sequence[Array],
+    changes: Sequence[Array],
+    times: float,
+) -> Iterator[str]:
+    """Yield by how much numbers of the base come out wrong, to first order, as the error of the step looks like them.
+
+    δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J what each number does to it, S what is
+    believed, and n how many ``times`` as much is measured in all.
+    """
+    noise = np.array([channel.noise for channel in simulator.channels])
+    told, base = noise > 0.0, simulator.nuisances
+    if not base or not told.any():
+        return
+    J = np.stack([_over(_moved(simulator, one, runs, now), told, noise) for one in base], axis=1)
+    e = _WHOLE_ERROR * _over(changes, told, noise)
+    counted = np.isfinite(e) & np.isfinite(J).all(axis=1)
+    J, e = J[counted], e[counted]
+    information = times * J.T @ J + np.diag([1.0 / one.spread**2 for one in base])
+    bias = np.linalg.solve(information, times * J.T @ e)
+    known_to = np.sqrt(np.diag(np.linalg.inv(information)))
+    shares = np.abs(bias) / known_to
+    doubted = [k for k in np.argsort(-shares) if shares[k] > _BIASED]
+    if doubted:
+        each = ", ".join(f"{base[k].name} {_size(float(bias[k]), base[k])}" for k in doubted)
+        yield (
+            f"the communication step of {simulator.step_of(runs[0].experiment):g} s alone makes numbers of "
+            f"{simulator.name} wrong: {each}, up to {shares[doubted[0]]:.2g} times how well these runs tell them; half "
+            "of fmu.step leaves a quarter of that"
+        )
+
+
+def _over(outputs: Sequence[Array], told: NDArray[np.bool_], noise: Array) -> Array:
+    """Return all of them in a row, over the noise."""
+    return np.concatenate([(one[:, told] / noise[told]).ravel() for one in outputs])
+
+
+def _moved(
+    simulator: FmuSimulator, one: Nuisance, runs: Sequence[MeasuredRun], now: Sequence[Array]
+) -> list[Array]:
+    """Return what one more of a number does to the outputs of each run."""
+    by = _MOVED * one.spread
+    if one.nominal + by > one.high:
+        by = -by
+    value = {one.name: one.nominal + by}
+    return [
+        (simulator.run(run.experiment, value, {}) - before) / by
+        for run, before in zip(runs, now, strict=True)
+    ]
+
+
+def _size(bias: float, one: Nuisance) -> str:
+    if one.nominal != 0.0:
+        return f"by {100.0 * bias / abs(one.nominal):+.2g} %"
+    return f"by {bias / one.scale:+.2g} {one.display or one.unit}"
