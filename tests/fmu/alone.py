@@ -227,7 +227,7 @@ FELT = {"car.acceleration": "a_floor", "car.rising": "a_up", "car.bump_stop": "s
 def ride(fresh, running):
     """Let a car ride on the springs in common steps; both are FMUs.
 
-    The springs go first, to where the car's speeds lead; what the car feels is the mean of their forces at both ends.
+    The springs go first, to where the car's speeds lead; what the car feels are their forces between both ends.
     """
     given = np.load(sys.argv[4])
     place = 1 if given["strange"] else 0
@@ -238,14 +238,14 @@ def ride(fresh, running):
     car.begin()
     car.set({"mass": float(given["mass"])})
     car.ready()
-    step = float(given["step"])
+    step, share = float(given["step"]), float(given["share"])
     before, stands = springs.get(*FORCES), car.get(*places)
     rows = []
     for n, driven in enumerate(given["driven"].tolist()):
         springs.set(dict(zip(PLACES, stands, strict=True)))
         springs.step(n * step, step)
         after = springs.get(*FORCES)
-        mean = [0.5 * (one + other) for one, other in zip(before, after, strict=True)]
+        mean = [one + share * (other - one) for one, other in zip(before, after, strict=True)]
         car.set(dict(zip([*forces, *drives], [*mean, *driven], strict=True)))
         car.step(n * step, step)
         before, stands = after, car.get(*places)
