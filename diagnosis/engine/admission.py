@@ -12,6 +12,10 @@ The trials come in the order of BIC, and the first through all gates is the choi
 Where nothing enters, pairs are tried. A cause that is missing strains what is believed of the base model, and the
 other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing beside it. Two trials
 that failed by nothing but such a strain are fitted together, if they are of different families.
+
+Where that finds nothing either, and far more than the noise is left, the other one may be nowhere among the trials:
+beside a large leak, hardly anything else scores. So all candidates are scored beside the strained trial that explains
+most, and those that score highest there are fitted with it (`choose_beside`).
 """
 
 from __future__ import annotations
@@ -87,6 +91,29 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
         if not too_useless(problem, state, model, prediction):
             surcharge = sum(richer_surcharge(problem, name, model, current) for name in (one.name, two.name))
             found.append(trial_of(two.name, model, prediction, "", surcharge=surcharge))
+    return min(found, key=lambda trial: trial.bic, default=None)
+
+
+def choose_beside(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
+    """Return the best model of the trial that explains most, which is strained alone, and of what scores beside it."""
+    current = state.current
+    strained = next((trial for trial in trials if not trial.physical and trial.bic < current.model.bic), None)
+    if strained is None or len(current.effects) + 2 > problem.config.max_effects:
+        return None
+    beside = current_model(problem, strained.point)
+    family = problem.hypotheses[strained.effect].family
+    screening = beside.screening
+    places = [i for i in screening.exceeding if screening.candidates[i].effect.family != family][:PAIRED]
+    found: list[Trial] = []
+    for i in places:
+        name = screening.candidates[i].effect.name
+        model = refit(problem, screening.start(beside.model.point, i), current)
+        if unfit(model, current.model) or too_rough(problem, current, model):
+            continue
+        prediction = predicted(problem, model, current.prediction)
+        if not too_useless(problem, state, model, prediction):
+            surcharge = sum(richer_surcharge(problem, one, model, current) for one in (strained.effect, name))
+            found.append(trial_of(name, model, prediction, "", surcharge=surcharge))
     return min(found, key=lambda trial: trial.bic, default=None)
 
 
