@@ -40,7 +40,7 @@ class TwinBeside:
     def parted(self) -> Parting | None:
         """What it says last of rig and model that part."""
         story = self._caught_up() if self._virtual else self._story()
-        return story.partings[-1] if story is not None and story.partings else None
+        return story.parted if story is not None else None
 
     def _caught_up(self) -> TwinStory | None:
         now, wall = (self._clock.now() - self._begun) / NS, RealClock()

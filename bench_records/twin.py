@@ -22,21 +22,38 @@ class Judged(msgspec.Struct, frozen=True):
 
 
 class PossibleCause(msgspec.Struct, frozen=True):
-    """A cause with which the model goes along with the rig; size and interval (k = 2) in SI."""
+    """A cause with which the model goes along with the rig; size and interval (k = 2) in SI, times in s of the run."""
 
     name: str
     title: str
-    size: float
+    size: float  #: where it grows, the last one
     low: float
     high: float
-    shown: str  #: the same as people read it
+    shown: str  #: size and interval as people read them
+    form: str = "at once"  #: or "growing", or "gone again"
+    since: float | None = None  #: None of one that was there when the model began to look
+    until: float | None = None  #: when it had grown to its size, or was gone; None: not yet
+
+
+class Said(msgspec.Struct, frozen=True):
+    """What was said of a parting when the run had come to ``at`` s: one word, and what could explain it then.
+
+    *told* at first; *surer* where fewer causes are left or the size is known better; *otherwise* where the causes,
+    their forms or sizes are others; *withdrawn* where what came since makes it no parting; *over* where the rig goes
+    along again.
+    """
+
+    at: float
+    word: str
+    causes: tuple[PossibleCause, ...] = ()
+    pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
 
 
 class Parting(msgspec.Struct, frozen=True):
     """Rig and model part: told at ``told`` s, begun about ``since`` s, first in ``channel`` (values in SI).
 
-    ``measured``, ``expected`` and ``band`` (k = 2) are means over the block in which it was told. Without ``causes``
-    none of the catalogue explains it.
+    ``measured``, ``expected`` and ``band`` (k = 2) are means over the block in which it was told. Each of ``causes``
+    explains it alone. Where there is none, each of ``pairs`` does so together; without these nothing does.
     """
 
     told: float
@@ -49,6 +66,15 @@ class Parting(msgspec.Struct, frozen=True):
     sentence: str = ""
     earliest: float | None = None  #: with a cause, the interval (k = 2) in which it began; None without
     latest: float | None = None
+    pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
+    course: tuple[Said, ...] = ()  #: how it went, in order
+    over: float | None = None  #: from when on (s) the rig goes along again, at the latest
+    withdrawn: bool = False
+
+    @property
+    def lasts(self) -> bool:
+        """Whether rig and model still part, as far as is known."""
+        return self.over is None and not self.withdrawn
 
 
 class TwinStory(msgspec.Struct, frozen=True):
@@ -63,6 +89,11 @@ class TwinStory(msgspec.Struct, frozen=True):
     def judged_for(self) -> float:
         """Seconds of the run that could be judged."""
         return sum(one.end - one.start for one in self.judged if one.along is not None)
+
+    @property
+    def parted(self) -> Parting | None:
+        """The last parting that lasts; None if the rig goes along with its model now."""
+        return next((one for one in reversed(self.partings) if one.lasts), None)
 
 
 def write_twin(directory: Path, story: TwinStory) -> None:

@@ -27,13 +27,14 @@ def watch_command(directory: Path, model: str) -> None:
     keep_algebra_to_one_core()
     from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
 
-    told = 0
+    told: dict[int, int] = {}
 
     def tell(story: "TwinStory") -> None:
-        nonlocal told
-        for parting in story.partings[told:]:
-            click.echo(parting.sentence)
-        told = len(story.partings)
+        for k, parting in enumerate(story.partings):
+            if len(parting.course) > told.get(k, 0):
+                word = parting.course[-1].word
+                click.echo(parting.sentence if word == "told" else f"{word}: {parting.sentence}")
+            told[k] = len(parting.course)
 
     try:
         story = watch(directory, model, tell)

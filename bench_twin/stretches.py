@@ -43,6 +43,7 @@ LEVELING: Final = (
 )
 STATE: Final = "the bench was not under pressure"
 MOVING: Final = "the bench did not rest, so the model did not know where to begin"
+NOTHING: Final = "nothing was received that the model could be held against"
 WARM: Final = "the gas was far from settled, so the model did not know where to begin"
 
 
@@ -129,9 +130,11 @@ def _why(record: Record, grid: Array) -> list[str]:
         if len(times):
             state = states[np.clip(np.searchsorted(times, grid, "right") - 1, 0, None)]
             pressurised = np.isin(state, _KNOWN)
+    # A sample's stamp may lie a little before the step that it belongs to: one more step on both sides is not known.
+    open_air, leveled = _nearby(~settings.air_known(grid), 1), _nearby(leveled, 1)
     return [
-        STATE if not p else LOST if not r else AIR if not a else LEVELING if v else ""
-        for p, r, a, v in zip(pressurised, received, settings.air_known(grid), leveled, strict=True)
+        STATE if not p else LOST if not r else AIR if a else LEVELING if v else ""
+        for p, r, a, v in zip(pressurised, received, open_air, leveled, strict=True)
     ]
 
 

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-import numpy as np
 from msgspec.structs import replace
 
 from bench_records.record import Record
-from bench_records.twin import Judged, Parting, PossibleCause, TwinStory
+from bench_records.twin import Judged, Parting, TwinStory
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
-from bench_twin.causes import Suspect, suspects
-from bench_twin.detector import Detector
-from bench_twin.innovations import BLOCK, Belief, Columns, columns_of, gas_rates, judge, parameters_of
-from bench_twin.stretches import LEAST, STEP, Stretch, stretches
-from diagnosis.contracts import Array, Channel, DiagnosisError, Hypothesis, MeasuredRun
-from diagnosis.finding import decimals
+from bench_twin import course
+from bench_twin.causes import explanations
+from bench_twin.detector import Alarm, Detector
+from bench_twin.fitting import Fit
+from bench_twin.forms import Form, Suspect
+from bench_twin.innovations import (
+    BLOCK,
+    Belief,
+    Columns,
+    Innovations,
+    columns_of,
+    gas_rates,
+    judge,
+    parameters_of,
+)
+from bench_twin.replays import Replays
+from bench_twin.stretches import LEAST, NOTHING, STEP, Stretch, stretches
+from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import run_between
 
@@ -24,9 +35,13 @@ from diagnosis.systems.records import run_between
 _WAITS: Final = 0.5
 #: A stretch that parted is looked at again for its cause when what came since is so many times as long.
 _AGAIN: Final = 1.6
-#: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
-#: half is blocked comes out 3.5 % too open.
-_ROUGHLY: Final = 0.02
+#: Where two causes may act, the first one is looked for in what came until so many s after it was told.
+_SOON: Final = 2.0
+#: What is left of a cause that is over: less than so much of its size (k = 2).
+_GONE: Final = 0.5
+#: A parting that nothing explained is over after so many times the time that it took to be told, and so many s.
+_AS_LONG: Final = 2.0
+_LONG: Final = 20.0
 
 
 class Seen(NamedTuple):
@@ -63,6 +78,7 @@ class Twin:
         self._closed: list[Judged] = []
         self._partings: list[Parting] = []
         self._open: Parting | None = None
+        self._known: tuple[Suspect, ...] = ()  # what explained the present stretch when it was shorter
         self._looked_until = 0.0
 
     def look(self, *, ended: bool = True) -> TwinStory:
@@ -78,14 +94,24 @@ class Twin:
             else:
                 self._close(one)
         self._simulator.forget()
-        partings = (*self._partings, *([self._open] if self._open else []))
-        return TwinStory(self._model, self._record.duration, (*self._closed, *open_one), partings)
+        return TwinStory(
+            self._model, self._record.duration, (*self._closed, *open_one), self._with(self._open)
+        )
 
     def _close(self, one: Judged) -> None:
+        """Take over a stretch that is judged for good, and what was said of it."""
         self._closed.append(one)
-        if self._open is not None:
-            self._partings.append(self._open)
-            self._open = None
+        self._partings = list(self._with(self._open))
+        self._open, self._known = None, ()
+
+    def _with(self, found: Parting | None) -> tuple[Parting, ...]:
+        """Return the partings of earlier stretches, and what the present one adds to the last of them or to all."""
+        last = self._partings[-1] if self._partings else None
+        if found is None:
+            return tuple(self._partings)
+        if last is not None and last.lasts and found.lasts and course.is_the_same(last, found):
+            return (*self._partings[:-1], self._told(course.lasting(last, found, found.course[-1].at)))
+        return (*self._partings, found)
 
     def _see(self, start: float, end: float) -> Seen:
         """Return what there is of a stretch. DiagnosisError if it cannot be replayed."""
@@ -100,87 +126,101 @@ class Twin:
         if stretch.why or end - start < LEAST:
             return Judged(start, stretch.end, None, stretch.why or "it was too short")
         try:
-            run, channels, columns, belief, rates = self._see(start, end)
+            seen = self._see(start, end)
         except DiagnosisError as error:
             return Judged(start, stretch.end, None, str(error))
-        told, detector = judge(columns, belief), self._detector.copy()
+        if not seen.columns.samples.any():
+            return Judged(start, stretch.end, None, NOTHING)
+        told, detector = judge(seen.columns, seen.belief), self._detector.copy()
         alarm = detector.look(told.white)
         if alarm is None:
+            if self._open is not None and not self._open.withdrawn:
+                self._open = self._told(course.withdrawn(self._open, end))
             if not stretch.open:
-                self._belief, self._detector, self._noise = told.belief, detector, columns.noise
-            self._open = None
+                self._is_it_over(seen, start, end)
+            if not stretch.open and not (self._partings and self._partings[-1].lasts):
+                # What a fault does that lasts is no tolerance.
+                self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
             return Judged(start, stretch.end, True)
+        self._part(alarm, told, seen, start, end, closes=not stretch.open)
+        return Judged(start, stretch.end, False)
+
+    def _part(
+        self, alarm: Alarm, told: Innovations, seen: Seen, start: float, end: float, *, closes: bool
+    ) -> None:
+        """Say where rig and model part in the stretch ``seen`` from ``start`` to ``end`` s, and why perhaps."""
         since, c = alarm.since * BLOCK, alarm.channel
         before = self._open
         parting = Parting(
             start + (alarm.at + 1) * BLOCK,
             start + since,
-            channels[c].name,
+            seen.channels[c].name,
             float(told.measured[alarm.at, c]),
             float(told.expected[alarm.at, c]),
             2.0 * float(told.band[alarm.at, c]),
         )
         longer = end - start - since > _AGAIN * (self._looked_until - start - since)
-        if before is None or longer or (not stretch.open and self._looked_until < end):
-            # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
-            prior = Belief.prior(self._parameters).at_a_start(self._parameters, rates)
-            if found := suspects(run, columns, prior, self._simulator, since):
-                parting = replace(
-                    parting,
-                    since=start + found[0].since,
-                    causes=tuple(_cause(one, self._simulator.catalogue[one.name]) for one in found),
-                    earliest=start + min(one.since_low for one in found),
-                    latest=start + max(one.since_high for one in found),
-                )
+        if before is None or longer or (closes and self._looked_until < end):
+            parting = self._explained(parting, seen, start, since)
             self._looked_until = end
-        else:
-            parting = replace(
-                parting,
-                since=before.since,
-                causes=before.causes,
-                earliest=before.earliest,
-                latest=before.latest,
-            )
-        self._open = _told(parting, channels[c])
-        return Judged(start, stretch.end, False)
+            self._open = self._told(course.goes_on(before or parting, parting, end))
 
+    def _explained(self, parting: Parting, seen: Seen, start: float, since: float) -> Parting:
+        """Return a parting with what explains it."""
+        # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
+        prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
-def _cause(one: Suspect, hypothesis: Hypothesis) -> PossibleCause:
-    amplitude = hypothesis.amplitude
-    roughly = 2.0 * _ROUGHLY * abs(one.size)
-    low, high = (
-        one.size - np.hypot(one.size - one.low, roughly),
-        one.size + np.hypot(one.high - one.size, roughly),
-    )
-    low, high = max(float(low), amplitude.low), min(float(high), amplitude.high)
-    scale = amplitude.scale
-    places = decimals(low / scale, high / scale)
-    size, low_shown, high_shown = (f"{value / scale:.{places}f}" for value in (one.size, low, high))
-    unit = amplitude.display or amplitude.unit
-    shown = f"{size}{'' if unit == '1' else f' {unit}'} ({low_shown} to {high_shown})"
-    return PossibleCause(one.name, hypothesis.title, one.size, low, high, shown)
+        def known() -> tuple[Suspect, ...]:
+            """What explains the stretch as it was soon after it was told, if nobody looked then."""
+            until = parting.told + _SOON
+            if (
+                self._known
+                or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST
+            ):
+                return self._known
+            then = self._see(start, until)
+            return explanations(then.run, then.columns, prior, self._simulator, since, tuple).singles
 
+        found = explanations(seen.run, seen.columns, prior, self._simulator, since, known)
+        self._known = found.singles or tuple(pair[0] for pair in found.pairs) or self._known
+        if not (found.singles or found.pairs):
+            return parting
+        catalogue = self._simulator.catalogue
+        first = found.singles or tuple(pair[0] for pair in found.pairs)
+        ends = [one.until if one.form is Form.GONE else None for one in found.singles] or [None]
+        return replace(
+            parting,
+            since=start + first[0].since,
+            causes=tuple(course.cause_of(one, catalogue[one.name], start) for one in found.singles),
+            pairs=tuple(
+                (course.cause_of(a, catalogue[a.name], start), course.cause_of(b, catalogue[b.name], start))
+                for a, b in found.pairs
+            ),
+            earliest=start + min(one.since_low for one in first),
+            latest=start + max(one.since_high for one in first),
+            over=None if None in ends else start + max(end for end in ends if end is not None),
+        )
 
-def _since(parting: Parting) -> str:
-    """Return since when, with the interval where one is known that is wider than a second shows."""
-    if parting.earliest is None or parting.latest is None or parting.latest - parting.earliest < 1.0:
-        return f"{parting.since:.0f} s"
-    return f"{parting.since:.0f} s ({parting.earliest:.0f} to {parting.latest:.0f} s)"
+    def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
+        """Say that a parting of an earlier stretch is over, if this one, which goes along, would have shown it."""
+        last = self._partings[-1] if self._partings else None
+        if last is None or not last.lasts:
+            return
+        if last.causes:
+            fit, replays = Fit(seen.columns, seen.belief), Replays(seen.run, self._simulator)
+            for one in last.causes:
+                cause = self._simulator.catalogue[one.name]
+                shapes = {shape.name: shape.nominal for shape in cause.shapes}
+                (column,) = replays.columns([(cause, shapes, one.size)], 0)
+                if column is None:
+                    return
+                left = fit.with_(column, one.size)
+                if not left.size or abs(left.size) + 2.0 * left.deviation > _GONE * abs(one.size):
+                    return
+        elif end - start < max(_LONG, _AS_LONG * (last.told - last.since)):
+            return
+        self._partings[-1] = self._told(course.over(last, start, end))
 
-
-def _told(parting: Parting, channel: Channel) -> Parting:
-    """Return a parting with its sentence."""
-    off, scale = parting.measured - parting.expected, channel.scale
-    unit = channel.display or channel.unit
-    places = decimals(-parting.band / scale, parting.band / scale)
-    sentence = (
-        f"From {_since(parting)} on, {channel.name} reads {abs(off) / scale:.{places}f} {unit} "
-        f"{'more' if off > 0.0 else 'less'} than the model expects (band ± {parting.band / scale:.{places}f} {unit}), "
-        f"told at {parting.told:.1f} s."
-    )
-    if parting.causes:
-        causes = [f"{one.title}, {one.shown}" for one in parting.causes]
-        sentence += f" It would be explained by: {'; or '.join(causes)}."
-    else:
-        sentence += " No single cause of the catalogue explains it."
-    return replace(parting, sentence=sentence)
+    def _told(self, parting: Parting) -> Parting:
+        channel = next(one for one in self._simulator.channels if one.name == parting.channel)
+        return course.told(parting, channel)

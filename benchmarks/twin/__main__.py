@@ -16,7 +16,7 @@ from bench_records.record import read
 from bench_records.twin import Parting
 from bench_sim.parameters import load
 from benchmarks.twin.best import WatchedWith
-from benchmarks.twin.cases import Case, faulty, sound
+from benchmarks.twin.cases import WITHIN, Case, faulty, sound
 from benchmarks.twin.rigs import bench_of
 from benchmarks.twin.tables import Counted, page
 from test_plans.discovery import plans
@@ -31,13 +31,17 @@ def count(case: Case) -> Counted:
             execute(plans()[case.plan].given(case.values), bench, place, rig="virtual", seed=case.seed)
         twin = WatchedWith(read(place), load("astb"), case)
         story = twin.look()
-    partings = tuple(msgspec.structs.replace(one, sentence="") for one in story.partings)
+    counts = case.at + WITHIN if case.effect else float("inf")
+    partings = tuple(
+        msgspec.structs.replace(one, sentence="") for one in story.partings if one.told <= counts
+    )
     return Counted(case, round(story.judged_for, 1), _short(partings), twin.best)
 
 
 def _short(partings: tuple[Parting, ...]) -> tuple[Parting, ...]:
     return tuple(
-        msgspec.structs.replace(one, told=round(one.told, 2), since=round(one.since, 2)) for one in partings
+        msgspec.structs.replace(one, told=round(one.told, 2), since=round(one.since, 2), course=())
+        for one in partings
     )
 
 

@@ -8,12 +8,14 @@ would: where the sum is the logarithm of the mean time between two false alarms,
 import numpy as np
 
 from bench_records.record import Record
+from bench_records.twin import Judged
 from bench_sim.parameters import Parameters
 from bench_twin.causes import Replays
 from bench_twin.detector import BETWEEN
 from bench_twin.innovations import BIN, BINS, BLOCK, judge, rough
+from bench_twin.stretches import Stretch
 from bench_twin.twin import Seen, Twin
-from benchmarks.twin.cases import Case
+from benchmarks.twin.cases import WITHIN, Case
 
 
 class WatchedWith(Twin):
@@ -23,6 +25,15 @@ class WatchedWith(Twin):
         super().__init__(record, parameters, "astb")
         self.best: float | None = None
         self._case, self._sum = case, 0.0
+
+    def _judge(self, stretch: Stretch) -> Judged:
+        case = self._case
+        known = case.effect and any(one.told >= case.at for one in self._partings)
+        if known or (
+            case.effect and stretch.start > case.at + WITHIN
+        ):  # a look for causes takes longer than the run
+            return Judged(stretch.start, stretch.end, None, "it is known by now, or too late")
+        return super()._judge(stretch)
 
     def _see(self, start: float, end: float) -> Seen:
         seen = super()._see(start, end)

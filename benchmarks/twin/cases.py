@@ -18,13 +18,15 @@ from bench_sim.model.effects.effect import Effect, ShownBy
 PLANS: Final = {
     "aw0": (56.0, 85.0),
     "screening": (45.0, 500.0),
-    "endurance": (55.0, 500.0),
+    "endurance": (55.0, 200.0),
     "leveling": (50.0, 120.0),
 }
 #: Sizes of an effect, in those of an ordinary fault.
 SIZES: Final = (1.0, 3.0, 10.0)
 #: So long (s) a creeping effect grows to its size.
 CREEPS: Final = 30.0
+#: So long (s) after it began a run goes on; what is not told by then is not told.
+WITHIN: Final = 60.0
 #: An effect stays within so much of what is possible.
 _WITHIN: Final = 0.8
 #: A clock is not slow all at once, and where actuators go wrong no replay of their motion sees it.

@@ -13,11 +13,13 @@ from bench_sim.rig.faults.schedule import Mend
 from bench_sim.rig.rig import Rig
 from benchmarks.diagnosis import sealed
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.twin.cases import Case
+from benchmarks.twin.cases import WITHIN, Case
 from drivers.bench import Bench
 
 #: An effect that creeps grows in steps of so many s.
 _STEP: Final = 0.1
+#: The bench is stopped so many s after the last second that counts.
+_LATER: Final = 1.0
 #: What drifts does so from the start of the rig; one that begins later is a fault of its own.
 _DRIFT: Final = "pressure_drift"
 
@@ -37,7 +39,8 @@ def bench_of(case: Case) -> Iterator[Bench]:
 
 
 def begin(rig: Rig, case: Case) -> None:
-    """Let the effect of a case begin when its time has come."""
+    """Let the effect of a case begin when its time has come; some time later somebody stops the bench."""
+    rig.faults.plan(PlannedFault("estop", {}, case.at + WITHIN + _LATER, None))
     kind, _, place = case.effect.partition(".")
     if kind == _DRIFT:
         values = {"sensor": f"{place}.bellows_pressure", "value": f"{case.size} Pa/s"}

@@ -37,9 +37,21 @@ class Counted(msgspec.Struct, frozen=True):
         return self.told is not None and any(alike(one.name, self.case.effect) for one in self.told.causes)
 
     @property
+    def one_of_two(self) -> bool:
+        """Whether the effect is one of two causes that are told only together, though it began alone."""
+        return self.told is not None and any(
+            alike(one.name, self.case.effect) for pair in self.told.pairs for one in pair
+        )
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it was told without any cause."""
+        return self.told is not None and not self.told.causes and not self.told.pairs
+
+    @property
     def wrong(self) -> bool:
-        """Whether there are causes, and none of them is right."""
-        return self.told is not None and bool(self.told.causes) and not self.named
+        """Whether there are causes, and the effect is in none of them."""
+        return self.told is not None and not (self.unknown or self.named or self.one_of_two)
 
 
 def alike(name: str, other: str) -> bool:
@@ -85,7 +97,8 @@ _ROWS: Final[tuple[tuple[str, Callable[[Counted], bool]], ...]] = (
     ("told before it began", lambda one: one.early),
     ("told", lambda one: one.told is not None),
     ("named", lambda one: one.named),
-    ("unknown", lambda one: one.told is not None and not one.told.causes),
+    ("as one of two", lambda one: one.one_of_two),
+    ("unknown", lambda one: one.unknown),
     ("wrong", lambda one: one.wrong),
 )
 

@@ -87,11 +87,13 @@ def run_between(
 ) -> tuple[tuple[Channel, ...], MeasuredRun]:
     """Return what a record holds between two times (s) as a run of its own, and its channels as they were read.
 
-    It begins at rest; nobody needs to have named it. DiagnosisError where it cannot be replayed.
+    It begins at rest; nobody needs to have named it, and what conditions the springs counts like the rest of it.
+    DiagnosisError where it cannot be replayed.
     """
     channels = _as_read(simulator.channels, [record])
     stretch = Phase(f"{start:.1f} to {end:.1f} s", start, end)
-    return channels, _run(record, stretch, simulator, channels, _twice_rounded(record, simulator))
+    twice = _twice_rounded(record, simulator)
+    return channels, _run(record, stretch, simulator, channels, twice, conditioned=start)
 
 
 def _phases(record: Record) -> Iterable[Phase]:
@@ -144,6 +146,8 @@ def _run(
     simulator: AirSpring,
     channels: Sequence[Channel],
     twice: Mapping[str, TwiceRounded],
+    *,
+    conditioned: float | None = None,
 ) -> MeasuredRun:
     grid = _grid(record, phase)
     measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
@@ -157,7 +161,8 @@ def _run(
     _without_frame_dampers(outputs, record, grid, settings, simulator)
     inputs["supply.pressure"] = _interpolated(_sampled(record, "supply.pressure", grid), simulator.parameters)
     inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
-    conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
+    if conditioned is None:
+        conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
     rest = np.zeros(len(grid), np.bool_)
     for p in inside:
         if p.name == REST:

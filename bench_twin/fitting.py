@@ -1,0 +1,62 @@
+"""Least squares of a stretch by all that is learnt and by what causes add."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bench_twin.innovations import BINS, Belief, Columns, rough
+from diagnosis.contracts import Array
+
+
+class Fitted(NamedTuple):
+    """What least squares say of a column: its size, the standard deviation of that, and the χ² that is left."""
+
+    size: float
+    deviation: float
+    left: float
+
+
+class Fit:
+    """Least squares of the errors of a stretch by all parameters with their priors, and by one column more."""
+
+    def __init__(self, columns: Columns, belief: Belief) -> None:
+        variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
+        weight = np.where(columns.samples > 0, 1.0 / variance, 0.0)
+        errors = columns.measured - columns.simulated
+        H = columns.parameters.reshape(-1, columns.parameters.shape[-1])
+        w = weight.reshape(-1)
+        self._w, self._weighted = w, np.ascontiguousarray((H * w[:, None]).T)
+        information = np.linalg.inv(belief.covariance)
+        self._inverse = np.linalg.inv(information + self._weighted @ H)
+        e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ belief.mean
+        self._pull = w * (e - H @ (self._inverse @ (self._weighted @ e)))  # of a column on what is left
+        self._chi2 = float(e @ self._pull)
+
+    def with_(self, column: Array, typical: float) -> Fitted:
+        """Return what a ``column`` (n, c) explains; nothing of what would not even be seen at its typical size."""
+        x = column.reshape(-1)
+        imitated = self._weighted @ x
+        strength = float(x @ (self._w * x) - imitated @ self._inverse @ imitated)
+        if strength * typical**2 < 1.0:
+            return Fitted(0.0, np.inf, self._chi2)
+        size = float(x @ self._pull) / strength
+        return Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)
+
+    def together(self, columns: Sequence[Array]) -> tuple[Fitted, ...]:
+        """Return what each of several columns (n, c) explains where all act; each is told the χ² that all leave."""
+        x = np.stack([column.reshape(-1) for column in columns], axis=1)
+        unit = np.sqrt(np.maximum(x.T**2 @ self._w, 1e-300))  # a hole has 1e-6 m² where a force has 1e3 N
+        x = x / unit
+        imitated = self._weighted @ x
+        strength = x.T @ (x * self._w[:, None]) - imitated.T @ self._inverse @ imitated
+        pull = x.T @ self._pull
+        # Two that do the same are no two: the least squares then give each a half, and no certainty.
+        covariance = np.linalg.pinv(strength, hermitian=True)
+        sizes = covariance @ pull
+        left = self._chi2 - float(pull @ sizes)
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        each = zip(sizes / unit, deviations / unit, strict=True)
+        return tuple(Fitted(float(a), float(d), left) for a, d in each)

@@ -1,0 +1,200 @@
+"""How a cause comes and goes: all at once, growing, or gone again; by what it does where it begins at once.
+
+What a cause does is nearly linear in its size. So one that grows is a sum of small ones that begin one after the other,
+and one that is gone again is one that began less one that began later. What steps do is simulated from a grid of
+beginnings on; between two of them it is taken in halves from both, and within the present one from its beginning, so
+that what acts at once (a sensor) is met exactly and what adds up (a leak) nearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_twin.detector import Detector
+from bench_twin.fitting import Fit, Fitted
+from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
+from bench_twin.replays import can_be, typical
+from diagnosis.contracts import Array, Hypothesis
+
+#: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
+POSSIBLE: Final = 4.0
+#: What grows is looked for from so many bins before the parting on; steps are simulated from so many places.
+_BEFORE: Final = 600
+_PLACES: Final = 20
+#: Beginnings and ends are looked for ever closer, in so many bins.
+_CLOSER: Final = (40, 20, 10, 5)
+#: The same for what is gone again, where each place must be simulated.
+_SHARPER: Final = (20, 5)
+#: A twin that is off by so much of χ² per reading parts.
+_FAR: Final = 2.0
+#: What grows takes so many bins at least; less is at once.
+_GROWS: Final = 40
+
+
+class Form(StrEnum):
+    """How a cause comes and goes."""
+
+    AT_ONCE = "at once"
+    GROWING = "growing"
+    GONE = "gone again"
+
+
+class Suspect(NamedTuple):
+    """A cause with its size in SI, and the interval of that (k = 2) over all beginnings that are possible."""
+
+    name: str
+    size: float  #: where it grows, the last one
+    low: float
+    high: float
+    since: float  #: s of the stretch from which on it acts, 0 from before its start
+    since_low: float  #: interval of that (k = 2)
+    since_high: float
+    left: float  #: χ² that it leaves
+    explains: bool  #: whether the twin with it goes along with the rig
+    form: Form = Form.AT_ONCE
+    until: float | None = (
+        None  #: s of the stretch at which it has grown to its size, or is gone; None: not yet
+    )
+
+
+#: What steps do: by the bins in which they begin, what a cause adds per unit of its size (n, c).
+Steps = Mapping[int, Array]
+
+
+def goes_along(columns: Columns, belief: Belief, added: Array, left: float) -> bool:
+    """Return whether a rig does not part from the twin to which causes add so much (n, c), which leave a χ²."""
+    if left > _FAR * np.count_nonzero(columns.samples):  # it surely parts, and to judge takes long
+        return False
+    explained = columns._replace(simulated=columns.simulated + added)
+    white = judge(explained, belief, rough(columns)).white
+    return Detector(white.shape[1], BLOCK).look(white) is None
+
+
+def growing(steps: Steps, begins: float, ends: float) -> Array:
+    """Return what a cause does (n, c) that grows evenly from bin ``begins`` to ``ends``, per unit of its last size."""
+    places = sorted(steps)
+    bins = np.arange(len(steps[places[0]]), dtype=np.float64) + 0.5
+
+    def grown(at: Array | float) -> Array:
+        return np.clip((np.asarray(at) - begins) / (ends - begins), 0.0, 1.0)
+
+    edges = [*places, np.inf]
+    total = np.zeros_like(steps[places[0]])
+    for k, place in enumerate(places):
+        here = grown(np.minimum(bins, edges[k + 1])) - grown(place)
+        weight = np.where(bins >= edges[k + 1], 0.5 * here, np.where(bins >= place, here, 0.0))
+        if k:
+            before = grown(place) - grown(places[k - 1])
+            weight = weight + np.where(bins >= place, 0.5 * before, 0.0)
+        else:  # what had grown before the first place
+            weight = weight + np.where(bins >= place, grown(place), 0.0)
+        if weight.any():
+            total += weight[:, None] * steps[place]
+    return total
+
+
+class Shaped(NamedTuple):
+    """A form that was tried: from which bin on, until which, what it adds, and its fit."""
+
+    begins: int
+    ends: int
+    column: Array
+    fit: Fitted
+
+
+def places(since: int, bins: int) -> list[int]:
+    """Return the bins in which steps begin that make the forms of a stretch of ``bins`` that parted in ``since``."""
+    first = max(since - _BEFORE, BINS)
+    return sorted({int(one) for one in np.linspace(first, bins - 2 * BINS, _PLACES)})
+
+
+class Forms:
+    """The forms that one ``cause`` may have in a stretch of ``bins``.
+
+    ``steps`` are what it does from each of `places` on; ``steps_at`` simulates it from others on.
+    """
+
+    def __init__(
+        self,
+        fit: Fit,
+        cause: Hypothesis,
+        bins: int,
+        steps: Steps,
+        steps_at: Callable[[Sequence[int]], Steps],
+    ) -> None:
+        self._fit, self._cause, self._last = fit, cause, bins
+        self._steps, self._steps_at = dict(steps), steps_at
+        self._tried: dict[tuple[Form, int, int], Shaped] = {}
+
+    def coarse(self, form: Form) -> list[Shaped]:
+        """Return the form with all beginnings and ends among the places."""
+        at = [place for place in sorted(self._steps) if place or form is Form.GONE]
+        tried = (self._shaped(form, a, b) for i, a in enumerate(at) for b in (*at[i + 1 :], self._last))
+        return [one for one in tried if one]
+
+    def best(self, form: Form, tried: Sequence[Shaped]) -> tuple[Shaped, list[Shaped]]:
+        """Return the best of a form of which some were tried, and all that explain as much."""
+        every = list(tried)
+        for reach in _CLOSER if form is Form.GROWING else _SHARPER:
+            every += self._closer(form, min(every, key=left_by), reach)
+        best = min(every, key=left_by)
+        return best, [one for one in every if one.fit.left <= best.fit.left + POSSIBLE]
+
+    def _closer(self, form: Form, best: Shaped, reach: int) -> Iterator[Shaped]:
+        near = [
+            (a, b)
+            for a in ((-reach, 0, reach) if best.begins else (0,))
+            for b in (-reach, 0, reach)
+            if a or b
+        ]
+        asked = [(best.begins + a, min(best.ends + b, self._last)) for a, b in near]
+        asked = [
+            (begins, ends) for begins, ends in asked if (begins >= BINS or not best.begins) and begins < ends
+        ]
+        if form is Form.GONE:
+            wanted = {place for pair in asked for place in pair if place <= self._last - 2 * BINS}
+            self._steps.update(self._steps_at(sorted(wanted - set(self._steps))))
+        for begins, ends in asked:
+            if one := self._shaped(form, begins, ends):
+                yield one
+
+    def _shaped(self, form: Form, begins: int, ends: int) -> Shaped | None:
+        key = form, begins, ends
+        if key not in self._tried:
+            if form is Form.GROWING:
+                if ends - begins < _GROWS:
+                    return None
+                made = growing(self._steps, begins, ends)
+            else:
+                if begins not in self._steps or ends not in self._steps:
+                    return None
+                made = self._steps[begins] - self._steps[ends]
+            self._tried[key] = Shaped(begins, ends, made, self._fit.with_(made, typical(self._cause)))
+        found = self._tried[key]
+        return found if can_be(self._cause, found.fit.size) else None
+
+
+def left_by(one: Shaped) -> float:
+    """The χ² that a form leaves."""
+    return one.fit.left
+
+
+def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> Suspect:
+    """Return a cause that explains a stretch with the best form of it, and all that do as much (``alike``)."""
+    return Suspect(
+        name,
+        best.fit.size,
+        min(one.fit.size - 2.0 * one.fit.deviation for one in alike),
+        max(one.fit.size + 2.0 * one.fit.deviation for one in alike),
+        best.begins * BIN,
+        min(one.begins for one in alike) * BIN,
+        max(one.begins for one in alike) * BIN,
+        best.fit.left,
+        True,
+        form,
+        None if best.ends >= last else best.ends * BIN,
+    )

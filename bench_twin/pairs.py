@@ -1,0 +1,174 @@
+"""Two causes that explain together what neither does alone: greedily, then each with the other one in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from bench_twin.detector import Detector
+from bench_twin.fitting import Fit, Fitted
+from bench_twin.forms import POSSIBLE, Suspect, goes_along
+from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
+from bench_twin.replays import Replays, bounded, can_be, typical
+from diagnosis.contracts import Array, Hypothesis
+
+#: Of so many second causes for each first one the beginning is looked for.
+_SECONDS: Final = 3
+#: Which of the two is moved next, and by which bins around its present beginning: the second one is not known yet.
+_NEAR: Final = (
+    (1, tuple(BINS * block for block in (-12, -8, -6, -4, -2, -1, 0, 1, 2, 4))),
+    (1, (-5, -3, 0, 3, 5)),
+    (0, (-10, -5, -2, 0, 2, 5, 10)),
+    (1, (-10, -5, -3, -2, -1, 0, 1, 2, 3, 5, 10)),
+    (0, (-3, -2, -1, 0, 1, 2, 3)),
+)
+#: Each of two must be so many of its standard deviations: what hardly acts explains nothing.
+_SURE: Final = 4.0
+
+
+class Acting(NamedTuple):
+    """A cause at a point of its grid that begins with a bin, at about a size."""
+
+    cause: Hypothesis
+    shapes: Mapping[str, float]
+    size: float
+    onset: int  #: 0: before the stretch
+
+
+class _Two(NamedTuple):
+    """Two causes, what each adds per unit (n, c), their fits, and which beginnings of each explain as much."""
+
+    acting: tuple[Acting, Acting]
+    columns: tuple[Array, Array]
+    fits: tuple[Fitted, ...]
+    since: tuple[tuple[int, int], tuple[int, int]]
+
+    @property
+    def left(self) -> float:
+        return self.fits[0].left
+
+    @property
+    def added(self) -> Array:
+        return sum_of(self.fits, self.columns)
+
+
+def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
+    """Return what causes add together (n, c)."""
+    total = 0.0 * columns[0]
+    for fit, column in zip(fits, columns, strict=True):
+        total += fit.size * column
+    return total
+
+
+class Pairs:
+    """The pairs of causes that may act in a stretch; ``points`` are all causes at all points of their grids."""
+
+    def __init__(
+        self,
+        columns: Columns,
+        belief: Belief,
+        fit: Fit,
+        replays: Replays,
+        points: Sequence[tuple[Hypothesis, Mapping[str, float]]],
+    ) -> None:
+        self._columns, self._belief, self._fit = columns, belief, fit
+        self._replays, self._points = replays, points
+        self._last = len(columns.measured) - 2 * BINS
+
+    def beside(self, first: Acting) -> Iterator[tuple[Suspect, Suspect]]:
+        """Yield pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
+        (column,) = self._replays.columns([(first.cause, first.shapes, first.size)], first.onset)
+        if column is None:
+            return
+        onset = self._where_it_parts(first.size, column)
+        if onset is None or onset > self._last:
+            return
+        for second in self._seconds(first, column, onset):
+            found: _Two | None = None
+            acting = (first, second)
+            for which, near in _NEAR:
+                better = self._refined(acting, which, near, found)
+                if better is not None:
+                    found, acting = better, better.acting
+            if found is not None and self._convinces(found):
+                yield _suspects(found)
+
+    def _where_it_parts(self, size: float, column: Array) -> int | None:
+        """Return since which bin the twin with a cause of a size parts; None if it does not."""
+        explained = self._columns._replace(simulated=self._columns.simulated + size * column)
+        white = judge(explained, self._belief, rough(self._columns)).white
+        alarm = Detector(white.shape[1], BLOCK).look(white)
+        return None if alarm is None else alarm.since * BINS
+
+    def _seconds(self, first: Acting, column: Array, onset: int) -> list[Acting]:
+        """Return what explains most beside the first cause, one point of each cause."""
+        ranked: list[tuple[float, Acting]] = []
+        for at in {onset, first.onset}:
+            sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._points]
+            for (cause, shapes), other in zip(self._points, self._replays.columns(sizes, at), strict=True):
+                if other is None or cause.name == first.cause.name:
+                    continue
+                _, fit = self._fit.together([column, other])
+                if can_be(cause, fit.size):
+                    ranked.append((fit.left, Acting(cause, shapes, fit.size, at)))
+        chosen: dict[str, Acting] = {}
+        for _, one in sorted(ranked, key=lambda pair: pair[0]):
+            if len(chosen) < _SECONDS:
+                chosen.setdefault(one.cause.name, one)
+        return list(chosen.values())
+
+    def _refined(
+        self, acting: tuple[Acting, Acting], which: int, near: Sequence[int], before: _Two | None
+    ) -> _Two | None:
+        """Return the pair with the best beginning of one of the two near its present one."""
+        mover, keeper = acting[which], acting[1 - which]
+        kept = before.columns[1 - which] if before else self._one(keeper)
+        if kept is None:
+            return before
+        tried: list[_Two] = []
+        onsets = {mover.onset + off for off in near} if mover.onset else {0}
+        for onset in sorted(one for one in onsets if 0 < one <= self._last or not mover.onset):
+            moved = mover._replace(size=bounded(mover.cause, mover.size), onset=onset)
+            if (column := self._one(moved)) is None:
+                continue
+            both = (kept, column) if which else (column, kept)
+            fits = self._fit.together(both)
+            pair = (keeper, moved) if which else (moved, keeper)
+            if all(can_be(one.cause, fit.size) for one, fit in zip(pair, fits, strict=True)):
+                sized = tuple(one._replace(size=fit.size) for one, fit in zip(pair, fits, strict=True))
+                tried.append(_Two((sized[0], sized[1]), both, fits, ((0, 0), (0, 0))))
+        if not tried:
+            return before
+        best = min(tried, key=lambda two: two.left)
+        possible = [two.acting[which].onset for two in tried if two.left <= best.left + POSSIBLE]
+        other = before.since[1 - which] if before else (keeper.onset, keeper.onset)
+        mine = (min(possible), max(possible))
+        return best._replace(since=(other, mine) if which else (mine, other))
+
+    def _one(self, acting: Acting) -> Array | None:
+        (column,) = self._replays.columns(
+            [(acting.cause, acting.shapes, bounded(acting.cause, acting.size))], acting.onset
+        )
+        return column
+
+    def _convinces(self, two: _Two) -> bool:
+        sure = all(abs(fit.size) > _SURE * fit.deviation for fit in two.fits)
+        return sure and goes_along(self._columns, self._belief, two.added, two.left)
+
+
+def _suspects(two: _Two) -> tuple[Suspect, Suspect]:
+    first, second = (
+        Suspect(
+            acting.cause.name,
+            fit.size,
+            fit.size - 2.0 * fit.deviation,
+            fit.size + 2.0 * fit.deviation,
+            acting.onset * BIN,
+            earliest * BIN,
+            latest * BIN,
+            fit.left,
+            True,
+        )
+        for acting, fit, (earliest, latest) in zip(two.acting, two.fits, two.since, strict=True)
+    )
+    return (first, second) if first.since <= second.since else (second, first)

@@ -1,0 +1,81 @@
+"""What causes do to a stretch that they begin in: differences of replays, linear in their size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from bench_twin.innovations import Bins
+from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
+from diagnosis.systems.air_spring.simulator import AirSpring
+
+#: No size is tried beyond so much of what is possible.
+_WITHIN: Final = 0.95
+
+
+class Replays:
+    """What causes do to a stretch that began with a bin of it: differences of two replays that begin there."""
+
+    def __init__(self, run: MeasuredRun, simulator: AirSpring) -> None:
+        self._run, self._simulator = run, simulator
+        self._bins = Bins(run)
+        self._base = next(simulator.run_many([Job(run.experiment, {}, {})]))
+
+    def columns(
+        self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
+    ) -> Iterator[Array | None]:
+        """Yield what causes (with shapes) add since a bin, per unit of their sizes (n, c); None of impossible ones."""
+        first = onset * self._bins.size
+        experiment = self._from(first)
+        jobs = [Job(experiment, {}, {})]
+        jobs += [
+            Job(experiment, {}, {cause.name: {cause.amplitude.name: size, **shapes}})
+            for cause, shapes, size in sizes
+        ]
+        outputs = self._simulator.run_many(jobs)
+        base = next(outputs)
+        for (_, _, size), moved in zip(sizes, outputs, strict=True):
+            if not np.isfinite(moved).all():
+                yield None
+                continue
+            whole = np.zeros_like(self._base)
+            whole[first:] = moved - base
+            yield self._bins.mean(whole) / size
+
+    def _from(self, first: int) -> Experiment:
+        """Return the experiment from a sample on, with the pressures that the model has there."""
+        experiment = self._run.experiment
+        if first == 0:
+            return experiment
+        there = {
+            channel.name: float(self._base[first, k])
+            for k, channel in enumerate(self._simulator.channels)
+            if channel.name in experiment.settings
+        }
+        return replace(
+            experiment,
+            time=experiment.time[first:] - experiment.time[first],
+            inputs={name: values[first:] for name, values in experiment.inputs.items()},
+            settings={**experiment.settings, **there, "start": 0.0},  # what drifts has not drifted yet
+        )
+
+
+def bounded(cause: Hypothesis, size: float) -> float:
+    """The nearest size that is possible, not quite all of it: where nothing flows any more, more is the same."""
+    return float(np.clip(size, _WITHIN * cause.amplitude.low, _WITHIN * cause.amplitude.high))
+
+
+def typical(cause: Hypothesis) -> float:
+    """The size of an ordinary fault, of the sign that is possible."""
+    size = cause.amplitude.spread
+    return -size if cause.amplitude.high <= 0.0 else size
+
+
+def can_be(cause: Hypothesis, size: float) -> bool:
+    """Return whether a cause that acts may have a size."""
+    amplitude = cause.amplitude
+    signed = not cause.one_sided or size * typical(cause) > 0.0
+    return size != 0.0 and signed and amplitude.low <= size <= amplitude.high

@@ -1,0 +1,89 @@
+"""How a parting goes, in words: told, surer, otherwise, withdrawn, over."""
+
+from bench_records.twin import Parting, PossibleCause, TwinStory
+from bench_sim.parameters import load
+from bench_twin import course
+from diagnosis.systems.air_spring.simulator import channels
+
+CHANNEL = channels(load("astb"))[0]
+
+
+def cause(name: str, low: float = 0.4, high: float = 0.6, form: str = "at once") -> PossibleCause:
+    return PossibleCause(name, name, 0.5, low, high, "0.5 mm2", form, 60.0)
+
+
+def parting(*causes: PossibleCause, pairs=()) -> Parting:
+    return Parting(62.0, 60.0, CHANNEL.name, 1.0, 2.0, 0.1, causes, pairs=pairs)
+
+
+def begun(*causes: PossibleCause) -> Parting:
+    one = parting(*causes)
+    return course.goes_on(one, one, 63.0)
+
+
+def words(one: Parting) -> list[str]:
+    return [said.word for said in one.course]
+
+
+def test_what_is_said_again_is_not_kept_again():
+    first = begun(cause("leak.left"))
+    assert words(first) == ["told"]
+    assert words(course.goes_on(first, parting(cause("leak.left", 0.41, 0.59)), 70.0)) == ["told"]
+
+
+def test_fewer_causes_or_a_narrower_size_are_surer():
+    first = begun(cause("leak.left"), cause("leak_laminar.left"))
+    fewer = course.goes_on(first, parting(cause("leak.left")), 70.0)
+    assert words(fewer) == ["told", "surer"] and fewer.told == first.told
+    narrower = course.goes_on(fewer, parting(cause("leak.left", 0.45, 0.55)), 80.0)
+    assert words(narrower) == ["told", "surer", "surer"]
+
+
+def test_other_causes_or_another_form_or_two_at_once_are_otherwise():
+    first = begun(cause("leak.left"))
+    pair = (cause("leak.left"), cause("cell_offset.2"))
+    for other in (
+        parting(cause("compliance")),
+        parting(cause("leak.left", form="growing")),
+        parting(pairs=(pair,)),
+    ):
+        assert words(course.goes_on(first, other, 70.0)) == ["told", "otherwise"]
+
+
+def test_what_is_withdrawn_or_over_does_not_last_and_says_so():
+    first = begun(cause("leak.left"))
+    back = course.told(course.withdrawn(first, 71.0), CHANNEL)
+    assert not back.lasts and words(back)[-1] == "withdrawn"
+    assert "Withdrawn at 71 s" in back.sentence
+    past = course.told(course.over(first, 80.0, 95.0), CHANNEL)
+    assert not past.lasts and words(past)[-1] == "over"
+    assert "From 80 s on at the latest the rig goes along with its model again." in past.sentence
+    assert TwinStory("astb", 99.0, (), (first, past)).parted == first
+    assert TwinStory("astb", 99.0, (), (past,)).parted is None
+
+
+def test_later_stretches_narrow_what_it_can_be():
+    first = begun(cause("leak.left"), cause("leak_laminar.left"))
+    later = parting(cause("leak.left", 0.45, 0.55), cause("compliance"))
+    assert course.is_the_same(first, later)
+    after = course.lasting(first, later, 130.0)
+    assert [one.name for one in after.causes] == ["leak.left"]
+    assert after.since == first.since and words(after) == ["told", "surer"]
+    assert not course.is_the_same(first, parting(cause("compliance")))
+    assert not course.is_the_same(first, parting())
+    assert course.is_the_same(begun(), parting())
+
+
+def test_a_step_back_in_a_later_stretch_is_its_end():
+    first = begun(cause("cell_offset.2"))
+    back = Parting(
+        160.0,
+        158.0,
+        CHANNEL.name,
+        1.0,
+        2.0,
+        0.1,
+        (PossibleCause("cell_offset.2", "", -0.52, -0.6, -0.4, "", since=158.0),),
+    )
+    after = course.lasting(first, back, 170.0)
+    assert after.over == 158.0 and after.causes == first.causes and words(after) == ["told", "over"]
