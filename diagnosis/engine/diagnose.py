@@ -52,7 +52,7 @@ from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.suspects import suspects
-from diagnosis.engine.threads import aside
+from diagnosis.engine.threads import algebra_on_one_core, aside
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
@@ -60,6 +60,7 @@ from diagnosis.engine.wording import cause, further, laws, rivals, scores, sente
 from diagnosis.finding import Cause, Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
 
 
+@algebra_on_one_core
 def diagnose(
     dataset: Dataset,
     simulator: Simulator,

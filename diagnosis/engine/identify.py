@@ -37,6 +37,7 @@ from diagnosis.engine.noise import Noise, white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import ScreenedModel, fit_and_screen
 from diagnosis.engine.simulation import completed
+from diagnosis.engine.threads import algebra_on_one_core
 from diagnosis.engine.whitening import filters
 
 Progress = Callable[[str, float], None]
@@ -96,6 +97,7 @@ class Identification:
         )
 
 
+@algebra_on_one_core
 def identify(
     dataset: Dataset,
     simulator: Simulator,

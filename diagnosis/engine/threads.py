@@ -8,10 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")
+Arguments = ParamSpec("Arguments")
+
+
+def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
+    """Return a function during which numpy multiplies on one core.
+
+    Threads of the linear algebra wait for each other beside those here: a diagnosis takes several times as long.
+    """
+
+    @wraps(function)
+    def calm(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return calm
 
 
 def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable[Given]) -> list[Found]:
