@@ -63,7 +63,6 @@ EFFECTS: Final = (
         change=_change_displacements,
         touches=frozenset({"sensor", "timing"}),
         confusers=("maxwell", "platen_inertia"),
-        phenomenon="a delay of the displacement readings",
         equation="z_m(t) = z(t − τ)",
         source="averaging in the controller of a laser; a slower bus for the actuators' transducers",
         separated_by="a sudden stop of the motion: forces and pressures end before the displacement does",
