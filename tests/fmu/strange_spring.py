@@ -59,56 +59,42 @@ def strange_spring(to: Path, bad: int = 0, fmi: int = 2, **units: str) -> Path:
     flags = ["-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", *([f"-DBAD={bad}"] if bad else [])]
     subprocess.run([compiler, *flags, "-o", str(library), str(HERE / "c" / _SOURCES[fmi]), "-lm"], check=True)
     with zipfile.ZipFile(to, "w") as archive:
-        archive.writestr("modelDescription.xml", _description(units) if fmi == 2 else _description_3(units))
+        archive.writestr("modelDescription.xml", _description(units, fmi))
         archive.write(library, f"binaries/{_PLATFORMS[fmi]}/strange.so")
     return to
 
 
 _PLATFORMS = {2: "linux64" if sys.maxsize > 2**32 else "linux32", 3: f"{platform.machine()}-linux"}
 _SOURCES = {2: "strange.c", 3: "strange3.c"}
+_TOKENS = {2: "guid", 3: "instantiationToken"}
 
 
-def _description(units: dict[str, str]) -> str:
+def _description(units: dict[str, str], fmi: int) -> str:
     rows, outputs = [], []
     for reference, (name, causality, usual) in enumerate(_VARIABLES):
         unit = units.get(name, usual)
         varies = "fixed" if causality == "parameter" else "continuous"
+        named = f'name="{name}" valueReference="{reference}" causality="{causality}" variability="{varies}"'
         said = f' unit="{unit}"' if unit else ""
+        valued = f"{said}{_STARTS[causality]}/>"
         rows.append(
-            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
-            f'variability="{varies}"><Real{said}{_STARTS[causality]}/></ScalarVariable>'
+            f"<ScalarVariable {named}><Real{valued}</ScalarVariable>"
+            if fmi == 2
+            else f"<Float64 {named}{valued}"
         )
         if causality == "output":
-            outputs.append(f'<Unknown index="{reference + 1}"/>')
+            outputs.append(
+                f'<Unknown index="{reference + 1}"/>'
+                if fmi == 2
+                else f'<Output valueReference="{reference}"/>'
+            )
     defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in _UNITS.items())
+    told = "".join(outputs)
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="strange" guid="{{strange}}">
+<fmiModelDescription fmiVersion="{fmi}.0" modelName="strange" {_TOKENS[fmi]}="{{strange}}">
 <CoSimulation modelIdentifier="strange" canHandleVariableCommunicationStepSize="true"/>
 <UnitDefinitions>{defined}</UnitDefinitions>
 <ModelVariables>{"".join(rows)}</ModelVariables>
-<ModelStructure><Outputs>{"".join(outputs)}</Outputs></ModelStructure>
-</fmiModelDescription>
-"""
-
-
-def _description_3(units: dict[str, str]) -> str:
-    rows, outputs = [], []
-    for reference, (name, causality, usual) in enumerate(_VARIABLES):
-        unit = units.get(name, usual)
-        varies = "fixed" if causality == "parameter" else "continuous"
-        said = f' unit="{unit}"' if unit else ""
-        rows.append(
-            f'<Float64 name="{name}" valueReference="{reference}" causality="{causality}" variability="{varies}"'
-            f"{said}{_STARTS[causality]}/>"
-        )
-        if causality == "output":
-            outputs.append(f'<Output valueReference="{reference}"/>')
-    defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in _UNITS.items())
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="3.0" modelName="strange" instantiationToken="{{strange}}">
-<CoSimulation modelIdentifier="strange" canHandleVariableCommunicationStepSize="true"/>
-<UnitDefinitions>{defined}</UnitDefinitions>
-<ModelVariables>{"".join(rows)}</ModelVariables>
-<ModelStructure>{"".join(outputs)}</ModelStructure>
+<ModelStructure>{f"<Outputs>{told}</Outputs>" if fmi == 2 else told}</ModelStructure>
 </fmiModelDescription>
 """
