@@ -27,7 +27,7 @@ from itertools import combinations
 
 from diagnosis.engine.config import COMPARABLE, PAIRED, SUBSTITUTE
 from diagnosis.engine.family import richer_members, richer_surcharge
-from diagnosis.engine.fitting.point import effect_coordinates
+from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.gates import unfit
 from diagnosis.engine.search_state import Problem, SearchState, Trial
 from diagnosis.engine.trials import (
@@ -84,13 +84,7 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
             continue
         shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
         start = first.point.extended(effect_coordinates(two), (0.0, *shapes))
-        model = refit(problem, start, current)
-        if unfit(model, current.model) or too_rough(problem, current, model):
-            continue
-        prediction = predicted(problem, model, current.prediction)
-        if not too_useless(problem, state, model, prediction):
-            surcharge = sum(richer_surcharge(problem, name, model, current) for name in (one.name, two.name))
-            found.append(trial_of(two.name, model, prediction, "", surcharge=surcharge))
+        found += _with_two(problem, state, (one.name, two.name), start)
     return min(found, key=lambda trial: trial.bic, default=None)
 
 
@@ -106,15 +100,22 @@ def choose_beside(problem: Problem, state: SearchState, trials: Sequence[Trial])
     places = [i for i in screening.exceeding if screening.candidates[i].effect.family != family][:PAIRED]
     found: list[Trial] = []
     for i in places:
-        name = screening.candidates[i].effect.name
-        model = refit(problem, screening.start(beside.model.point, i), current)
-        if unfit(model, current.model) or too_rough(problem, current, model):
-            continue
-        prediction = predicted(problem, model, current.prediction)
-        if not too_useless(problem, state, model, prediction):
-            surcharge = sum(richer_surcharge(problem, one, model, current) for one in (strained.effect, name))
-            found.append(trial_of(name, model, prediction, "", surcharge=surcharge))
+        names = strained.effect, screening.candidates[i].effect.name
+        found += _with_two(problem, state, names, screening.start(beside.model.point, i))
     return min(found, key=lambda trial: trial.bic, default=None)
+
+
+def _with_two(problem: Problem, state: SearchState, names: tuple[str, str], start: Point) -> list[Trial]:
+    """Return the model with two more causes, fitted from ``start``, as the second one's trial, if the gates pass it."""
+    current = state.current
+    model = refit(problem, start, current)
+    if unfit(model, current.model) or too_rough(problem, current, model):
+        return []
+    prediction = predicted(problem, model, current.prediction)
+    if too_useless(problem, state, model, prediction):
+        return []
+    surcharge = sum(richer_surcharge(problem, name, model, current) for name in names)
+    return [trial_of(names[1], model, prediction, "", surcharge=surcharge)]
 
 
 def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Trial, ...]) -> SearchState:
