@@ -24,6 +24,7 @@ from bench_twin.forms import (
     Steps,
     Suspect,
     goes_along,
+    interval,
     left_by,
     places,
     suspect,
@@ -221,8 +222,8 @@ class _Look:
         """Return causes that explain the stretch as they grow, or are gone again."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
+        asked = [_asked(look) for look in looks]
         for place in (0, *places(self._since, bins)):  # what was there before can be gone, too
-            asked = [_asked(look) for look in looks]
             for one, column in zip(steps, self._replays.columns(asked, place), strict=True):
                 if column is not None:
                     one[place] = column
@@ -295,8 +296,7 @@ class _Look:
     def suspect(self, look: _Closely) -> Suspect:
         best = look.best
         possible = look.possible
-        low = min(one.fit.size - 2.0 * one.fit.deviation for one in possible)
-        high = max(one.fit.size + 2.0 * one.fit.deviation for one in possible)
+        low, high = interval(one.fit for one in possible)
         along = self._goes_along(best.fit, best.column)
         since = (
             best.onset * BIN,

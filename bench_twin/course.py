@@ -67,9 +67,8 @@ def lasting(before: Parting, now: Parting, at: float) -> Parting:
     names = _names(before) & _names(now)
     causes = tuple(one for one in now.causes if frozenset({one.name}) in names)
     pairs = tuple(pair for pair in now.pairs if frozenset(one.name for one in pair) in names)
-    if any(
-        _undoes(one, causes) for one in before.causes
-    ):  # as a step back, if the zero is taken for a tolerance
+    if any(_undoes(one, causes) for one in before.causes):
+        # As a step back, if the zero is taken for a tolerance.
         return _ended(replace(before, over=now.since), before, at)
     newest = replace(before, causes=causes, pairs=pairs, over=now.over)
     if word := _compared(before, newest):

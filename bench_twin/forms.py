@@ -8,13 +8,13 @@ that what acts at once (a sensor) is met exactly and what adds up (a leak) nearl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from bench_twin.detector import Detector
+from bench_twin.detector import Alarm, Detector
 from bench_twin.fitting import Fit, Fitted
 from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
 from bench_twin.replays import can_be, typical
@@ -56,9 +56,8 @@ class Suspect(NamedTuple):
     left: float  #: χ² that it leaves
     explains: bool  #: whether the twin with it goes along with the rig
     form: Form = Form.AT_ONCE
-    until: float | None = (
-        None  #: s of the stretch at which it has grown to its size, or is gone; None: not yet
-    )
+    #: s of the stretch at which it has grown to its size, or is gone; None: not yet.
+    until: float | None = None
 
 
 #: What steps do: by the bins in which they begin, what a cause adds per unit of its size (n, c).
@@ -69,9 +68,23 @@ def goes_along(columns: Columns, belief: Belief, added: Array, left: float) -> b
     """Return whether a rig does not part from the twin to which causes add so much (n, c), which leave a χ²."""
     if left > _FAR * np.count_nonzero(columns.samples):  # it surely parts, and to judge takes long
         return False
+    return alarm_with(columns, belief, added) is None
+
+
+def alarm_with(columns: Columns, belief: Belief, added: Array) -> Alarm | None:
+    """Return where a rig parts from the twin to which causes add so much (n, c); None if it does not."""
     explained = columns._replace(simulated=columns.simulated + added)
     white = judge(explained, belief, rough(columns)).white
-    return Detector(white.shape[1], BLOCK).look(white) is None
+    return Detector(white.shape[1], BLOCK).look(white)
+
+
+def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
+    """Return the interval (k = 2) of a size over all fits that are possible."""
+    every = list(fits)
+    return (
+        min(one.size - 2.0 * one.deviation for one in every),
+        max(one.size + 2.0 * one.deviation for one in every),
+    )
 
 
 def growing(steps: Steps, begins: float, ends: float) -> Array:
@@ -188,8 +201,7 @@ def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: 
     return Suspect(
         name,
         best.fit.size,
-        min(one.fit.size - 2.0 * one.fit.deviation for one in alike),
-        max(one.fit.size + 2.0 * one.fit.deviation for one in alike),
+        *interval(one.fit for one in alike),
         best.begins * BIN,
         min(one.begins for one in alike) * BIN,
         max(one.begins for one in alike) * BIN,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from bench_twin.detector import Detector
 from bench_twin.fitting import Fit, Fitted
-from bench_twin.forms import POSSIBLE, Suspect, goes_along
-from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
+from bench_twin.forms import POSSIBLE, Suspect, alarm_with, goes_along, interval
+from bench_twin.innovations import BIN, BINS, Belief, Columns
 from bench_twin.replays import Replays, bounded, can_be, typical
 from diagnosis.contracts import Array, Hypothesis
 
@@ -95,16 +94,14 @@ class Pairs:
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
         """Return since which bin the twin with a cause of a size parts; None if it does not."""
-        explained = self._columns._replace(simulated=self._columns.simulated + size * column)
-        white = judge(explained, self._belief, rough(self._columns)).white
-        alarm = Detector(white.shape[1], BLOCK).look(white)
+        alarm = alarm_with(self._columns, self._belief, size * column)
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> list[Acting]:
         """Return what explains most beside the first cause, one point of each cause."""
         ranked: list[tuple[float, Acting]] = []
+        sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._points]
         for at in {onset, first.onset}:
-            sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._points]
             for (cause, shapes), other in zip(self._points, self._replays.columns(sizes, at), strict=True):
                 if other is None or cause.name == first.cause.name:
                     continue
@@ -161,8 +158,7 @@ def _suspects(two: _Two) -> tuple[Suspect, Suspect]:
         Suspect(
             acting.cause.name,
             fit.size,
-            fit.size - 2.0 * fit.deviation,
-            fit.size + 2.0 * fit.deviation,
+            *interval([fit]),
             acting.onset * BIN,
             earliest * BIN,
             latest * BIN,

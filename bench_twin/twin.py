@@ -182,11 +182,10 @@ class Twin:
             return explanations(then.run, then.columns, prior, self._simulator, since, tuple).singles
 
         found = explanations(seen.run, seen.columns, prior, self._simulator, since, known)
-        self._known = found.singles or tuple(pair[0] for pair in found.pairs) or self._known
-        if not (found.singles or found.pairs):
-            return parting
-        catalogue = self._simulator.catalogue
         first = found.singles or tuple(pair[0] for pair in found.pairs)
+        if not first:
+            return parting
+        self._known, catalogue = first, self._simulator.catalogue
         ends = [one.until if one.form is Form.GONE else None for one in found.singles] or [None]
         return replace(
             parting,
