@@ -16,7 +16,7 @@ from bench_records.record import read
 from bench_records.twin import Parting
 from bench_sim.parameters import load
 from benchmarks.twin.best import WatchedWith
-from benchmarks.twin.cases import WITHIN, Case, faulty, sound
+from benchmarks.twin.cases import GOES_ON, Case, faulty, sound
 from benchmarks.twin.rigs import bench_of
 from benchmarks.twin.tables import Counted, page
 from test_plans.discovery import plans
@@ -31,7 +31,7 @@ def count(case: Case) -> Counted:
             execute(plans()[case.plan].given(case.values), bench, place, rig="virtual", seed=case.seed)
         twin = WatchedWith(read(place), load("astb"), case)
         story = twin.look()
-    counts = case.at + WITHIN if case.effect else float("inf")
+    counts = case.at + GOES_ON if case.effect else float("inf")
     partings = tuple(
         msgspec.structs.replace(one, sentence="") for one in story.partings if one.told <= counts
     )

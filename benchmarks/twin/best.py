@@ -10,12 +10,12 @@ import numpy as np
 from bench_records.record import Record
 from bench_records.twin import Judged
 from bench_sim.parameters import Parameters
-from bench_twin.causes import Replays
 from bench_twin.detector import BETWEEN
 from bench_twin.innovations import BIN, BINS, BLOCK, judge, rough
+from bench_twin.replays import Replays
 from bench_twin.stretches import Stretch
 from bench_twin.twin import Seen, Twin
-from benchmarks.twin.cases import WITHIN, Case
+from benchmarks.twin.cases import GOES_ON, Case
 
 
 class WatchedWith(Twin):
@@ -28,10 +28,9 @@ class WatchedWith(Twin):
 
     def _judge(self, stretch: Stretch) -> Judged:
         case = self._case
-        known = case.effect and any(one.told >= case.at for one in self._partings)
-        if known or (
-            case.effect and stretch.start > case.at + WITHIN
-        ):  # a look for causes takes longer than the run
+        known = any(one.told >= case.at for one in self._partings)
+        # A look for causes takes longer than the run.
+        if case.effect and (known or stretch.start > case.at + GOES_ON):
             return Judged(stretch.start, stretch.end, None, "it is known by now, or too late")
         return super()._judge(stretch)
 

@@ -26,7 +26,7 @@ SIZES: Final = (1.0, 3.0, 10.0)
 #: So long (s) a creeping effect grows to its size.
 CREEPS: Final = 30.0
 #: So long (s) after it began a run goes on; what is not told by then is not told.
-WITHIN: Final = 60.0
+GOES_ON: Final = 60.0
 #: An effect stays within so much of what is possible.
 _WITHIN: Final = 0.8
 #: A clock is not slow all at once, and where actuators go wrong no replay of their motion sees it.

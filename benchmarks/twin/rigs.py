@@ -13,7 +13,7 @@ from bench_sim.rig.faults.schedule import Mend
 from bench_sim.rig.rig import Rig
 from benchmarks.diagnosis import sealed
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.twin.cases import WITHIN, Case
+from benchmarks.twin.cases import GOES_ON, Case
 from drivers.bench import Bench
 
 #: An effect that creeps grows in steps of so many s.
@@ -40,7 +40,7 @@ def bench_of(case: Case) -> Iterator[Bench]:
 
 def begin(rig: Rig, case: Case) -> None:
     """Let the effect of a case begin when its time has come; some time later somebody stops the bench."""
-    rig.faults.plan(PlannedFault("estop", {}, case.at + WITHIN + _LATER, None))
+    rig.faults.plan(PlannedFault("estop", {}, case.at + GOES_ON + _LATER, None))
     kind, _, place = case.effect.partition(".")
     if kind == _DRIFT:
         values = {"sensor": f"{place}.bellows_pressure", "value": f"{case.size} Pa/s"}

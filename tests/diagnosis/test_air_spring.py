@@ -382,9 +382,8 @@ def test_what_displacements_say_late_has_been_before(made, give):
     def seen(at):
         wave = np.sin(2.0 * np.pi * 1.5 * at) * np.clip(at, 0.0, 1.0) ** 3
         moved = {name: size * wave for name, size in move.items()}
-        frame = (
-            give * mm * np.sin(2.0 * np.pi * 1.5 * time) * np.clip(time, 0.0, 1.0) ** 3
-        )  # of a force: never late
+        # Of a force: never late.
+        frame = give * mm * np.sin(2.0 * np.pi * 1.5 * time) * np.clip(time, 0.0, 1.0) ** 3
         return moved | {"shear": moved["shear"] - frame, "lateral.give": frame}
 
     def read(at, effects):

@@ -63,9 +63,8 @@ class Mixed(CompleteSimulator):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_strains_a_large_cause_is_found_beside_it(seed, monkeypatch):
-    monkeypatch.setattr(
-        "diagnosis.engine.search.look_again", lambda *_: ()
-    )  # here a second look finds the leak, too
+    # Here a second look finds the leak, too.
+    monkeypatch.setattr("diagnosis.engine.search.look_again", lambda *_: ())
     simulator, rng = Mixed(), np.random.default_rng(seed)
     runs = []
     for number, role in enumerate(("fit", "select", "report")):
