@@ -29,6 +29,20 @@ LOOK = """
   };
 })
 """
+#: The words of the bench's drawing that are seen, as `faults` wants them, and how many readings it has.
+BENCH_WORDS = """() => {
+  const svg = document.querySelector("svg.bench"), frame = svg.getBoundingClientRect();
+  const corners = (one) => {
+    const box = one.getBBox(), m = one.getScreenCTM();
+    const [top, bottom] = [box.y + 0.22 * box.height, box.y + 0.78 * box.height];
+    return [[box.x, top], [box.x + box.width, top], [box.x + box.width, bottom], [box.x, bottom]]
+      .map(([x, y]) => [m.a * x + m.c * y + m.e, m.b * x + m.d * y + m.f]);
+  };
+  const seen = [...svg.querySelectorAll("text")].filter((one) => one.textContent.trim() && one.checkVisibility());
+  const words = seen.map((one) => ({ text: one.textContent, corners: corners(one), axes: "", legend: "" }));
+  return { name: "bench", axes: [], words, values: svg.querySelectorAll(".value").length,
+    frame: [Math.max(0, frame.left), frame.top, Math.min(innerWidth, frame.right), frame.bottom] };
+}"""
 MARKUP = re.compile(r"\$|\\[a-z]|\{|\}|</?[a-z]+>|&[a-z]+;")
 #: Letters may touch what is beside them by so much (px).
 TOUCH = 1.0

@@ -18,8 +18,9 @@ window.benchDrawing = (() => {
     const thick = Math.min(0.6, Math.max(0.36, 2 * centre));
     const left = (name) => or(`${name} across`, name.includes("left") ? spacing : -spacing);
     const push = spring + centre + or("lateral_actuator_height", 0.35);
-    const half = Math.max(spacing, ...["vertical_left", "vertical_right"].map((one) => Math.abs(left(one))));
-    const top = Math.max(spring + thick, push) + 0.42;
+    const outermost = Math.max(0, ...[1, 2, 3, 4, 5, 6, 7, 8].map((n) => Math.abs(or(`load_cell.${n} across`, 0))));
+    const half = Math.max(spacing, outermost - 0.08, ...["vertical_left", "vertical_right"].map((one) => Math.abs(left(one))));
+    const top = Math.max(spring + thick, push) + 0.45;
     const [bellows, floor, low] = [Math.min(0.3, 0.6 * spacing), -0.26, -0.98];
     const scale = WIDE / (2 * (half + 1));
     return {
@@ -52,8 +53,12 @@ window.benchDrawing = (() => {
     const rel = heights ?? (pistons ? { up: pistons.up - ground.up, roll: pistons.roll - ground.roll } : { up: 0, roll: 0 });
     // Springs are drawn no flatter and no longer than pieces have room; the factor of all of it is then less.
     const swing = Math.max(1e-12, ...[1, -1].map((side) => Math.abs(rel.up + side * (at.spacing + at.bellows) * rel.roll)));
-    const room = Math.min(times, Math.max(1, (0.6 * at.spring) / swing), Math.max(1, 0.12 / Math.max(1e-12, Math.abs(or("lateral.displacement")), Math.abs(ground.up), Math.abs(ground.left))));
     const roll = rel.roll + ground.roll;
+    const edge = at.half + 0.36;
+    const ways = [or("lateral.displacement"), ground.up, ground.left, edge * ground.roll, 0.8 * (Math.abs(ground.up + rel.up) + edge * Math.abs(roll))];
+    const way = Math.max(1e-12, ...ways.map(Math.abs));
+    // What a broken sensor reads no spring can do: it is drawn as flat, as tilted or as far off as there is room at all.
+    const room = Math.min(times, Math.max(1, (0.6 * at.spring) / swing), Math.max(1, 0.12 / way), (0.8 * at.spring) / swing, 0.16 / way);
     const left = given("lateral.displacement") === null ? ground.left : or("lateral.displacement") + at.arm * roll;
     const body = (one, height) => ({ x: -one.left * room, y: height + one.up * room, roll: one.roll * room });
     return {
@@ -85,6 +90,18 @@ window.benchDrawing = (() => {
     return (value < 0 && Number(text) ? "\u2212" : "") + text;
   }
 
+  /** Places (m) near those of `wanted`, no two of them closer than `least`. */
+  function apart(wanted, least) {
+    const order = wanted.map((_, k) => k).sort((a, b) => wanted[a] - wanted[b]);
+    const found = [...wanted];
+    for (let round = 0; round < 60; round++)
+      order.slice(1).forEach((next, k) => {
+        const lacks = (least - (found[next] - found[order[k]])) / 2;
+        if (lacks > 0) [found[next], found[order[k]]] = [found[next] + lacks, found[order[k]] - lacks];
+      });
+    return found;
+  }
+
   /** "over", "near" or "": how a value stands to the limits of its signal. */
   function standing({ low, high }, value) {
     if (!Number.isFinite(value)) return "";
@@ -107,6 +124,19 @@ window.benchDrawing = (() => {
     if (known[name] === value) return;
     known[name] = value;
     name === "text" ? (element.textContent = value) : element.setAttribute(name, value);
+  }
+
+  /** The parts of a text: a number that changes, its unit, and what it is `of`, both smaller. */
+  function number(text, unit, of = "") {
+    const [digits, small] = [make(text, "tspan"), make(text, "tspan", { class: "unit" })];
+    if (of) make(text, "tspan", { class: "unit of" }, ` ${of}`);
+    return { text, digits, small, unit: ` ${unit}` };
+  }
+
+  /** Writes a number, with its unit or without. */
+  function tell({ digits, small, unit }, text, known) {
+    set(digits, "text", text);
+    set(small, "text", known ? unit : "");
   }
 
   class Drawing {
@@ -143,11 +173,12 @@ window.benchDrawing = (() => {
       this.bridge(svg);
       this.lateral(svg, half);
       const middle = at.spring + at.thick / 2;
-      this.label("lateral.displacement", 0, middle + 34 / at.scale, "to the left");
-      this.roll = this.plain(0, middle - 31 / at.scale, "roll");
-      this.label("lateral.acceleration", 0, middle - 65 / at.scale, "", "minor small");
+      const row = (points) => middle + points / at.scale;
+      this.label("lateral.displacement", 0, row(21), "lateral", { beside: true });
+      this.roll = number(make(svg, "text", { class: "value minor", x: this.px(0), y: this.py(row(-15)) }), "mrad", "roll");
+      this.label("lateral.acceleration", 0, row(-46), "", { look: "minor small" });
       this.label("supply.pressure", -half - 0.1, at.floor - 0.59, "supply");
-      ["vertical", "lateral", "roll"].forEach((one, k) => this.label(`platform.${one}`, (140 / at.scale) * (k - 1), at.floor - 0.59, `platform ${["up", "left", "roll"][k]}`, "minor small"));
+      ["vertical", "lateral", "roll"].forEach((one, k) => this.label(`platform.${one}`, (190 / at.scale) * (k - 0.7), at.floor - 0.59, `platform ${["up", "left", "roll"][k]}`, { look: "minor small" }));
     }
 
     side(side, way, k) {
@@ -161,25 +192,25 @@ window.benchDrawing = (() => {
       const flow = make(svg, "path", { class: "flow", d: feed.getAttribute("d") });
       const valve = make(svg, "path", { class: "valve", d: bowtie(this.px(out), this.py(at.floor / 2)) });
       this.label(`${side}.height`, x, at.spring + at.thick / 2 + 0.02, `${side} height`);
-      this.label(`${side}.bellows_pressure`, x, at.spring / 2 - 0.045, "", "inside");
-      this.label(`${side}.auxiliary_pressure`, x, at.floor + 0.09, "", "inside");
-      this.label(`${side}.bellows_temperature`, out + way * 0.03, at.spring + 0.38, "bellows", "minor small");
-      this.label(`${side}.auxiliary_temperature`, out + way * 0.03, at.spring + 0.17, "chamber", "minor small");
+      this.label(`${side}.bellows_pressure`, x, at.spring / 2 - 0.045, "", { look: "inside" });
+      this.label(`${side}.auxiliary_pressure`, x, at.floor + 0.09, "");
+      this.label(`${side}.bellows_temperature`, out + way * 0.03, at.spring + 0.33, "bellows", { look: "minor small", called: "temperature" });
+      this.label(`${side}.auxiliary_temperature`, out + way * 0.03, at.spring + 0.13, "chamber", { look: "minor small", called: "temperature" });
       const mode = make(svg, "text", { class: "name", x: this.px(out + way * 0.04), y: this.py(at.spring / 2 + 0.05) });
       const press = -at.presses[k];
       this.box(svg, press - 0.09, at.top - 0.3, 0.18, 0.24, { class: "cylinder" });
       const rod = make(svg, "path", { class: "rod" });
       const force = make(svg, "path", { class: "force" });
-      this.label(`vertical_${side}.force`, press - way * (0.1 + 80 / at.scale), at.top - 0.24, `press ${side}`);
+      this.label(`vertical_${side}.force`, press - way * 0.13, at.top - 0.2, `press ${side}`, { toward: -way });
       return { side, way, spring, chamber, orifice, laser, flow, valve, mode, press, rod, force };
     }
 
     bridge(svg) {
       const { at } = this;
-      const y = at.floor + 0.135;
+      const y = at.floor + 0.165;
       make(this.platform, "path", { class: "pipe", d: `M${this.px(0.42 - at.spacing)} ${this.py(y)}H${this.px(at.spacing - 0.42)}` });
       this.dpv = make(this.platform, "path", { class: "valve", d: bowtie(this.px(0), this.py(y)) });
-      this.between = make(svg, "text", { class: "name minor", x: this.px(0), y: this.py(at.floor + 0.03) });
+      this.between = make(svg, "text", { class: "name minor", x: this.px(0), y: this.py(at.floor + 0.035) });
     }
 
     lateral(svg, half) {
@@ -188,38 +219,41 @@ window.benchDrawing = (() => {
       this.side_rod = make(svg, "path", { class: "rod" });
       this.side_force = make(svg, "path", { class: "force" });
       this.end = half;
-      this.label("lateral.force", half + 0.33, at.push + 0.2, "lateral");
+      this.label("lateral.force", half + 0.62, at.push + 0.2, "lateral", { toward: -1 });
     }
 
     cells(svg) {
       const { at } = this;
       const known = at.cells.filter(({ name }) => this.signals.has(name));
-      known.forEach((cell, k) => {
+      const places = known.map((cell, k) => {
         const usual = [1, -1, 1, -1, 0, 0, 0, 0][k] * at.spacing;
         const upright = Math.abs(cell.up ?? (k < 4 ? 1 : 0)) > 0.5;
         const ahead = (cell.ahead ?? [1, 1, -1, -1, 1, -1, 1, -1][k]) >= 0;
-        const x = -(cell.across ?? usual) + Math.max(upright ? 0.22 : 0.18, 60 / at.scale) * (ahead ? -1 : 1);
-        this.box(svg, x - 0.05, at.floor - 0.15, 0.1, 0.15, { class: "cell" });
-        this.label(cell.name, x, at.floor - 0.31, cell.name.replace("load_cell.", "cell "), "small cells minor");
+        return -(cell.across ?? usual) + (upright ? 0.22 : 0.25) * (ahead ? -1 : 1);
+      });
+      const words = apart(places, 140 / at.scale);
+      known.forEach(({ name }, k) => {
+        this.box(svg, places[k] - 0.05, at.floor - 0.15, 0.1, 0.15, { class: "cell" });
+        this.label(name, words[k], at.floor - 0.31, name.replace("load_cell.", "cell "), { look: "minor small" });
       });
     }
 
-    /** A reading at its place: the value with its unit, and its name below. */
-    label(name, x, y, title, look = "") {
+    /**
+     * A reading at its place: the value with its unit, and its name below or `beside` it. It stands in the middle of
+     * (x, y), or goes from there `toward` the right (1) or the left (-1). What it is `called` stands there crossed out
+     * where there is none.
+     */
+    label(name, x, y, title, { look = "", beside = false, toward = 0, called = title || name.replace(/.*[._]/, "") } = {}) {
       const signal = this.signals.get(name);
       if (!signal) return;
-      const group = make(this.svg, "g", { class: "label" });
+      const group = make(this.svg, "g", { class: "label", "data-signal": name });
       const hint = make(group, "title");
-      const value = make(group, "text", { class: `value ${look}`, x: this.px(x), y: this.py(y) });
-      if (title) make(group, "text", { class: `name ${look}`, x: this.px(x), y: this.py(y) + (look.includes("small") ? 21 : 25) }, title);
-      make(group, "path", { class: "cross", d: `M${this.px(x) - 52} ${this.py(y) + 4}l104 -28` });
-      this.labels.set(name, { signal, group, value, hint, look, called: title ? "–" : name.replace(/.*[._]/, "") });
-    }
-
-    plain(x, y, title) {
-      const value = make(this.svg, "text", { class: "value minor", x: this.px(x), y: this.py(y) });
-      this.rolled = title;
-      return value;
+      const [px, py] = [this.px(x), this.py(y)];
+      const text = { x: px, "text-anchor": ["end", "middle", "start"][toward + 1] };
+      const value = make(group, "text", { class: `value ${look}`, y: py, ...text });
+      if (title && !beside) make(group, "text", { class: `name ${look}${called === title ? " twice" : ""}`, y: py + (look.includes("small") ? 21 : 26), ...text }, title);
+      const shown = number(value, signal.unit, beside ? title : "");
+      this.labels.set(name, { signal, group, value, shown, hint, look, called });
     }
 
     /** Show readings (`values` in the units of the signals), what is `lacking` and why, `settings` in force, what tripped `first`. */
@@ -227,13 +261,13 @@ window.benchDrawing = (() => {
       const si = {};
       this.told = [];
       for (const [name, one] of this.labels) {
-        const { signal, group, value, hint, look, called } = one;
+        const { signal, group, shown, hint, look, called } = one;
         const why = lacking[name] ?? (Number.isFinite(values[name]) ? "" : "nothing has come");
         const number = why ? NaN : values[name];
         const stands = standing(signal, number);
         const now = ["label", why ? "lacking" : stands, name === first ? "first" : ""].filter(Boolean).join(" ");
         set(group, "class", look.includes("minor") ? `${now} minor` : now);
-        set(value, "text", why ? called : `${fixed(number, signal.decimals)} ${signal.unit}`);
+        tell(shown, why ? called : fixed(number, signal.decimals), !why);
         set(hint, "text", why ? `${signal.label}: ${why}` : signal.label);
         one.stands = stands;
         if (why) this.told.push(`${signal.label} is not known: ${why}`);
@@ -258,12 +292,15 @@ window.benchDrawing = (() => {
       place(this.platform, now.platform, 0);
       place(this.bolster, now.bolster, at.spring + at.centre);
       set(this.bolster, "class", now.seen === "nothing" ? "unknown" : "");
-      const ride = (group, up) => group && set(group, "transform", `translate(0 ${(-up * at.scale).toFixed(1)})`);
-      for (const name of ["lateral.displacement", "lateral.acceleration", "left.height", "right.height"]) ride(this.labels.get(name)?.group, now.bolster.y - at.spring - at.centre);
-      ride(this.roll, now.bolster.y - at.spring - at.centre);
+      const ride = (group, up, right = 0) => group && set(group, "transform", `translate(${(right * at.scale).toFixed(1)} ${(-up * at.scale).toFixed(1)})`);
+      const along = (group, x) => ride(group, point(now.bolster, x, 0)[1] - at.spring - at.centre, now.bolster.x);
+      for (const name of ["lateral.displacement", "lateral.acceleration"]) along(this.labels.get(name)?.group, 0);
+      along(this.roll.text, 0);
       this.sides.forEach(({ side, way, spring, orifice, laser, press, rod }, k) => {
         const four = corners(at, now, way);
-        ride(this.labels.get(`${side}.bellows_pressure`)?.group, (four[0][1] + four[1][1] + four[2][1] + four[3][1]) / 4 - at.spring / 2);
+        along(this.labels.get(`${side}.height`)?.group, way * at.spacing);
+        ride(this.labels.get(`${side}.auxiliary_pressure`)?.group, point(now.platform, way * at.spacing, 0)[1], now.platform.x);
+        ride(this.labels.get(`${side}.bellows_pressure`)?.group, (four[0][1] + four[1][1] + four[2][1] + four[3][1]) / 4 - at.spring / 2, (now.bolster.x + now.platform.x) / 2);
         const [a, b, c, d] = this.round(four);
         const bulge = (p, q, w) => this.round([[(p[0] + q[0]) / 2 + w * 0.09, (p[1] + q[1]) / 2]])[0];
         set(spring, "d", `M${a}L${b}Q${bulge(four[1], four[2], 1)} ${c}L${d}Q${bulge(four[3], four[0], -1)} ${a}Z`);
@@ -310,7 +347,7 @@ window.benchDrawing = (() => {
       const { now, at } = this;
       const heights = si["left.height"] !== null && si["right.height"] !== null;
       const roll = heights ? ((si["left.height"] - si["right.height"]) / (at.lasers[0] - at.lasers[1])) * 1e3 : NaN;
-      set(this.roll, "text", `${this.rolled} ${fixed(roll, 1)} mrad`);
+      tell(this.roll, fixed(roll, 1), Number.isFinite(roll));
       const of = (name) => (Number.isFinite(si[name]) ? `${fixed(values[name], this.signals.get(name).decimals)} ${this.signals.get(name).unit}` : "not known");
       const sides = SIDES.map(([side]) => `${side} spring: height ${of(`${side}.height`)}, ${of(`${side}.bellows_pressure`)}, pressed with ${of(`vertical_${side}.force`)}, valve ${MODES[settings[`air.${side}_mode`]] ?? "not known"}`);
       this.alternative = ["The bench from behind", ...sides, `lateral ${of("lateral.displacement")}, ${of("lateral.force")}`, `supply ${of("supply.pressure")}`, now.seen === "nothing" ? "where the bolster stands is not known" : "", ...this.told].filter(Boolean).join("; ") + ".";

@@ -73,13 +73,15 @@ def free_ports(count: int) -> list[int]:
 class PanelProcess:
     """``astb panel`` in a process of its own, which can be killed and started again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, rig_file: Path | None = None) -> None:
         self.folder = folder
         can, modbus, self.port = free_ports(3)
-        self.rig_file, self.out = folder / "rig.toml", folder / "runs"
-        self.rig_file.write_text(
-            f'name = "test"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n[simulation]\nseed = 1\n'
-        )
+        self.rig_file, self.out = rig_file or folder / "rig.toml", folder / "runs"
+        if rig_file is None:
+            self.rig_file.write_text(
+                f'name = "test"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
+                "[simulation]\nseed = 1\n"
+            )
         package = folder / "plans" / "short_plans-1.0.dist-info"
         package.mkdir(parents=True)
         (package / "METADATA").write_text("Metadata-Version: 2.1\nName: short-plans\nVersion: 1.0\n")

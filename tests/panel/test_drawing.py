@@ -13,7 +13,9 @@ from astb.rig_limits import known_limits
 from bench_panel.signals import shown_signals
 from bench_panel.watch import Watch
 from bench_protocol.dimensions import ordinary
+from bench_protocol.table_signals import MEASUREMENTS
 from tests.foreign.conftest import running, write_files
+from tests.pictures import BENCH_WORDS, faults
 
 pytestmark = pytest.mark.slow
 
@@ -64,12 +66,17 @@ AGAIN = """([look]) => {
 }"""
 
 
+#: As the page has it.
+PLAIN = "body { margin: 0; font-family: 'Source Sans 3', 'Helvetica Neue', 'Liberation Sans', Arial, sans-serif; }"
+
+
 @pytest.fixture
 def sheet(browser):
     """An empty page with the drawing's script."""
     context = browser.new_context(viewport={"width": 1000, "height": 560})
     page, failures = context.new_page(), []
     page.on("pageerror", lambda error: failures.append(str(error)))
+    page.add_style_tag(content=PLAIN)
     page.add_style_tag(path=ASSETS / "bench_drawing.css")
     page.add_script_tag(path=ASSETS / "bench_drawing.js")
     yield page
@@ -159,6 +166,50 @@ def test_readings_stand_at_their_places_red_beyond_limits_and_crossed_out_where_
     built, more, took = sheet.evaluate(AGAIN, [look])
     assert (built, more) == (0, 0), "only attributes and texts change"
     assert took < 50, "ten pictures a second leave half of the time to the rest"
+
+
+#: The middle column of the page at 1800, 1280, 768 and 390 px.
+WIDTHS = (1070, 700, 716, 356)
+#: What benches are built like (m): the least and the most.
+BUILT = {
+    "spring_half_spacing": (0.85, 1.3),
+    "centre_height": (0.18, 0.35),
+    "lateral_actuator_height": (0.2, 0.5),
+    "column_height": (0.15, 0.35),
+}
+
+
+def a_bench(chance: random.Random) -> dict[str, float]:
+    """Dimensions of a bench as somebody might have built it."""
+    built = {name: chance.uniform(*most) for name, most in BUILT.items()}
+    half, beside = built["spring_half_spacing"], chance.uniform(0.0, 0.1)
+    for way, side in ((1, "left"), (-1, "right")):
+        built[f"{side}.height across"] = way * half
+        built[f"vertical_{side} across"] = way * (half + beside)
+    cells = half + chance.uniform(-0.2, 0.25)
+    for n in (1, 2, 3, 4):
+        built[f"load_cell.{n} across"] = cells if n % 2 else -cells
+    return built
+
+
+def test_no_word_lies_on_another_or_is_cut_whatever_is_read_on_whatever_bench(sheet) -> None:
+    """With each reading at an end of its range, where it is longest, and with any of them missing."""
+    chance = random.Random(4101)
+    benches = [DIMENSIONS, *(a_bench(chance) for _ in range(12))]
+    modes = ("hold", "level", "fill", "vent")
+    for width in WIDTHS:
+        sheet.set_viewport_size({"width": width, "height": 900})
+        for known in benches:
+            ends = {one.name: (one.low, one.high) for one in MEASUREMENTS}
+            values = {name: chance.choice(both) / FACTOR[name] for name, both in ends.items()}
+            gone = chance.sample(sorted(values), chance.choice((0, 0, 3, len(values))))
+            look = {
+                "values": values,
+                "lacking": dict.fromkeys(gone, "nothing has come"),
+                "settings": {f"air.{side}_mode": chance.choice(modes) for side in ("left", "right")},
+            }
+            sheet.evaluate(SHOW, [known, SIGNALS, look, chance.choice((1, 3, 10))])
+            assert faults(sheet.evaluate(BENCH_WORDS)) == [], (width, known, look)
 
 
 def test_a_described_rig_is_drawn_with_its_own_dimensions_and_says_what_it_lacks(sheet, tmp_path) -> None:
