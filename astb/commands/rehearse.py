@@ -1,5 +1,6 @@
 """`astb rehearse`: a plan in virtual time before a rig moves, and the limits that it would come close to or trip."""
 
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -27,6 +28,8 @@ from bench_records.layout import RecordError
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
     from astb.rehearsal.again import Past
@@ -47,10 +50,18 @@ _STYLE: Final = {"clear": "bold green", "blocked": "bold magenta", "refused": "b
     "--from",
     "kept",
     metavar="RUN@TIME",
-    help="Go through a kept virtual run again, and on from this time (runs/aw0@70s) with the --fault.",
+    help="Go through a kept virtual run again, and on from this time (runs/aw0@70s) with --fault, --effect, --change.",
 )
 @click.option(
     "--fault", "faults", multiple=True, help="With --from: what breaks there, as `astb fault on` has it."
+)
+@click.option(
+    "--change",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="With --from: a parameter that is another one from there on, such as orifice_diameter=12mm or, left and "
+    "right, orifice_diameter=12mm,18mm.",
 )
 @RIG_OPTION
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
@@ -60,6 +71,7 @@ def rehearse_command(
     plans: tuple[str, ...],
     kept: str | None,
     faults: tuple[str, ...],
+    changes: tuple[str, ...],
     rig_named: str | None,
     seed: int | None,
     model: str | None,
@@ -77,26 +89,27 @@ def rehearse_command(
     its file tells and, where it tells none, assumed ones. --model takes the extended model of a diagnosis. Each plan
     leaves DIR/PLAN-rehearsal/ with rehearsal.html, rehearsal.json and the record.
 
-    --from makes a kept run in virtual time again, on the --rig that made it, checks that it is the same to the bit up
-    to that time, and goes on with a change: what would have been is told beside what was.
+    --from makes a kept run in virtual time again, on the --rig and --model that made it, checks that it is the same to
+    the bit up to that time, and goes on with a change, an --effect that begins there too: what would have been is told
+    beside what was.
 
     Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
     reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
     """
     from astb.rehearsal.page import word, write_page
 
-    past = _past(plans, kept, faults)
+    past = _past(plans, kept, faults, effects, changes)
     chosen = chosen_plans(plans, settings, values_path) if past is None else (past.plan,)
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_named)
-    simulation = _simulation(rig, path, model, effects, sealed)
+    simulation = _simulation(rig, path, model, () if past else effects, sealed)
     console, ends = plain_console(), []
     try:
-        if past is not None:
-            simulation, seed = past.changed(simulation), past.seed
         # Without answers a rehearsal asks nobody: it shall come to its end by itself.
         operator = operator_for(answers, console) if answers else None
         others = {"simulation": simulation, "seed": seed, "specimen": specimen, "operator": operator}
+        if past is not None:
+            others |= past.again(simulation)
         for plan in chosen:
             found, directory = _rehearsed(console, plan, rig, path, out, others)
             _show(console, found, write_page(found, directory))
@@ -111,20 +124,34 @@ def rehearse_command(
     raise click.exceptions.Exit(_EXIT[max(ends, key=list(_EXIT).index)])
 
 
-def _past(plans: tuple[str, ...], kept: str | None, faults: tuple[str, ...]) -> "Past | None":
+def _past(
+    plans: tuple[str, ...],
+    kept: str | None,
+    faults: tuple[str, ...],
+    effects: tuple[str, ...],
+    changes: tuple[str, ...],
+) -> "Past | None":
     """Return the kept run that goes on, or None where plans are rehearsed."""
-    if bool(plans) == bool(kept) or (faults and not kept):
+    if bool(plans) == bool(kept) or ((faults or changes) and not kept):
         misuse(
-            "a PLAN is rehearsed, or a RUN@TIME goes on --from there, with its --fault; one of the two would be right"
+            "a PLAN is rehearsed, or a RUN@TIME goes on --from there, with its --fault and --change; one of the two "
+            "would be right"
         )
     if not kept:
         return None
-    from astb.rehearsal.again import Past
+    from astb.rehearsal.again import Changes, Past
 
+    begin = pairs(effects, "has no amplitude: leak.left=0.2mm2 would be right", option="--effect ")
+    other = pairs(changes, "has no value: orifice_diameter=12mm would be right", option="--change ")
     try:
-        return Past.named(kept, [_fault(text) for text in faults])
+        return Past.named(kept, Changes([_fault(text) for text in faults], begin, _by_side(other)))
     except (ValueError, RecordError) as error:
         misuse(error)
+
+
+def _by_side(texts: "Mapping[str, str]") -> "dict[str, str | list[str]]":
+    """Return the values of parameters, those with commas as one for each side, actuator or branch."""
+    return {name: re.split(r",\s*", text) if "," in text else text for name, text in texts.items()}
 
 
 def _fault(text: str) -> tuple[str, dict[str, str]]:

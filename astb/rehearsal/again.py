@@ -5,12 +5,14 @@ the same plan on the same rig comes to the same states, to the bit. So the run i
 against the record up to that instant, and changed there. Its noise stays the same: what differs, the change has done.
 """
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
+from astb.rehearsal.otherwise import Otherwise, exact
 from astb.rig_file import FaultEntry, Simulation
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
@@ -40,37 +42,72 @@ class Parted(NamedTuple):
     words: str
 
 
+class Changes(NamedTuple):
+    """What is otherwise from an instant on, as people write it: faults with their values, effects, parameters."""
+
+    faults: "Sequence[tuple[str, Mapping[str, str]]]"
+    effects: "Mapping[str, str]"
+    parameters: "Mapping[str, Any]"
+
+
 class Past(NamedTuple):
-    """A kept run, the time (s) from which on it goes on otherwise, and what breaks there."""
+    """A kept run, the time (s) from which on it goes on otherwise, and what is otherwise there."""
 
     record: Record
     plan: "Plan"
     at: float
-    faults: "Sequence[tuple[str, Mapping[str, str]]]"  #: name, and values as people write them
+    changes: Changes
 
     @classmethod
-    def named(cls, text: str, faults: "Sequence[tuple[str, Mapping[str, str]]]") -> "Past":
+    def named(cls, text: str, changes: Changes) -> "Past":
         """Read ``RUN@TIME``. ValueError or RecordError, which says what would be right."""
         directory, mark, time = text.rpartition("@")
         if not mark:
             raise ValueError(f"--from {text}: RUN@TIME would be right, such as runs/aw0@70s")
         record = read(Path(directory))
-        return cls(record, plan_of(record), read_value("time", time, "s"), faults)
+        return cls(record, plan_of(record), read_value("time", time, "s"), changes)
 
     @property
     def seed(self) -> int:
         """The seed of the rig."""
         return int(self.record.meta["seed"])
 
-    def changed(self, simulation: Simulation) -> Simulation:
-        """Return the simulation with the faults, as `astb fault on` has them, from that time of the record on."""
+    @property
+    def begins(self) -> float:
+        """The time of the rig (s) at which the change begins."""
+        return self.at + self.record.start_ns / NS
+
+    def again(self, simulation: Simulation) -> dict[str, Any]:
+        """Return what `rehearse` has to be given on the rig of a ``simulation``; ParameterError for what cannot be."""
+        changed = self._changed(simulation)
+        otherwise = Otherwise.of(changed, self.seed, self.changes.effects, self.changes.parameters)
+        return {
+            "simulation": changed,
+            "seed": self.seed,
+            "prepare": partial(otherwise.begin, at=self.begins),
+            "notes": self._notes(otherwise),
+        }
+
+    def _changed(self, simulation: Simulation) -> Simulation:
+        """Return the simulation of the run: with its own effects, and with the faults from that time on."""
         if not 0.0 < self.at < self.record.duration:
             raise RecordError(
                 f"{self.record.path} lasts {self.record.duration:.1f} s: {self.at:g} s is not within it"
             )
-        begin = f"{self.at + self.record.start_ns / NS:.3f} s"
-        entries = [FaultEntry(name, values={**values}, at=begin) for name, values in self.faults]
-        return replace(simulation, faults=(*simulation.faults, *entries))
+        begin = f"{self.begins:.3f} s"
+        entries = [FaultEntry(name, values={**values}, at=begin) for name, values in self.changes.faults]
+        own = exact(self.record.meta.get("parameters", {}).get("effects", {}))
+        return replace(simulation, effects=own, faults=(*simulation.faults, *entries))
+
+    def _notes(self, otherwise: Otherwise) -> list[str]:
+        """Return in words what is another one from that time on; nothing if nothing is."""
+        broken = [
+            " ".join((name, *(f"{k}={v}" for k, v in values.items()))) for name, values in self.changes.faults
+        ]
+        told = [*otherwise.told, *broken]
+        return (
+            [f"{self.record.path.parent} goes on from {self.at:g} s with {'; '.join(told)}"] if told else []
+        )
 
     def told(self, directory: Path) -> list[str]:
         """Return in words what became of the run that was made again in ``directory``, beside what was.

@@ -1,6 +1,6 @@
 """Rehearses a plan: runs it on the simulated rig, and tells how far it went and whether the rig would let it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -28,6 +28,7 @@ from bench_sim.rig.limits import LimitAction
 from test_plans.execution import execute
 
 if TYPE_CHECKING:
+    from bench_sim.rig.rig import Rig
     from test_plans.operator import Operator
     from test_plans.plan import Plan
     from test_plans.run import Watcher
@@ -111,23 +112,28 @@ def rehearse(
     operator: "Operator | None" = None,
     watcher: "Watcher | None" = None,
     begin: Callable[[dict[str, Any]], None] = lambda meta: None,
+    prepare: Callable[["Rig"], None] = lambda rig: None,
+    notes: Sequence[str] = (),
 ) -> tuple[Rehearsal, Path]:
     """Run ``plan`` in virtual time on what simulates ``rig``; return what was found, and the directory of its record.
 
     Without a ``simulation`` that of `simulation_of` is taken; the limits are those of ``rig`` in any case, and what the
-    wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin.
-    ValueError for a limit or parameter that cannot be, WiringError for such a wiring, RecordError for a directory that
-    cannot be written.
+    wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin;
+    ``prepare`` is given the simulated rig before it runs, and ``notes`` say what that does. ValueError for a limit or
+    parameter that cannot be, WiringError for such a wiring, RecordError for a directory that cannot be written.
     """
     limits, absent = known_limits(rig), _lacking(rig, path)
     simulation = simulation or simulation_of(rig)
     simulated = build_rig(simulation, seed)
+    prepare(simulated)
     watch = LimitWatch(simulated, [one.limit for one in limits])
     directory = new_directory(out, f"{plan.name}-rehearsal")
     with virtual_session(simulated, simulation, seed, watch.run, absent) as session:
         describe_rig(session.bench, rig, path)
         session.bench.connect()
         meta = describe(session, replace(rig, simulation=simulation)) | {"rehearsal": True}
+        if notes:
+            meta["otherwise"] = list(notes)
         begin(meta)
         with undisturbed():
             result = execute(
@@ -143,7 +149,7 @@ def rehearse(
             )
     model = session.parameters.name if session.parameters else ""
     found = _conclude(plan, rig.name, model, limits, watch, result, directory)
-    found = replace(found, notes=_notes(rig, model, limits, absent))
+    found = replace(found, notes=[*notes, *_notes(rig, model, limits, absent)])
     found.write(directory)
     return found, directory
 

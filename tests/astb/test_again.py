@@ -41,6 +41,42 @@ def test_with_a_leak_it_is_the_same_before_and_another_afterwards(kept, tmp_path
     assert now[1][now[0] < 60.0][-1] < before[1][before[0] < 60.0][-1] - 1000.0
 
 
+def test_an_effect_that_begins_there_is_the_fault_of_its_name_to_the_bit(kept, tmp_path):
+    for name, change in (
+        ("fault", ("--fault", "leak side=left area=0.5mm2")),
+        ("effect", ("--effect", "leak.left=0.5mm2")),
+    ):
+        done = asked("--from", f"{kept}@40s", *change, f"--out={tmp_path / name}")
+        assert done.exit_code == 0, done.output
+        assert "goes on from 40 s with leak" in " ".join(done.output.split())
+    one, other = (read(tmp_path / name / "leak_down-rehearsal") for name in ("fault", "effect"))
+    for name in ("left.bellows_pressure", "left.height", "load_cell.1", "supply.pressure"):
+        assert [list(two) for two in one.series(name)] == [list(two) for two in other.series(name)]
+
+
+def test_a_parameter_is_another_one_from_there_on_and_a_volume_keeps_its_gas(kept, tmp_path):
+    done = asked(
+        "--from", f"{kept}@40s", "--change", "auxiliary_volume=33 litre, 40 litre", f"--out={tmp_path}"
+    )
+    told = " ".join(done.output.split())
+    assert done.exit_code == 0, told
+    assert "auxiliary_volume = 33 litre, 40 litre; the mass and the energy of the gas are kept" in told
+    before, now = read(kept), read(tmp_path / "leak_down-rehearsal")
+    assert "auxiliary_volume = 33 litre, 40 litre" in now.meta["otherwise"][0]
+    for name in ("left.auxiliary_pressure", "right.auxiliary_pressure"):
+        (times, was), (again, found) = before.series(name), now.series(name)
+        assert list(was[times < 40.0]) == list(found[again < 40.0])
+        assert abs(found[again > 40.1][0] - was[times > 40.1][0]) > 1000.0
+
+
+def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
+    run = ["run", "leak_down", "--virtual", "--seed=5", "--effect", "maxwell=0.31, time=0.7 s"]
+    CliRunner().invoke(commands, [*run, f"--out={tmp_path}"])
+    done = asked("--from", f"{tmp_path}/leak_down@40s", f"--out={tmp_path}")
+    assert done.exit_code == 0, done.output
+    assert "it goes on as it did" in done.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
@@ -51,7 +87,21 @@ def test_with_a_leak_it_is_the_same_before_and_another_afterwards(kept, tmp_path
         (["--fault", "leak side=left"], "one of the two"),
         ([], "one of the two"),
         (["--from", "{kept}@40s", "--fault", "leek"], "leek is no fault"),
-        (["--from", "{kept}@40s", "--effect", "leak.left=1mm2"], "was not made by this rig"),
+        (["--from", "{kept}@40s", "--model", "{kept}/none.toml"], "none.toml"),
+        (["--from", "{kept}@40s", "--effect", "leek.left=1mm2"], "leek.left is no effect; leak.left"),
+        (["--from", "{kept}@40s", "--effect", "leak.left"], "leak.left=0.2mm2 would be right"),
+        (["--from", "{kept}@40s", "--effect", "leak.left=1m2"], "leak.left: area = 1e+06 mm2 is outside"),
+        (["--from", "{kept}@40s", "--change", "bellows_volum=20l"], "bellows_volume would be one"),
+        (
+            ["--from", "{kept}@40s", "--change", "bellows_volume=9m3"],
+            "= 9000 litre is outside 5 to 200 litre",
+        ),
+        (
+            ["--from", "{kept}@40s", "--change", "gas_constant=300J/(kg*K)"],
+            "the mass and the energy of the gas",
+        ),
+        (["--from", "{kept}@40s", "--change", "gas_constant"], "orifice_diameter=12mm would be right"),
+        (["aw0", "--change", "orifice_diameter=12mm"], "one of the two"),
     ],
 )
 def test_what_cannot_be_is_refused_in_words(kept, tmp_path, arguments, why):

@@ -121,8 +121,7 @@ class ParameterFaults:
 
         RuntimeError for parameters of springs that somebody else computes.
         """
-        if owned := [name for name in names if name in self._owned]:
-            raise RuntimeError(f"{', '.join(owned)}: the springs are computed by an FMU, which has its own")
+        self.own(names)
         entry = names, change
         self._rebuild([*self._changes, entry])
 
@@ -130,6 +129,18 @@ class ParameterFaults:
             self._rebuild([one for one in self._changes if one is not entry])
 
         return mend
+
+    def own(self, names: Collection[str]) -> None:
+        """Raise RuntimeError if one of these parameters is of springs that somebody else computes."""
+        if owned := [name for name in names if name in self._owned]:
+            raise RuntimeError(f"{', '.join(owned)}: the springs are computed by an FMU, which has its own")
+
+    def under(self, alter: Callable[[], None]) -> None:
+        """Let ``alter()`` make other values the sound ones, with the changes back on top of them afterwards."""
+        changes = self._changes
+        self._rebuild([])
+        alter()
+        self._rebuild(changes)
 
     def _rebuild(self, changes: list[tuple[tuple[str, ...], Callable[[Any], None]]]) -> None:
         par = self._parameters

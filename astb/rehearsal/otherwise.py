@@ -1,0 +1,65 @@
+"""What of a simulated rig is another one from an instant on: effects that begin there, parameters that change."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from msgspec.structs import replace
+
+from astb.rig_file import Simulation
+from astb.session import simulated_parameters
+from bench_sim.parameters.effects import find_effect
+from bench_sim.parameters.loading import ParameterError
+from bench_sim.rig.turn import VOLUMES, differing, turn
+
+if TYPE_CHECKING:
+    from bench_sim.rig.rig import Rig
+
+_KEPT: Final = "the mass and the energy of the gas are kept, so its pressure is another one at once"
+
+
+class Otherwise(NamedTuple):
+    """The parameters ``names`` of a rig that are those of ``record`` from an instant on, and that in words."""
+
+    names: list[str]
+    record: Any
+    told: list[str]
+
+    @classmethod
+    def of(
+        cls, simulation: Simulation, seed: int, effects: Mapping[str, str], changes: Mapping[str, Any]
+    ) -> "Otherwise":
+        """Return what ``effects`` and ``changes``, as people write them, make of the rig of a ``simulation``.
+
+        An effect that the rig has already has its new size. ParameterError with name, value and what would be right.
+        """
+        before = simulated_parameters(simulation).as_built(seed).record
+        other = replace(
+            simulation, effects={**simulation.effects, **effects}, change={**simulation.change, **changes}
+        )
+        after = simulated_parameters(other).as_built(seed).record
+        names = differing(before, after)
+        told = [f"{name} = {_shown(value)}" for name, value in (*effects.items(), *changes.items())]
+        return cls(names, after, told + [_KEPT] * (not VOLUMES.isdisjoint(names)))
+
+    def begin(self, rig: "Rig", at: float) -> None:
+        """Let it be so from ``at`` s of the rig's time on. ParameterError for springs that an FMU computes."""
+        try:
+            turn(rig, at, self.names, self.record)
+        except RuntimeError as error:
+            raise ParameterError(str(error)) from None
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(value) if isinstance(value, list) else str(value)
+
+
+def exact(effects: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """Return the effects of a record (SI) as a rig file has them, to the last bit."""
+    texts = {}
+    for name, values in effects.items():
+        amplitude, *shapes = [
+            (one.name, f"{values[one.name]!r} {one.unit}" if one.unit != "1" else repr(values[one.name]))
+            for one in find_effect(name)[0].parameters
+        ]
+        texts[name] = ", ".join([amplitude[1], *(f"{shape}={text}" for shape, text in shapes)])
+    return texts

@@ -1,0 +1,108 @@
+"""Lets a bench that runs have other parameters from an instant on: what it is made of changes, its state stays."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import TICK
+from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, State
+from bench_sim.model.sensors import arrives_late
+from bench_sim.parameters.loading import ParameterError
+
+if TYPE_CHECKING:
+    from bench_sim.model.plant import Plant
+    from bench_sim.rig.rig import Rig
+
+#: What cannot become another one while the state stays, and why.
+_GAS: Final = "what is in the springs has the mass and the energy of the gas that they were filled with"
+_BUILT: Final = "bolster and springs stand where they were built, and would be torn to another place at once"
+_REFUSED: Final = {
+    "gas_constant": _GAS,
+    "heat_capacity_ratio": _GAS,
+    "wall_heat_capacity": "the walls are as warm as they are: heat would come from nowhere",
+    "nominal_preload": "the plan itself changes it, with plates and shims",
+    **dict.fromkeys(
+        (
+            "spring_half_spacing",
+            "centre_height",
+            "column_height",
+            "actuator_half_spacing",
+            "lateral_actuator_height",
+        ),
+        _BUILT,
+    ),
+    **dict.fromkeys(
+        ("sensor_low", "sensor_high"), "the rig keeps the range that a transducer was built with"
+    ),
+    "sensor_accuracy": "it only draws the bias of a transducer when the rig is built",
+}
+#: What changes the volume in which the gas is.
+VOLUMES: Final = frozenset(("bellows_volume", "auxiliary_volume", "bellows_compliance"))
+
+
+def differing(before: Any, after: Any) -> list[str]:
+    """Return which parameters of two records are not the same.
+
+    `ParameterError` for one that cannot become another one while the bench runs.
+    """
+    names = [name for name in before.dtype.names if not np.array_equal(before[name], after[name])]
+    for name in names:
+        if name in _REFUSED:
+            raise ParameterError(
+                f"{name} cannot become another one while the bench runs: {_REFUSED[name]}; from the start, in "
+                "[simulation.change] of a rig file, would be right"
+            )
+    return names
+
+
+def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
+    """Let the parameters ``names`` be those of the record ``after`` from ``at`` s of the rig's time on.
+
+    What is broken on purpose stays so on top of them. RuntimeError for parameters of springs that an FMU computes.
+    """
+    points = rig.faults.points
+    points.parameters.own(names)
+
+    values = {name: np.array(after[name]) for name in names}
+    points.schedule.at(round(at / TICK), lambda: points.parameters.under(lambda: take(rig.plant, values)))
+
+
+def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
+    """Give a plant that runs these parameters, and bring what it remembers in line with them.
+
+    Masses, energies, places and speeds stay. Rubber that begins to relax is relaxed where it is; readings that begin
+    to come late stay as they are until the first of them comes; what drifts, or runs slowly, does so from now on.
+    """
+    par, mem = plant.parameters, plant.memory
+    found = {name: np.array(value) for name, value in values.items()}
+    for rate, start in (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency")):
+        if rate in found:
+            found[start] = found.get(start, np.array(par[start])) - mem.time * (found[rate] - par[rate])
+    _take_dashpots(
+        plant, *(found.get(f"extra_branch_{one}", par[f"extra_branch_{one}"]) for one in ("ratio", "time"))
+    )
+    late = arrives_late(par)
+    for name, value in found.items():
+        par[name] = value
+    if not late and arrives_late(par):
+        mem.sensor_history[:] = mem.sensor_output[:, np.newaxis]
+
+
+def _take_dashpots(plant: "Plant", ratios: npt.NDArray[np.float64], times: npt.NDArray[np.float64]) -> None:
+    """Give each extra branch of the rubber the dash-pots that it had, where its place is another one now, too.
+
+    The list has no gaps: where a branch ends, those behind it move up. A new one is relaxed where its bellows stands.
+    """
+    par, mem = plant.parameters, plant.memory
+    first = int(State.EXTRA_VERTICAL_DASHPOT)
+    dashpots = plant.state[first : first + EXTRA_DASHPOTS * EXTRA_BRANCHES].reshape(
+        EXTRA_BRANCHES, EXTRA_DASHPOTS
+    )
+    before = dashpots.copy()
+    relaxed = np.concatenate((mem.bellows_vertical, mem.bellows_lateral))
+    had = {float(par.extra_branch_time[k]): k for k in np.flatnonzero(par.extra_branch_ratio)[::-1]}
+    for branch in np.flatnonzero(ratios):
+        same = had.get(float(times[branch]), branch if par.extra_branch_ratio[branch] else None)
+        dashpots[branch] = relaxed if same is None else before[same]
