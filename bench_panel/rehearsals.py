@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from starlette.routing import Route
 
+from bench_panel.access import NotAllowed
 from bench_panel.answers import answered
 from bench_panel.commands import command, settings_of, text_of
+from bench_panel.kept import Kept
 from bench_panel.runs import CannotDo, refuse_settings
 from bench_panel.specimens import Specimens
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.layout import RecordError
+from bench_records.result import read_result
 
 if TYPE_CHECKING:
     from bench_panel.parts import Parts
@@ -25,7 +28,11 @@ if TYPE_CHECKING:
 #: What a rehearsal leaves, beside its record.
 PAGE: Final = "rehearsal.html"
 _NAME: Final = "-rehearsal"
-_TAIL: Final = 2000  # characters
+_TAIL: Final = 4000  # characters
+#: What a run can go on with from an instant: options of `astb rehearse`.
+CHANGES: Final = ("fault", "effect", "change")
+#: How the line ends behind which it says what parted.
+_BESIDE: Final = "to the bit, and then:"
 #: Of the processor a rig in real time goes first.
 _NICE: Final = ("nice", "-n", "15")
 
@@ -36,6 +43,7 @@ def routes(parts: Parts) -> Sequence[Route]:
     return [
         Route("/api/rehearsal", answered(lambda request: rehearsals.told())),
         command(parts, "/api/rehearsal/start", lambda request, body: rehearsals.start(body)),
+        command(parts, "/api/rehearsal/from", lambda request, body: rehearsals.go_on(body)),
         Route("/kept/rehearsal", answered(lambda request: rehearsals.page(request.query_params["of"]))),
     ]
 
@@ -55,6 +63,26 @@ class Rehearsals:
         plan, settings = text_of(body, "plan"), settings_of(body)
         refuse_settings(plan, settings)
         specimen = Specimens(self._parts.out).place(text_of(body, "specimen"))
+        chosen = [plan, *(part for name, text in settings.items() for part in ("--set", f"{name}={text}"))]
+        self._launch(plan, [*chosen, f"--specimen={specimen}"] if specimen else chosen)
+
+    def go_on(self, body: Mapping[str, Any]) -> None:
+        """Begin to make a kept run again, and go on from an instant with a change; what it refuses is told afterwards.
+
+        CannotDo while a run or a rehearsal goes on and for what is no run, NotAllowed for what is no request.
+        """
+        try:
+            directory = Kept(self._parts.out).known(text_of(body, "run"))
+            plan = read_result(directory).plan
+        except RecordError as error:
+            raise CannotDo(str(error)) from None
+        at = body.get("at")
+        if not isinstance(at, int | float) or isinstance(at, bool):
+            raise NotAllowed("at is no time in s", 400)
+        changes = [f"--{kind}={text}" for kind in CHANGES if (text := text_of(body, kind).strip())]
+        self._launch(plan, [f"--from={directory}@{at:.3f}s", *changes])
+
+    def _launch(self, plan: str, arguments: Sequence[str]) -> None:
         with self._lock:
             if self._parts.runs.going:
                 raise CannotDo(
@@ -62,10 +90,15 @@ class Rehearsals:
                 )
             if self._process is not None and self._process.poll() is None:
                 raise CannotDo(f"{self._plan} is being rehearsed: wait for its end")
-            command = [*(_NICE if which("nice") else ()), sys.executable, "-m", "astb", "rehearse", plan]
+            command = [
+                *(_NICE if which("nice") else ()),
+                sys.executable,
+                "-m",
+                "astb",
+                "rehearse",
+                *arguments,
+            ]
             command += ["--rig", str(self._parts.watch.path), "--out", str(self._parts.out)]
-            command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
-            command += [f"--specimen={specimen}"] if specimen else []
             self._plan, self._said = plan, ""
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -96,6 +129,9 @@ class Rehearsals:
             "going": False,
             "words": verdict.removeprefix(f"{self._plan}: "),
             "page": Path(page).parent.name if page else "",
+            "otherwise": [
+                one.strip() for one in self._said.partition(_BESIDE)[2].splitlines()[1:] if one.strip()
+            ],
             "code": process.returncode,
         }
 

@@ -3,6 +3,7 @@
 import { duration, make } from "/page/format.js";
 import { asked, choice, name, repeated, table, when } from "/page/tables.js";
 import { notes } from "/page/notes.js";
+import { goingOn } from "/page/rehearsal.js";
 import { help } from "/page/words.js";
 
 const ARCHIVE = "archive/";
@@ -116,7 +117,9 @@ export function show(element, panel) {
       button.disabled = true;
       const { found, error } = await asked(`/api/kept/replay?run=${encodeURIComponent(run.directory)}`);
       if (error) return place.replaceChildren(make("p", { class: "wrong" }, error));
-      window.benchReplay(place, found.told, await window.unpacked(found.packed));
+      const again = goingOn(panel, run, () => Number(place.dataset.time));
+      window.benchReplay(place, found.told, await window.unpacked(found.packed), again.moved);
+      place.append(again.element);
     } }, "Replay");
     place.append(button);
     return place;

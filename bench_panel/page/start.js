@@ -1,7 +1,8 @@
 /** What it takes to start a run: plan, specimen and parameters, who runs it and in which surroundings. */
 
 import { duration, make } from "/page/format.js";
-import { asked, remembered, repeated } from "/page/tables.js";
+import { followed } from "/page/rehearsal.js";
+import { asked, remembered } from "/page/tables.js";
 import { help } from "/page/words.js";
 
 export function starting(panel, order, told) {
@@ -76,14 +77,7 @@ export function starting(panel, order, told) {
   /** Look how the rehearsal stands until it has ended. */
   function follow() {
     leave();
-    leave = repeated(async () => {
-      const { found } = await asked("/api/rehearsal");
-      if (!found) return;
-      if (!found.going) leave();
-      if (!found.plan) return;
-      const page = found.page && make("a", { href: `/kept/rehearsal?of=${encodeURIComponent(found.page)}`, target: "_blank" }, "Page of the rehearsal");
-      rehearsed.replaceChildren(make("b", {}, `${found.plan}: `), found.going ? "is being rehearsed …" : found.words, " ", page || "");
-    }, 1000);
+    leave = followed(rehearsed);
   }
   follow();
   reset.addEventListener("click", () => order("/api/reset"));

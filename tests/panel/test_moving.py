@@ -104,3 +104,36 @@ def test_a_plan_is_rehearsed_and_its_page_is_shown(client, parts, monkeypatch):
         assert page.get("/kept/rehearsal", params={"of": of}).status_code == 404
     parts.watch.status = Status(link="", state="ACTIVE", pid=1)
     assert "a run is in progress" in page.post("/api/rehearsal/start", json={"plan": "aw0"}).json()["error"]
+
+
+def test_a_kept_run_goes_on_otherwise_from_an_instant(client, parts, keep, monkeypatch):
+    commands = []
+
+    def popen(command, **_):
+        commands.append(command)
+        said = (
+            "aw0: CLEAR: no limit trips\n  up to 4 s it is one to the bit, and then:\n    x parts at 4.1 s\n"
+        )
+        return SimpleNamespace(stdout=io.StringIO(said), poll=lambda: 0, wait=lambda: 0, returncode=0)
+
+    monkeypatch.setattr(rehearsals.subprocess, "Popen", popen)
+    keep(parts.out, "one", 0.004)
+    page, path = client(), "/api/rehearsal/from"
+    asked = {"run": "one", "at": 4, "effect": " leak.left=0.5mm2", "change": "", "fault": "stuck_dpv at=open"}
+    assert client(command=False).post(path, json=asked).status_code == 403
+    for wrong in ({"run": "none"}, {"run": "../one"}, {"at": "4"}, {"at": True}, {"effect": 3}):
+        assert page.post(path, json=asked | wrong).status_code in (400, 404, 409), wrong
+    assert not commands
+    assert page.post(path, json=asked).status_code == 200
+    options = [one for one in commands[0] if one.startswith("--")]
+    assert options == [
+        f"--from={parts.out / 'one'}@4.000s",
+        "--fault=stuck_dpv at=open",
+        "--effect=leak.left=0.5mm2",
+        "--rig",
+        "--out",
+    ]
+    time.sleep(0.05)
+    told = page.get("/api/rehearsal").json()
+    assert (told["plan"], told["words"]) == ("aw0", "CLEAR: no limit trips")
+    assert told["otherwise"] == ["x parts at 4.1 s"]
