@@ -45,7 +45,7 @@ class TwinBeside:
     def _caught_up(self) -> TwinStory | None:
         now, wall = (self._clock.now() - self._begun) / NS, RealClock()
         until = wall.now() + round(_PATIENCE * NS)
-        while (story := self._story()) is None or story.until < now - _BEHIND:
+        while (story := self._story()) is None or story.until < now - _BEHIND or _is_searched(story):
             if not self.watching or wall.now() > until:
                 break
             wall.sleep_until(wall.now() + round(_AGAIN * NS))
@@ -57,6 +57,11 @@ class TwinBeside:
             if now != self._read[0]:
                 self._read = now, read_twin(self._directory)
         return self._read[1]
+
+
+def _is_searched(story: TwinStory) -> bool:
+    """Whether causes are looked for of what parted last."""
+    return story.parted is not None and not story.parted.searched
 
 
 @contextmanager

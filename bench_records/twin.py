@@ -38,9 +38,10 @@ class PossibleCause(msgspec.Struct, frozen=True):
 class Said(msgspec.Struct, frozen=True):
     """What was said of a parting when the run had come to ``at`` s: one word, and what could explain it then.
 
-    *told* at first; *surer* where fewer causes are left or the size is known better; *otherwise* where the causes,
-    their forms or sizes are others; *withdrawn* where what came since makes it no parting; *over* where the rig goes
-    along again.
+    *told* at first, before anybody looks for causes where that takes long; then *explained*, or *unknown* where nothing
+    of the catalogue does so; *surer* where fewer causes are left or the size is known better; *otherwise* where the
+    causes, their forms or sizes are others; *withdrawn* where what came since makes it no parting; *over* where the rig
+    goes along again.
     """
 
     at: float
@@ -70,6 +71,7 @@ class Parting(msgspec.Struct, frozen=True):
     course: tuple[Said, ...] = ()  #: how it went, in order
     over: float | None = None  #: from when on (s) the rig goes along again, at the latest
     withdrawn: bool = False
+    searched: bool = True  #: False as long as nobody has looked for causes
 
     @property
     def lasts(self) -> bool:

@@ -10,7 +10,7 @@ more. A cause explains a stretch if the twin that has it does not part from the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from bench_twin.forms import (
 from bench_twin.innovations import BIN, BINS, Belief, Columns
 from bench_twin.pairs import Acting, Pairs
 from bench_twin.replays import Replays, bounded, typical
+from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 from diagnosis.systems.air_spring.simulator import AirSpring
 
@@ -74,9 +75,9 @@ def explanations(
     belief: Belief,
     simulator: AirSpring,
     since: float,
-    known: Callable[[], Sequence[Suspect]],
-) -> Explained:
-    """Return what explains a stretch that parted ``since`` s of it.
+    known: Callable[[], Work[Sequence[Suspect]]],
+) -> Work[Explained]:
+    """Return what explains a stretch that parted ``since`` s of it, in slices.
 
     ``known`` tells causes that explain it where it is shorter: one of them may still be one of two.
     """
@@ -85,19 +86,23 @@ def explanations(
     looked: list[_Closely] = []
     ranked: list[Suspect] = []
     for times in _SIZES:
-        tried = [one for onset in onsets for one in look.each(onset, times) if one.fit.size != 0.0]
+        tried: list[_Tried] = []
+        for onset in onsets:
+            tried += yield from look.each(onset, times)
         chosen: dict[tuple[str, int], _Tried] = {}
         for one in sorted(tried, key=lambda one: one.fit.left):
             if len(chosen) < _CLOSELY:
                 chosen.setdefault((one.cause.name, one.onset), one)
-        looked = sorted(look.closely(list(chosen.values())), key=lambda one: one.best.left)
-        ranked = [one for one in map(look.suspect, looked) if one.explains]
+        looked = yield from look.closely(list(chosen.values()))
+        looked.sort(key=lambda one: one.best.left)
+        ranked = yield from look.convincing(looked)
         if ranked:
             break
-    ranked += look.shaped(looked[:_FINELY] if ranked else looked)
+    ranked += yield from look.shaped(looked[:_FINELY] if ranked else looked)
     ranked.sort(key=lambda one: one.left)
     if not ranked:
-        return Explained(pairs=look.pairs(looked, known()))
+        before = yield from known()
+        return Explained(pairs=(yield from look.pairs(looked, before)))
     alike = [one for one in ranked if one.left < ranked[0].left + _ALIKE]
     return Explained(
         tuple(
@@ -193,48 +198,63 @@ class _Look:
             for point in cause.grid
         ]
 
-    def each(self, onset: int, times: float) -> Iterator[_Tried]:
-        """Yield every cause at every point of its grid, at so many times its typical size, since a bin."""
+    def each(self, onset: int, times: float) -> Work[list[_Tried]]:
+        """Return what acts of all causes at all points of their grids, at so many times typical sizes, since a bin."""
+        tried: list[_Tried] = []
         sizes = [(cause, shapes, bounded(cause, times * typical(cause))) for cause, shapes in self._points]
         for (cause, shapes), column in zip(self._points, self._replays.columns(sizes, onset), strict=True):
+            yield
             if column is not None:
                 fit = self._fit.with_(column, typical(cause))
-                if not cause.one_sided or fit.size * typical(cause) > 0.0:
-                    yield _Tried(cause, shapes, onset, fit)
+                if fit.size and (not cause.one_sided or fit.size * typical(cause) > 0.0):
+                    tried.append(_Tried(cause, shapes, onset, fit))
+        return tried
 
-    def closely(self, chosen: Sequence[_Tried]) -> list[_Closely]:
+    def closely(self, chosen: Sequence[_Tried]) -> Work[list[_Closely]]:
         """Return causes as they look closely, at the size and with the beginning that simulations at that size tell.
 
         All that may have begun with a bin are simulated together.
         """
         looks = [_Closely(one, self._around(one.onset, _NEAR)) for one in chosen]
         for _ in range(_ROUNDS):
-            self._simulate(looks)
+            yield from self._simulate(looks)
         looks = [one for one in looks if one.found]
         best = sorted(looks, key=lambda one: one.best.left)[:_FINELY]
         for _ in range(_FINE_ROUNDS):
             for one in best:
                 one.near = self._around(one.best.onset, _NEARER)
-            self._simulate(best)
+            yield from self._simulate(best)
         return looks
 
-    def shaped(self, looks: Sequence[_Closely]) -> list[Suspect]:
+    def convincing(self, looks: Sequence[_Closely]) -> Work[list[Suspect]]:
+        """Return the causes that explain the stretch."""
+        found: list[Suspect] = []
+        for look in looks:
+            yield
+            if (one := self._suspect(look)).explains:
+                found.append(one)
+        return found
+
+    def shaped(self, looks: Sequence[_Closely]) -> Work[list[Suspect]]:
         """Return causes that explain the stretch as they grow, or are gone again."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
         asked = [_asked(look) for look in looks]
         for place in (0, *places(self._since, bins)):  # what was there before can be gone, too
             for one, column in zip(steps, self._replays.columns(asked, place), strict=True):
+                yield
                 if column is not None:
                     one[place] = column
         tried: list[tuple[float, _Closely, Form, Forms, list[Shaped]]] = []
         for look, one in zip(looks, steps, strict=True):
             forms = Forms(self._fit, look.tried.cause, bins, one, self._steps(look))
             for form in (Form.GROWING, Form.GONE):
+                yield
                 if some := forms.coarse(form):
                     tried.append((min(map(left_by, some)), look, form, forms, some))
         found: list[Suspect] = []
         for _, look, form, forms, some in sorted(tried, key=lambda one: one[0])[:_FINELY]:
+            yield
             best, alike = forms.best(form, some)
             # Two more numbers must be worth it.
             if best.fit.left < look.best.left - _ALIKE and self._goes_along(best.fit, best.column):
@@ -255,7 +275,7 @@ class _Look:
 
     def pairs(
         self, looks: Sequence[_Closely], known: Sequence[Suspect]
-    ) -> tuple[tuple[Suspect, Suspect], ...]:
+    ) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
         """Return pairs of causes that explain the stretch together and about as well as the best pair."""
         shapes = {look.tried.cause.name: look.tried.shapes for look in looks}
         causes = {cause.name: cause for cause, _ in self._points}
@@ -267,7 +287,9 @@ class _Look:
         if not firsts:
             firsts = [Acting(*_asked(one), one.best.onset) for one in looks]
         search = Pairs(self._columns, self._belief, self._fit, self._replays, self._points)
-        found = [pair for first in firsts[:_FIRSTS] for pair in search.beside(first)]
+        found: list[tuple[Suspect, Suspect]] = []
+        for first in firsts[:_FIRSTS]:
+            found += yield from search.beside(first)
         found.sort(key=lambda pair: pair[0].left)
         once: dict[frozenset[str], tuple[Suspect, Suspect]] = {}
         for pair in found:
@@ -275,13 +297,14 @@ class _Look:
                 once.setdefault(frozenset(one.name for one in pair), pair)
         return tuple(once.values())
 
-    def _simulate(self, looks: Sequence[_Closely]) -> None:
+    def _simulate(self, looks: Sequence[_Closely]) -> Work[None]:
         """Simulate causes at their present sizes with all beginnings near theirs, and take over what that tells."""
         fitted: list[list[_Near]] = [[] for _ in looks]
         for onset in sorted(set[int]().union(*(one.near for one in looks))):
             some = [k for k, one in enumerate(looks) if onset in one.near and one.size]
             asked = [(looks[k].tried.cause, looks[k].tried.shapes, looks[k].size) for k in some]
             for k, column in zip(some, self._replays.columns(asked, onset), strict=True):
+                yield
                 if column is not None:
                     fit = self._fit.with_(column, typical(looks[k].tried.cause))
                     fitted[k].append(_Near(fit.left, onset, column, fit))
@@ -293,7 +316,7 @@ class _Look:
         last = len(self._columns.measured) - 2 * BINS
         return {one for one in (onset + off for off in bins) if 0 < one <= last} if onset else {0}
 
-    def suspect(self, look: _Closely) -> Suspect:
+    def _suspect(self, look: _Closely) -> Suspect:
         best = look.best
         possible = look.possible
         low, high = interval(one.fit for one in possible)

@@ -38,7 +38,7 @@ def cause_of(one: Suspect, hypothesis: Hypothesis, start: float) -> PossibleCaus
 
 def goes_on(before: Parting, now: Parting, at: float) -> Parting:
     """Return what is said at ``at`` s of a parting of which something was said ``before``."""
-    word = _compared(before, now) if before.course else "told"
+    word = _compared(before, now) if before.course and not before.withdrawn else "told"
     course = (*before.course, Said(at, word, now.causes, now.pairs)) if word else before.course
     return _ended(replace(now, told=before.told, course=course), before, at)
 
@@ -60,6 +60,22 @@ def is_the_same(before: Parting, now: Parting) -> bool:
     if not _names(before) and not _names(now):
         return True
     return bool(_names(before) & _names(now))
+
+
+def joined(partings: tuple[Parting, ...], found: Parting | None) -> tuple[Parting, ...]:
+    """Return the partings of earlier stretches, and what a later one adds to the last of them or to all.
+
+    As long as nobody has looked for its causes it is taken to be the last one, if that lasts.
+    """
+    last = partings[-1] if partings else None
+    if found is None:
+        return partings
+    if last is not None and last.lasts and found.lasts:
+        if not found.searched:
+            return partings
+        if is_the_same(last, found):
+            return (*partings[:-1], lasting(last, found, found.course[-1].at))
+    return (*partings, found)
 
 
 def lasting(before: Parting, now: Parting, at: float) -> Parting:
@@ -101,8 +117,10 @@ def _names(parting: Parting) -> frozenset[frozenset[str]]:
 
 
 def _compared(before: Parting, now: Parting) -> str:
-    """Return *surer* or *otherwise*, or "" where what is said is as before."""
+    """Return *explained*, *unknown*, *surer* or *otherwise*, or "" where what is said is as before."""
     old, new = _names(before), _names(now)
+    if not before.searched:
+        return "" if not now.searched else "explained" if new else "unknown"
     if old != new:
         return "surer" if new and new < old else "otherwise"
     if any(_form(before, one) != _form(now, one) or _beyond(before, now, one) for one in old):
@@ -156,6 +174,8 @@ def _since(parting: Parting) -> str:
 
 
 def _explained(parting: Parting) -> str:
+    if not parting.searched:
+        return "What may be the cause is still looked for."
     if parting.causes:
         return f"It would be explained by: {'; or '.join(map(_cause, parting.causes))}."
     if parting.pairs:

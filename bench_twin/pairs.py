@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from bench_twin.fitting import Fit, Fitted
 from bench_twin.forms import POSSIBLE, Suspect, alarm_with, goes_along, interval
 from bench_twin.innovations import BIN, BINS, Belief, Columns
 from bench_twin.replays import Replays, bounded, can_be, typical
+from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis
 
 #: Of so many second causes for each first one the beginning is looked for.
@@ -74,35 +75,38 @@ class Pairs:
         self._replays, self._points = replays, points
         self._last = len(columns.measured) - 2 * BINS
 
-    def beside(self, first: Acting) -> Iterator[tuple[Suspect, Suspect]]:
-        """Yield pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
+    def beside(self, first: Acting) -> Work[list[tuple[Suspect, Suspect]]]:
+        """Return pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
         (column,) = self._replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
-            return
+            return []
         onset = self._where_it_parts(first.size, column)
         if onset is None or onset > self._last:
-            return
-        for second in self._seconds(first, column, onset):
+            return []
+        pairs: list[tuple[Suspect, Suspect]] = []
+        for second in (yield from self._seconds(first, column, onset)):
             found: _Two | None = None
             acting = (first, second)
             for which, near in _NEAR:
-                better = self._refined(acting, which, near, found)
+                better = yield from self._refined(acting, which, near, found)
                 if better is not None:
                     found, acting = better, better.acting
             if found is not None and self._convinces(found):
-                yield _suspects(found)
+                pairs.append(_suspects(found))
+        return pairs
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
         """Return since which bin the twin with a cause of a size parts; None if it does not."""
         alarm = alarm_with(self._columns, self._belief, size * column)
         return None if alarm is None else alarm.since * BINS
 
-    def _seconds(self, first: Acting, column: Array, onset: int) -> list[Acting]:
+    def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
         """Return what explains most beside the first cause, one point of each cause."""
         ranked: list[tuple[float, Acting]] = []
         sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._points]
         for at in {onset, first.onset}:
             for (cause, shapes), other in zip(self._points, self._replays.columns(sizes, at), strict=True):
+                yield
                 if other is None or cause.name == first.cause.name:
                     continue
                 _, fit = self._fit.together([column, other])
@@ -116,7 +120,7 @@ class Pairs:
 
     def _refined(
         self, acting: tuple[Acting, Acting], which: int, near: Sequence[int], before: _Two | None
-    ) -> _Two | None:
+    ) -> Work[_Two | None]:
         """Return the pair with the best beginning of one of the two near its present one."""
         mover, keeper = acting[which], acting[1 - which]
         kept = before.columns[1 - which] if before else self._one(keeper)
@@ -125,6 +129,7 @@ class Pairs:
         tried: list[_Two] = []
         onsets = {mover.onset + off for off in near} if mover.onset else {0}
         for onset in sorted(one for one in onsets if 0 < one <= self._last or not mover.onset):
+            yield
             moved = mover._replace(size=bounded(mover.cause, mover.size), onset=onset)
             if (column := self._one(moved)) is None:
                 continue

@@ -27,7 +27,10 @@ class Replays:
     def columns(
         self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
     ) -> Iterator[Array | None]:
-        """Yield what causes (with shapes) add since a bin, per unit of their sizes (n, c); None of impossible ones."""
+        """Yield what causes (with shapes) add since a bin, per unit of their sizes (n, c).
+
+        None of those that are impossible, or have no size.
+        """
         first = onset * self._bins.size
         experiment = self._from(first)
         jobs = [Job(experiment, {}, {})]
@@ -38,7 +41,7 @@ class Replays:
         outputs = self._simulator.run_many(jobs)
         base = next(outputs)
         for (_, _, size), moved in zip(sizes, outputs, strict=True):
-            if not np.isfinite(moved).all():
+            if not size or not np.isfinite(moved).all():
                 yield None
                 continue
             whole = np.zeros_like(self._base)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import inf
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
@@ -26,6 +28,7 @@ from bench_twin.innovations import (
     parameters_of,
 )
 from bench_twin.replays import Replays
+from bench_twin.slices import Sliced, Work
 from bench_twin.stretches import LEAST, NOTHING, STEP, Stretch, stretches
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
@@ -54,6 +57,13 @@ class Seen(NamedTuple):
     rates: dict[str, float]  #: K/s, of the gas where it starts
 
 
+class _Search(NamedTuple):
+    """A search for what explains a parting, by what had come until ``end`` s."""
+
+    work: Sliced[tuple[Parting, tuple[Suspect, ...]]]
+    end: float
+
+
 class Twin:
     """The model with ``parameters`` beside the run of a ``record``, which may be growing; ``model`` is its name.
 
@@ -76,13 +86,43 @@ class Twin:
         self._detector = Detector(len(self._simulator.channels), BLOCK)
         self._noise: Array | None = None  # of sensors, from the first stretch that goes along
         self._closed: list[Judged] = []
-        self._partings: list[Parting] = []
+        self._partings: tuple[Parting, ...] = ()
         self._open: Parting | None = None
         self._known: tuple[Suspect, ...] = ()  # what explained the present stretch when it was shorter
         self._looked_until = 0.0
+        self._later = False
+        self._search: _Search | None = None
+        #: Of stretches that are over: the first is the one that is searched for, then what parted meanwhile.
+        self._waiting: list[Parting] = []
+        self._until = 0.0
+        self._last: tuple[Judged, ...] = ()
 
-    def look(self, *, ended: bool = True) -> TwinStory:
-        """Judge what has come since the last look, and return all that can be said by now."""
+    @property
+    def searches(self) -> bool:
+        """Whether causes of what has parted are still looked for."""
+        return self._search is not None
+
+    @property
+    def story(self) -> TwinStory:
+        """All that can be said by now."""
+        partings = self._partings
+        for one in (*self._waiting, self._open):
+            partings = course.joined(partings, one)
+        return TwinStory(
+            self._model,
+            self._until,
+            (*self._closed, *self._last),
+            tuple(course.told(one, self._channel(one)) for one in partings),
+        )
+
+    def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
+        """Judge what has come since the last look, and return all that can be said by now.
+
+        Causes that are to be looked for ``later`` are looked for by `search`, if the run has not ended.
+        """
+        self._later = later and not ended
+        if not self._later and self._waiting:
+            self.search()
         until = self._closed[-1].end if self._closed else 0.0
         open_one: tuple[Judged, ...] = ()
         for stretch in stretches(self._record, ended=ended):
@@ -94,24 +134,39 @@ class Twin:
             else:
                 self._close(one)
         self._simulator.forget()
-        return TwinStory(
-            self._model, self._record.duration, (*self._closed, *open_one), self._with(self._open)
-        )
+        self._until, self._last = self._record.duration, open_one
+        return self.story
+
+    def search(self, seconds: float = inf) -> None:
+        """Go on with the search for causes, for about so many s of a processor."""
+        if self._search is None:
+            return
+        found = self._search.work.go_on(seconds)
+        self._simulator.forget()
+        if found is None:
+            return
+        end, (parting, first) = self._search.end, found
+        self._search = None
+        if self._waiting:
+            explained, *meanwhile = self._waiting
+            for one in (course.goes_on(explained, parting, end), *meanwhile):
+                self._partings = course.joined(self._partings, one)
+            self._waiting = []
+        else:
+            self._known = first or self._known
+            self._open = course.goes_on(self._open or parting, parting, end)
 
     def _close(self, one: Judged) -> None:
         """Take over a stretch that is judged for good, and what was said of it."""
         self._closed.append(one)
-        self._partings = list(self._with(self._open))
+        if not self._later:
+            self.search()
+        if self._open is not None:
+            if self._search is not None:
+                self._waiting.append(self._open)
+            else:
+                self._partings = course.joined(self._partings, self._open)
         self._open, self._known = None, ()
-
-    def _with(self, found: Parting | None) -> tuple[Parting, ...]:
-        """Return the partings of earlier stretches, and what the present one adds to the last of them or to all."""
-        last = self._partings[-1] if self._partings else None
-        if found is None:
-            return tuple(self._partings)
-        if last is not None and last.lasts and found.lasts and course.is_the_same(last, found):
-            return (*self._partings[:-1], self._told(course.lasting(last, found, found.course[-1].at)))
-        return (*self._partings, found)
 
     def _see(self, start: float, end: float) -> Seen:
         """Return what there is of a stretch. DiagnosisError if it cannot be replayed."""
@@ -125,6 +180,8 @@ class Twin:
         start = stretch.start
         if stretch.why or end - start < LEAST:
             return Judged(start, stretch.end, None, stretch.why or "it was too short")
+        if stretch.open and self._open is not None and self._searched_now:
+            return Judged(start, stretch.end, False)  # until it is known why, it is taken to part
         try:
             seen = self._see(start, end)
         except DiagnosisError as error:
@@ -135,10 +192,13 @@ class Twin:
         alarm = detector.look(told.white)
         if alarm is None:
             if self._open is not None and not self._open.withdrawn:
-                self._open = self._told(course.withdrawn(self._open, end))
+                self._open = course.withdrawn(self._open, end)
+                if self._searched_now:
+                    self._search = None
             if not stretch.open:
                 self._is_it_over(seen, start, end)
-            if not stretch.open and not (self._partings and self._partings[-1].lasts):
+            lasts = self._waiting or (self._partings and self._partings[-1].lasts)
+            if not stretch.open and not lasts:
                 # What a fault does that lasts is no tolerance.
                 self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
             return Judged(start, stretch.end, True)
@@ -160,34 +220,47 @@ class Twin:
             2.0 * float(told.band[alarm.at, c]),
         )
         longer = end - start - since > _AGAIN * (self._looked_until - start - since)
-        if before is None or longer or (closes and self._looked_until < end):
-            parting = self._explained(parting, seen, start, since)
+        new = before is None or before.withdrawn
+        if self._later and new:
+            again = replace(before, withdrawn=False) if before else replace(parting, searched=False)
+            self._open = course.goes_on(before or again, again, end)
+        if not self._later:
+            self._search = None  # by all that has come is better
+        if self._search is None and (new or longer or (closes and self._looked_until < end)):
+            self._search = _Search(Sliced(self._explained(parting, seen, start, since)), end)
             self._looked_until = end
-            self._open = self._told(course.goes_on(before or parting, parting, end))
+            if not self._later:
+                self.search()
 
-    def _explained(self, parting: Parting, seen: Seen, start: float, since: float) -> Parting:
-        """Return a parting with what explains it."""
+    @property
+    def _searched_now(self) -> bool:
+        """Whether causes of what parts in the present stretch are looked for."""
+        return self._search is not None and not self._waiting
+
+    def _explained(
+        self, parting: Parting, seen: Seen, start: float, since: float
+    ) -> Work[tuple[Parting, tuple[Suspect, ...]]]:
+        """Return a parting with what explains it, and what does so alone or as the first of two."""
         # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
+        before = self._known
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
-        def known() -> tuple[Suspect, ...]:
+        def known() -> Work[Sequence[Suspect]]:
             """What explains the stretch as it was soon after it was told, if nobody looked then."""
             until = parting.told + _SOON
-            if (
-                self._known
-                or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST
-            ):
-                return self._known
+            if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
+                return before
             then = self._see(start, until)
-            return explanations(then.run, then.columns, prior, self._simulator, since, tuple).singles
+            soon = yield from explanations(then.run, then.columns, prior, self._simulator, since, _nothing)
+            return soon.singles
 
-        found = explanations(seen.run, seen.columns, prior, self._simulator, since, known)
+        found = yield from explanations(seen.run, seen.columns, prior, self._simulator, since, known)
         first = found.singles or tuple(pair[0] for pair in found.pairs)
         if not first:
-            return parting
-        self._known, catalogue = first, self._simulator.catalogue
+            return parting, ()
+        catalogue = self._simulator.catalogue
         ends = [one.until if one.form is Form.GONE else None for one in found.singles] or [None]
-        return replace(
+        explained = replace(
             parting,
             since=start + first[0].since,
             causes=tuple(course.cause_of(one, catalogue[one.name], start) for one in found.singles),
@@ -199,11 +272,12 @@ class Twin:
             latest=start + max(one.since_high for one in first),
             over=None if None in ends else start + max(end for end in ends if end is not None),
         )
+        return explained, first
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
         """Say that a parting of an earlier stretch is over, if this one, which goes along, would have shown it."""
         last = self._partings[-1] if self._partings else None
-        if last is None or not last.lasts:
+        if last is None or not last.lasts or self._waiting:
             return
         if last.causes:
             fit, replays = Fit(seen.columns, seen.belief), Replays(seen.run, self._simulator)
@@ -218,8 +292,13 @@ class Twin:
                     return
         elif end - start < max(_LONG, _AS_LONG * (last.told - last.since)):
             return
-        self._partings[-1] = self._told(course.over(last, start, end))
+        self._partings = (*self._partings[:-1], course.over(last, start, end))
 
-    def _told(self, parting: Parting) -> Parting:
-        channel = next(one for one in self._simulator.channels if one.name == parting.channel)
-        return course.told(parting, channel)
+    def _channel(self, parting: Parting) -> Channel:
+        return next(one for one in self._simulator.channels if one.name == parting.channel)
+
+
+def _nothing() -> Work[Sequence[Suspect]]:
+    """Nothing is known of what explained a stretch before."""
+    yield from ()
+    return ()

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from astb.diagnose import built_for
-from bench_protocol.clock import RealClock, give_way
+from bench_protocol.clock import RealClock, give_way, processor_time
 from bench_protocol.units import NS
 from bench_records.growing import GrowingRecord
 from bench_records.layout import PARQUET, STREAM, RecordError
@@ -13,13 +13,12 @@ from bench_records.record import Record, read
 from bench_records.stream import is_held
 from bench_records.twin import TwinStory, write_twin
 from bench_sim.parameters import ParameterError, load
+from bench_twin.pace import Pace
 from bench_twin.twin import Twin
 from diagnosis.contracts import DiagnosisError
 
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
 
-#: A look comes so many s after the last one began at the earliest, and takes half of the time at most.
-EVERY: Final = 0.5
 #: So long (s) a run may take to begin.
 BEGINS: Final = 30.0
 
@@ -36,15 +35,24 @@ def watch(directory: Path, model: str, tell: Callable[[TwinStory], None]) -> Twi
     if isinstance(record, GrowingRecord):
         give_way()
     twin = Twin(record, built_for(parameters, [record]), model)
-    while True:
-        began = clock.now()
-        goes_on = isinstance(record, GrowingRecord) and record.look()
-        story = twin.look(ended=not goes_on)
+    pace = Pace(lambda: clock.now() / NS, processor_time)
+
+    def keep(story: TwinStory) -> TwinStory:
         write_twin(directory, story)
         tell(story)
+        return story
+
+    while True:
+        pace.begin()
+        goes_on = isinstance(record, GrowingRecord) and record.look()
+        story = keep(twin.look(ended=not goes_on, later=True))
         if not goes_on:
             return story
-        clock.sleep_until(began + max(round(EVERY * NS), 2 * (clock.now() - began)))
+        if twin.searches:
+            twin.search(pace.searching())
+            if not twin.searches:
+                keep(twin.story)
+        clock.sleep_until(round(pace.next() * NS))
 
 
 def _opened(directory: Path, clock: RealClock) -> Record:

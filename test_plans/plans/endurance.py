@@ -1,7 +1,7 @@
 """Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from math import ceil
@@ -243,16 +243,28 @@ def endurance(
                     _cycle(run, axis, amplitude, frequency, run_in, Looks())
                     _look(run, case, axis, home, Looks())  # as before any other interval
             with run.phase(f"cycles to {until}"):
-                done = _cycle(
+                parted = _cycle(
                     run, axis, amplitude, frequency, until - looks.made, looks, ends=parting == "ends"
                 )
-            _look(run, case, axis, home, looks)
-            if not done:
+            with _reason(run, parted):
+                _look(run, case, axis, home, looks)
+            if parted is not None:
                 break
     finally:
         run.check(MADE, counted(looks.made), "1", low=cycles)
         looks.judge(run)
     steps.check_tightness(run, case, before)
+
+
+@contextmanager
+def _reason(run: Run, parted: Parting | None) -> Iterator[None]:
+    """Say at the end of the block why the cycles were ended, if rig and model have ``parted``: more is known then."""
+    try:
+        yield
+    finally:
+        if parted is not None:
+            why = (run.twin.parted or parted).sentence
+            run.warn(f"the cycles were ended, as rig and model part. {why}")
 
 
 def _cycle(
@@ -264,10 +276,10 @@ def _cycle(
     looks: Looks,
     *,
     ends: bool = False,
-) -> bool:
+) -> Parting | None:
     """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
 
-    Return whether all were: with ``ends`` they end where rig and model part, which is told.
+    With ``ends`` they end where rig and model part: return what is said of that, or None if all were made.
     """
     while count > 0:
         some = min(count, PROGRAM)
@@ -279,10 +291,9 @@ def _cycle(
             looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
         if parted is not None:
             run.bench.generator.stop()
-            run.warn(f"the cycles were ended, as rig and model part. {parted.sentence}")
-            return False
+            return parted
         count -= some
-    return True
+    return None
 
 
 def _wait_done(run: Run, within: float, ends: bool) -> Parting | None:

@@ -107,3 +107,25 @@ def test_one_fault_over_many_stretches_is_one_parting(tmp_path):
     assert {one.name for one in parting.causes} == {"cell_offset.2"}
     assert parting.lasts
     assert np.sign(parting.causes[0].size) == 1.0
+
+
+def test_looks_do_not_wait_for_the_search_and_in_the_end_the_same_is_said(tmp_path):
+    leak = PlannedFault("leak", {"side": "left", "area": "0.5mm2"}, 60.0, None)
+    cell = PlannedFault("bias", {"sensor": "load_cell.2", "value": "1kN"}, 66.0, None)
+    folder = run("aw0", tmp_path, 14, leak, cell)
+    growing, said = Growing(read(folder)), []
+    twin = Twin(growing, load("astb"), "astb")
+    for growing.until in np.arange(61.0, 72.0, 1.0):
+        story = twin.look(ended=False, later=True)
+        twin.search(0.7)
+        said += [(growing.until, one) for one in story.partings[-1:]]
+    first, *_, last = said
+    assert first[0] < 65.0 and words(first[1]) == ["told"] and not first[1].searched
+    assert "still looked for" in first[1].sentence
+    assert [one.word for one in last[1].course][:2] == ["told", "explained"]
+    assert {"leak.left"} <= {one.name for one in last[1].course[1].causes}
+    growing.until = 78.0
+    (parting,) = twin.look().partings
+    assert parting.searched and not twin.searches
+    assert ("leak.left", "cell_offset.2") in {tuple(one.name for one in pair) for pair in parting.pairs}
+    assert words(parting)[:2] == ["told", "explained"] and words(parting)[-1] == "otherwise"

@@ -87,3 +87,31 @@ def test_a_step_back_in_a_later_stretch_is_its_end():
     )
     after = course.lasting(first, back, 170.0)
     assert after.over == 158.0 and after.causes == first.causes and words(after) == ["told", "over"]
+
+
+def test_what_nobody_has_looked_for_yet_is_explained_or_unknown_afterwards():
+    first = Parting(62.0, 60.0, CHANNEL.name, 1.0, 2.0, 0.1, searched=False)
+    told = course.goes_on(first, first, 63.0)
+    assert "is still looked for" in course.told(told, CHANNEL).sentence
+    explained = course.goes_on(told, parting(cause("leak.left")), 63.0)
+    assert words(explained) == ["told", "explained"] and explained.searched
+    unknown = course.goes_on(told, parting(), 63.0)
+    assert words(unknown) == ["told", "unknown"]
+    assert "No single cause" in course.told(unknown, CHANNEL).sentence
+
+
+def test_what_parts_while_another_parting_lasts_is_that_one_until_its_causes_are_known():
+    lasting = begun(cause("leak.left"))
+    new = Parting(162.0, 160.0, CHANNEL.name, 1.0, 2.0, 0.1, searched=False)
+    assert course.joined((lasting,), course.goes_on(new, new, 163.0)) == (lasting,)
+    over = course.over(lasting, 80.0, 95.0)
+    assert len(course.joined((over,), course.goes_on(new, new, 163.0))) == 2
+    known = course.goes_on(new, parting(cause("compliance")), 163.0)
+    assert len(course.joined((lasting,), known)) == 2
+    assert course.joined((lasting,), None) == (lasting,)
+
+
+def test_what_parts_again_after_it_was_withdrawn_is_told_again():
+    back = course.withdrawn(begun(cause("leak.left")), 71.0)
+    again = course.goes_on(back, parting(cause("leak.left")), 75.0)
+    assert again.lasts and words(again) == ["told", "withdrawn", "told"]
