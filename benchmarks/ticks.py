@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from socket import create_server
@@ -29,8 +29,11 @@ CALLED: Final = ("ticks late by 1 ms or more", "of 1000 ticks, late by 250 µs o
 
 
 @contextmanager
-def rig_of_its_own() -> Iterator[tuple[Path, ModbusPort]]:
-    """Run a rig on free ports; yield the file that tells where it is, in a folder of its own, and its Modbus."""
+def rig_of_its_own(serving: Sequence[str] = ("astb", "rig")) -> Iterator[tuple[Path, ModbusPort]]:
+    """Run a rig on free ports; yield the file that tells where it is, in a folder of its own, and its Modbus.
+
+    The module ``serving`` with its arguments is the rig.
+    """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         with create_server(("127.0.0.1", 0)) as can, create_server(("127.0.0.1", 0)) as modbus:
@@ -39,7 +42,7 @@ def rig_of_its_own() -> Iterator[tuple[Path, ModbusPort]]:
         file.write_text(
             f'name = "measured"\n[can]\nbus = "tcp"\nport = {ports[0]}\n[modbus]\nport = {ports[1]}\n[simulation]\n'
         )
-        rig = stack.enter_context(child(sys.executable, "-m", "astb", "rig", "--rig", str(file)))
+        rig = stack.enter_context(child(sys.executable, "-m", *serving, "--rig", str(file)))
         assert rig.stdout.readline().startswith("ready ")
         port = open_modbus("127.0.0.1", ports[1])
         stack.callback(port.close)

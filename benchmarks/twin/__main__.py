@@ -1,26 +1,29 @@
 """``python -m benchmarks.twin``: how often a twin is wrong, how soon it tells what begins, and which causes it names.
 
-Every run is made in virtual time, through the wires, with a seed of its own. One line of JSON a run goes to the file of
-results, so that counting goes on where it was cut off. ``--page`` prints what all files together say.
+Every run is made through the wires, with a seed of its own, and in virtual time but for ``realtime``. One line of JSON
+a run goes to the file of results, so that counting goes on where it was cut off. ``--page`` prints what all files
+together say.
 """
 
 import tempfile
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Final
 
 import click
 import msgspec
 
 from bench_records.record import read
-from bench_records.twin import Parting
 from bench_sim.parameters import load
 from benchmarks.twin.best import WatchedWith
-from benchmarks.twin.cases import GOES_ON, Case, faulty, sound
+from benchmarks.twin.cases import Case, faulty, live, sound
+from benchmarks.twin.live import count_live
 from benchmarks.twin.rigs import bench_of
-from benchmarks.twin.tables import Counted, page
+from benchmarks.twin.tables import Counted, page, shortened
 from test_plans.discovery import plans
 from test_plans.execution import execute
+
+_CASES: Final = {"sound": sound, "faulty": faulty, "realtime": live}
 
 
 def count(case: Case) -> Counted:
@@ -31,18 +34,7 @@ def count(case: Case) -> Counted:
             execute(plans()[case.plan].given(case.values), bench, place, rig="virtual", seed=case.seed)
         twin = WatchedWith(read(place), load("astb"), case)
         story = twin.look()
-    counts = case.at + GOES_ON if case.effect else float("inf")
-    partings = tuple(
-        msgspec.structs.replace(one, sentence="") for one in story.partings if one.told <= counts
-    )
-    return Counted(case, round(story.judged_for, 1), _short(partings), twin.best)
-
-
-def _short(partings: tuple[Parting, ...]) -> tuple[Parting, ...]:
-    return tuple(
-        msgspec.structs.replace(one, told=round(one.told, 2), since=round(one.since, 2), course=())
-        for one in partings
-    )
+    return Counted(case, round(story.judged_for, 1), shortened(story, case), twin.best)
 
 
 def kept(file: Path) -> list[Counted]:
@@ -52,7 +44,7 @@ def kept(file: Path) -> list[Counted]:
 
 
 @click.command()
-@click.argument("what", type=click.Choice(["sound", "faulty"]), required=False)
+@click.argument("what", type=click.Choice(list(_CASES)), required=False)
 @click.option("--count", "wanted", default=40, show_default=True)
 @click.option("--seed", default=1, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="File of results; it may hold some already.")
@@ -60,18 +52,17 @@ def kept(file: Path) -> list[Counted]:
     "--page", "pages", type=click.Path(path_type=Path), multiple=True, help="Files to print the page of."
 )
 def main(
-    what: Literal["sound", "faulty"] | None,
+    what: str | None,
     wanted: int,
     seed: int,
     out: Path | None,
     pages: tuple[Path, ...],
 ) -> None:
-    """Count sound or faulty rigs, or print what was counted."""
+    """Count sound or faulty rigs, these also in real time, or print what was counted."""
     if what and out:
         out.parent.mkdir(parents=True, exist_ok=True)
-        cases = sound(wanted, seed) if what == "sound" else faulty(wanted, seed)
-        for case in islice(cases, len(kept(out)), None):
-            line = msgspec.json.encode(count(case))
+        for case in islice(_CASES[what](wanted, seed), len(kept(out)), None):
+            line = msgspec.json.encode((count_live if what == "realtime" else count)(case))
             with out.open("ab") as file:
                 file.write(line + b"\n")
     if pages:

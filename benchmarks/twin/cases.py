@@ -6,6 +6,7 @@ the catalogue begins where the plan has long begun, all at once or creeping, in 
 """
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Final
 
 import msgspec
@@ -27,6 +28,9 @@ SIZES: Final = (1.0, 3.0, 10.0)
 CREEPS: Final = 30.0
 #: So long (s) after it began a run goes on; what is not told by then is not told.
 GOES_ON: Final = 60.0
+#: Plans in real time, and the first so many s of their part in which effects begin there.
+_LIVE: Final = ("aw0", "endurance", "screening")
+_SOON: Final = 20.0
 #: An effect stays within so much of what is possible.
 _WITHIN: Final = 0.8
 #: A clock is not slow all at once, and where actuators go wrong no replay of their motion sees it.
@@ -92,6 +96,15 @@ def faulty(count: int, seed: int) -> Iterator[Case]:
             at=round(float(rng.uniform(*PLANS[plan])), 1),
             creeps=float(rng.choice((0.0, CREEPS))),
         )
+
+
+def live(count: int, seed: int) -> Iterator[Case]:
+    """Yield as many faulty rigs for real time: large effects, soon after a plan has begun, where they are judged."""
+    large = (one for one in faulty(100 * count, seed) if one.step and one.plan in _LIVE)
+    for case in islice(large, count):
+        first, last = PLANS[case.plan]
+        share = (case.at - first) / (last - first)
+        yield msgspec.structs.replace(case, at=round(first + _SOON * share, 1))
 
 
 def amplitude(effect: Effect, step: int) -> float:

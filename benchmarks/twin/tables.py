@@ -7,10 +7,22 @@ import msgspec
 import numpy as np
 from scipy.stats import gamma
 
-from bench_records.twin import Parting
+from bench_records.twin import Parting, TwinStory
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis.statistics import Rate
-from benchmarks.twin.cases import SIZES, Case
+from benchmarks.twin.cases import GOES_ON, SIZES, Case
+
+
+class Live(msgspec.Struct, frozen=True):
+    """What a case in real time was like: times by the clock behind the beginning of the effect (s), and its rig.
+
+    None of what was not told.
+    """
+
+    told: float | None  #: that rig and model part
+    explained: float | None  #: and why, or that nothing explains it
+    late: int  #: ticks of the rig that were late by 1 ms or more
+    tail: float  #: of 1000 ticks, late by 250 µs or more
 
 
 class Counted(msgspec.Struct, frozen=True):
@@ -20,6 +32,7 @@ class Counted(msgspec.Struct, frozen=True):
     judged: float
     partings: tuple[Parting, ...]
     best: float | None
+    live: Live | None = None
 
     @property
     def told(self) -> Parting | None:
@@ -61,11 +74,43 @@ def alike(name: str, other: str) -> bool:
     return name == other or same
 
 
+def shortened(story: TwinStory, case: Case) -> tuple[Parting, ...]:
+    """Return the partings of a story that count for a case, without their courses and sentences."""
+    until = case.at + GOES_ON if case.effect else float("inf")
+    return tuple(
+        msgspec.structs.replace(
+            one, told=round(one.told, 2), since=round(one.since, 2), course=(), sentence=""
+        )
+        for one in story.partings
+        if one.told <= until
+    )
+
+
 def page(counted: Sequence[Counted]) -> str:
     """Return all tables, in Markdown."""
     sound = [one for one in counted if not one.case.effect]
     faulty = [one for one in counted if one.case.effect]
-    return "\n".join([*_sound(sound), "", *_faulty(faulty)])
+    live = [one for one in counted if one.live]
+    tables = [_sound(sound)] * bool(sound) + [_faulty(faulty)] * bool(faulty) + [_live(live)] * bool(live)
+    return "\n\n".join("\n".join(table) for table in tables)
+
+
+def _live(counted: Sequence[Counted]) -> list[str]:
+    lines = [
+        "| In real time | at (s) | told after (s) | explained after (s) | as | ticks late by 1 ms "
+        "| of 1000, late by 250 µs |",
+        "| --- | ---: | ---: | ---: | --- | ---: | ---: |",
+    ]
+    for one in counted:
+        assert one.live
+        grows = " creeping" if one.case.creeps else ""
+        what = f"`{one.case.effect}` {SIZES[one.case.step]:g} ×{grows}, {one.case.plan}"
+        times = (f"{time:.1f}" if time is not None else "–" for time in (one.live.told, one.live.explained))
+        word = next((name for name, of in _ROWS[2:] if of(one)), "not told")
+        lines.append(
+            f"| {what} | {one.case.at:.0f} | {' | '.join(times)} | {word} | {one.live.late} | {one.live.tail:.2f} |"
+        )
+    return lines
 
 
 def _sound(sound: Sequence[Counted]) -> list[str]:

@@ -1,0 +1,73 @@
+"""A case in real time: a rig and a run with its twin, processes that meet on sockets, and what was told when.
+
+Times are those of this machine's clock, behind the instant at which the effect began in the rig.
+"""
+
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from bench_protocol.rates import TICK
+from bench_records.record import Record, read
+from bench_records.twin import read_twin
+from benchmarks.measure import child
+from benchmarks.ticks import lateness_during, rig_of_its_own
+from benchmarks.twin.cases import Case
+from benchmarks.twin.tables import Counted, Live, shortened
+from benchmarks.watch import Follower
+
+#: A plan begins about so many s after its rig.
+_BEGINS: Final = 4.0
+_LOOK: Final = 0.05
+
+
+def count_live(case: Case) -> Counted:
+    """Run a case in real time, and return what its twin said, and when."""
+    wanted = msgspec.structs.replace(case, at=case.at + _BEGINS)
+    serving = ("benchmarks.twin.serving", msgspec.json.encode(wanted).decode())
+    with tempfile.TemporaryDirectory() as folder, rig_of_its_own(serving) as (file, modbus):
+        command = ("run", case.plan, "--watch", "--rig", str(file), "--out", folder)
+        values = [f"--set={name}={value}" for name, value in case.values.items()]
+        place = Path(folder) / case.plan
+        seen: list[tuple[float, float, float]] = []
+        with child(sys.executable, "-m", "astb", *command, *values) as test:
+            late = lateness_during(modbus, lambda: seen.append(_when(test, place, wanted.at)))
+        record, story = read(place), read_twin(place)
+        assert story is not None, "no twin has said anything"
+        at = round(wanted.at - _ahead(record), 2)
+        told, explained, began = seen[0]
+        after = [None if math.isinf(one) else round(one - began - at, 2) for one in (told, explained)]
+        live = Live(after[0], after[1], round(late.late), round(late.tail, 2))
+        case = msgspec.structs.replace(case, at=at)
+        return Counted(case, round(story.judged_for, 1), shortened(story, case), None, live)
+
+
+def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
+    """Follow a run to its end; return when it was told that they part, and why, and when the record began.
+
+    What was told before the effect began at ``at`` s of the rig's time does not count.
+    """
+    told = explained = math.inf
+    with Follower(directory) as follower:
+        while test.poll() is None:
+            now = time.monotonic()
+            if story := follower.look():
+                since = at - (_ahead(follower.record) if follower.record else 0.0)
+                late = [one for one in story.partings if one.told >= since]
+                told = min(told, now if late else math.inf)
+                explained = min(explained, now if any(one.searched for one in late) else math.inf)
+            time.sleep(_LOOK)
+        test.communicate()
+        return told, explained, follower.began
+
+
+def _ahead(record: Record) -> float:
+    """By how many s the rig's time is ahead of a record's."""
+    times, ticks = record.series("rig.tick")
+    return float(np.median(ticks * TICK - times))
