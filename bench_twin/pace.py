@@ -23,7 +23,7 @@ _LEAST: Final = 0.25
 
 
 class Pace:
-    """The pace of one twin from now on; ``now`` is a clock, ``used`` what its process has used of a processor by now (s)."""
+    """The pace of one twin from now on; ``now`` is a clock, ``used`` what its process has used of processors by now."""
 
     def __init__(self, now: Callable[[], float], used: Callable[[], float]) -> None:
         self._now, self._used = now, used

@@ -150,7 +150,6 @@ def follow(test: Any, directory: Path, file: Path, faults: Sequence[Fault] = ())
             time.sleep(_LOOK)
         share = used / (time.monotonic() - began)
         switch(file, {"do": "off", "name": "all"})
-        twin.communicate()
     behind = [told - follower.began - before for (_, before), (told, _) in pairwise(follower.seen)]
     return Watched(share, behind)
 
