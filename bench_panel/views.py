@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from bench_panel import bus, faults, kept, rehearsals, specimens
+from bench_panel import bus, faults, kept, rehearsals, specimens, twin
 from bench_panel.parts import Parts
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ class View:
 
 VIEWS: Final = (
     View("live", "Live", rehearsals.routes),
+    View("twin", "Twin", twin.routes),
     View("runs", "Runs", kept.routes),
     View("diagnoses", "Diagnoses"),
     View("specimens", "Specimens", specimens.routes),

@@ -1,0 +1,83 @@
+/** The view of the twin: whether a run goes along with its model, since when they part, in which reading, and why perhaps. */
+
+import { duration, fixed, make } from "/page/format.js";
+import { asked, choice, name, repeated, table } from "/page/tables.js";
+
+const AGAIN = 2000; // ms until it is looked at anew
+const NONE = "No model ran beside a run in this folder. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
+const WORDS = { true: ["along", "went along"], false: ["parted", "parted"], null: ["blind", "not judged"] };
+
+export function show(element) {
+  const runs = choice("run", "the newest", () => load());
+  const card = make("section", { class: "view-twin", "aria-label": "twin" });
+  let seen = "";
+  element.append(make("div", { class: "view" }, make("div", { class: "filters" }, runs.element), card));
+  return repeated(load, AGAIN);
+
+  async function load() {
+    const { found, error } = await asked(`/api/twin${runs.value ? `?run=${encodeURIComponent(runs.value)}` : ""}`);
+    const text = JSON.stringify([found, error]);
+    if (text === seen) return;
+    seen = text;
+    if (error) return card.replaceChildren(make("p", { class: "wrong" }, error));
+    runs.offer(found.runs);
+    card.replaceChildren(...(found.story ? told(found) : [make("p", { class: "card said" }, NONE)]));
+  }
+}
+
+function told({ run, story }) {
+  const partings = [...story.partings].reverse();
+  const parted = partings.find((one) => one.lasts);
+  const word = parted ? `Parts since ${at(parted.since)}` : story.judged_for ? "Goes along with its model" : "Nothing could be judged yet";
+  const where = parted ? `in ${parted.channel}` : "";
+  const head = make("section", { class: "card" },
+    make("div", { class: `verdict-twin ${parted ? "parted" : story.judged_for ? "along" : "blind"}` }, word, where ? make("small", {}, ` ${where}`) : null),
+    make("p", { class: "said" }, `${name(run)}, judged for ${duration(story.judged_for)} of ${duration(story.until)}, by the model “${story.model}”`),
+    stretches(story), legend());
+  const blind = [...new Set(story.judged.filter((one) => one.along === null && one.why).map((one) => one.why))];
+  return [head, ...partings.map(parting), blind.length ? make("section", { class: "card" }, make("h2", {}, "Why stretches were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one)))) : null].filter(Boolean);
+}
+
+const at = (seconds) => `${fixed(seconds, 1)}\u2009s`;
+const share = (part, whole) => `${(100 * Math.min(1, Math.max(0, part / Math.max(whole, 1e-9)))).toFixed(2)}%`;
+
+/** The run as a strip: where it went along, parted, or could not be judged; a mark where a parting began. */
+function stretches({ judged, partings, until }) {
+  const parts = judged.map((one) => make("i", { class: WORDS[one.along][0], style: `left:${share(one.start, until)};width:${share(one.end - one.start, until)}`, title: `${at(one.start)} to ${at(one.end)}: ${one.why || WORDS[one.along][1]}` }));
+  const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `since ${at(one.since)}, told at ${at(one.told)}` }));
+  return make("div", { class: "strip", role: "img", "aria-label": judged.map((one) => `${at(one.start)} to ${at(one.end)} ${WORDS[one.along][1]}`).join("; ") }, ...parts, ...marks);
+}
+
+function legend() {
+  return make("p", { class: "said strip-legend" }, ...Object.values(WORDS).map(([kind, text]) => make("span", {}, make("i", { class: kind }), text)), make("span", {}, make("b"), "parts since"));
+}
+
+function parting(one) {
+  const bands = (one.measured - one.expected) / one.band;
+  const causes = [...one.causes.map((cause) => [cause]), ...one.pairs];
+  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `over since ${at(one.over)}` : "lasts";
+  const began = one.earliest === null ? at(one.since) : `${at(one.since)} (${fixed(one.earliest, 1)} to ${fixed(one.latest, 1)})`;
+  return make("section", { class: "card parting" },
+    make("h3", {}, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
+    make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), fact("apart", bands, "bands"), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
+    residual(bands),
+    causes.length
+      ? table(["explained by", "size, k = 2", "how", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => c.form), lines(some, (c) => (c.since === null ? "the beginning" : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
+      : make("p", { class: "said" }, "No cause of the catalogue explains it."),
+    make("p", { class: "said" }, one.sentence),
+    one.course.length ? make("p", { class: "said" }, "How it went: ", one.course.map((said) => `${said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
+}
+
+const short = (value) => String(Number(value.toPrecision(2)));
+const lines = (some, text) => make("span", {}, ...some.map((one, k) => make("span", { class: "line" }, k ? "and " : "", text(one))));
+
+function fact(label, value, unit, more = "") {
+  const decimals = unit === "bands" ? 1 : 3;
+  return make("div", { class: "fact" }, make("small", {}, label), make("b", {}, `${fixed(value, decimals)}${more} `, make("small", {}, unit)));
+}
+
+/** The residual in units of the band, which is shaded, on a line that ends at ten of it. */
+function residual(bands) {
+  const place = (value) => share(value + 10, 20);
+  return make("div", { class: "residual", role: "img", "aria-label": `${fixed(bands, 1)} bands from what is expected` }, make("i", { style: `left:${place(-1)};width:10%` }), make("b", { style: `left:${place(bands)}` }));
+}

@@ -1,0 +1,56 @@
+"""What the models said that ran beside runs: the view *Twin*, of the run that goes on and of those that were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from msgspec import to_builtins
+from starlette.requests import Request
+from starlette.routing import Route
+
+from bench_panel.answers import answered
+from bench_protocol.table import TABLE
+from bench_protocol.units import FACTORS
+from bench_records.index import RunIndex
+from bench_records.layout import RecordError
+from bench_records.twin import TWIN, Parting, read_twin
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bench_panel.parts import Parts
+
+
+def routes(parts: Parts) -> Sequence[Route]:
+    """Return the route of the view: what was said of a run, by default of the newest beside which a model ran."""
+    return [Route("/api/twin", answered(lambda request: told(parts.out, request)))]
+
+
+def told(out: Path, request: Request) -> dict[str, Any]:
+    """Return the runs that have a twin, the newest first, and what it said of one. RecordError for what is none."""
+    runs = (
+        [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]
+        if out.is_dir()
+        else []
+    )
+    run = request.query_params.get("run") or (runs[0] if runs else "")
+    if not run:
+        return {"runs": [], "run": "", "story": None}
+    if run not in runs:
+        raise RecordError(f"{out} holds no run {run} beside which a model ran")
+    story = read_twin(out / run)
+    assert story is not None
+    return {
+        "runs": runs,
+        "run": run,
+        "story": to_builtins(story)
+        | {"partings": [_shown(one) for one in story.partings], "judged_for": story.judged_for},
+    }
+
+
+def _shown(parting: Parting) -> dict[str, Any]:
+    """Return a parting with its values in the unit that people read."""
+    unit = TABLE[parting.channel].unit
+    values = {name: getattr(parting, name) / FACTORS[unit] for name in ("measured", "expected", "band")}
+    return to_builtins(parting) | values | {"unit": unit, "lasts": parting.lasts}

@@ -1,0 +1,94 @@
+"""The view Twin: what the model said beside a run, as it stands in twin.json."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from bench_records.twin import Judged, Parting, PossibleCause, Said, TwinStory, write_twin
+
+#: Where pictures go, to be looked at.
+PICTURES = os.environ.get("ASTB_PICTURES", "")
+HOLE = PossibleCause(
+    "leak.left",
+    "leak of a bellows (orifice), left",
+    2e-7,
+    1.7e-7,
+    2.3e-7,
+    "0.20 mm² (0.17 to 0.23)",
+    since=214.0,
+)
+STORY = TwinStory(
+    "astb",
+    300.0,
+    (
+        Judged(0.0, 60.0, None, "a service valve fills a spring"),
+        Judged(60.0, 200.0, True),
+        Judged(200.0, 300.0, False),
+    ),
+    (
+        Parting(
+            222.0,
+            214.0,
+            "left.bellows_pressure",
+            measured=4.02e5,
+            expected=4.11e5,
+            band=2e3,
+            causes=(HOLE,),
+            sentence="From 214 s on the left bellows lost air like a hole of 0.20 mm² (0.17 to 0.23).",
+            earliest=212.0,
+            latest=215.5,
+            course=(Said(222.0, "told", (HOLE,)), Said(250.0, "surer", (HOLE,))),
+        ),
+    ),
+)
+
+
+def test_the_newest_run_with_a_twin_is_told_in_the_units_that_people_read(client, parts, keep):
+    page = client(command=False)
+    assert page.get("/api/twin").json() == {"runs": [], "run": "", "story": None}
+    for name in ("one", "two", "three"):
+        keep(parts.out, name, 0.004)
+    for name in ("one", "two"):
+        write_twin(parts.out / name, STORY)
+    told = page.get("/api/twin").json()
+    assert (told["runs"], told["run"]) == (["two", "one"], "two")
+    (parting,) = told["story"]["partings"]
+    assert (parting["measured"], parting["unit"], parting["lasts"]) == (pytest.approx(4.02), "bar", True)
+    assert told["story"]["judged_for"] == 240.0
+    assert page.get("/api/twin", params={"run": "one"}).json()["run"] == "one"
+    for none in ("three", "../one", "nowhere"):
+        assert page.get("/api/twin", params={"run": none}).status_code == 404
+    (parts.out / "one" / "twin.json").write_text("{")
+    assert page.get("/api/twin", params={"run": "one"}).status_code == 404
+
+
+@pytest.mark.slow
+@pytest.mark.real_time
+def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(open_page, bench_panel, keep):
+    page = open_page(command=False)
+    page.click("#views >> text=Twin")
+    page.wait_for_selector("#view >> text=astb watch RUN")
+    keep(bench_panel.out, "watched", 0.004)
+    write_twin(bench_panel.out / "watched", STORY)
+    page.wait_for_selector(".verdict-twin.parted >> text=Parts since 214.0")
+    told = " ".join((page.text_content("#view") or "").split())
+    for words in (
+        "in left.bellows_pressure",
+        "4.020 bar",
+        "4.110 ± 0.02 bar",
+        "−4.5 bands",
+        "hole of 0.20 mm²",
+    ):
+        assert words in told, (words, told)
+    assert "told at 222.0" in told and "surer at 250.0" in told
+    strip, mark = (page.locator(one).bounding_box() for one in (".strip", ".strip b"))
+    assert (mark["x"] + mark["width"] / 2 - strip["x"]) / strip["width"] == pytest.approx(214 / 300, abs=0.01)
+    for width, height in {1800: 1000, 1024: 768, 768: 1024, 390: 844}.items():
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(200)
+        assert page.evaluate("document.querySelector('main').scrollWidth <= innerWidth"), width
+        for dark in (False, True):
+            page.emulate_media(color_scheme="dark" if dark else "light")
+            if PICTURES:
+                page.screenshot(path=Path(PICTURES) / f"twin-{width}{'-dark' if dark else ''}.png")
