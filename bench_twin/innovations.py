@@ -150,9 +150,7 @@ def columns_of(
         for one, moved in zip(parameters, outputs, strict=False)
     ]
     inputs = np.sqrt(sum((bins.mean(moved - base) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
-    slopes += _remembered(
-        run.experiment, channels, dict(zip(names, slopes, strict=True)), bins.size, simulator
-    )
+    slopes += _remembered(run.experiment, channels, dict(zip(names, slopes, strict=True)), bins, simulator)
     if noise is None:
         noise = np.maximum(_believed(channels), _shown(run.outputs - base, bins))
     return Columns(
@@ -207,21 +205,21 @@ def _remembered(
     experiment: Experiment,
     channels: Sequence[Channel],
     slopes: Mapping[str, Array],
-    size: int,
+    bins: Bins,
     simulator: AirSpring,
 ) -> Iterator[Array]:
     """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`."""
-    par = simulator.parameters.record
+    par, samples, size = simulator.parameters.record, bins.samples, bins.size
 
     def kept(place: Array, travel: float) -> Array:
         away = np.maximum.accumulate(np.abs(place - place[0]))
-        bins = len(away) // size
-        return np.asarray((travel / (travel + away[: bins * size].reshape(bins, size).mean(axis=1))) ** 2)
+        some = len(samples)
+        return np.asarray((travel / (travel + away[: some * size].reshape(some, size).mean(axis=1))) ** 2)
 
     def felt(slope: Array, force: float) -> Array:
         """Where so much force of a spring is felt, per N, by what feels a parameter that makes it."""
         forces = np.array([channel.kind == "force" for channel in channels])
-        return np.where(forces, slope[:BINS].mean(axis=0), 0.0) / force
+        return np.where(forces, _at_first(slope, samples), 0.0) / force
 
     for k, side in enumerate(SIDES):
         more = EACH_SIDE["effective_area"] * float(par.effective_area[k])
@@ -232,11 +230,18 @@ def _remembered(
         )
     sheared = slopes[f"{SHEAR}.offset"]
     cells = [k for k, channel in enumerate(channels) if channel.name in BY_GROUP[Group.LATERAL_LOAD_CELL]]
-    total = float(sheared[:BINS, cells].sum(axis=1).mean())
+    total = float(_at_first(sheared, samples)[cells].sum())
     where = felt(sheared, total) if total else np.zeros(len(channels))
     shear = experiment.inputs.get("shear", np.zeros(len(experiment.time)))
     force = REMEMBERED * float(par.friction_lateral.sum())
     yield force * np.outer(kept(shear, float(par.friction_lateral_travel[0])), where)
+
+
+def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:
+    """Return the mean (c,) of values (n, c) over the first block of bins that have samples (n, c); 0 without any."""
+    seen = samples > 0
+    early = seen & (np.cumsum(seen, axis=0) <= BINS)
+    return np.asarray(np.where(early, values, 0.0).sum(axis=0) / np.maximum(early.sum(axis=0), 1))
 
 
 def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
@@ -266,11 +271,9 @@ def gas_rates(record: Record, start: float) -> dict[str, float]:
 
 def rough(columns: Columns) -> Array:
     """Return what the model may be off by (n, c), one standard deviation."""
-    seen = columns.samples > 0
-    early = seen[:BINS].sum(axis=0)
-    first = np.where(seen, columns.simulated, 0.0)[:BINS].sum(axis=0) / np.maximum(early, 1)
+    first = _at_first(columns.simulated, columns.samples)
     travel = np.maximum.accumulate(
-        np.where(seen & (early > 0), np.abs(columns.simulated - first), 0.0), axis=0
+        np.where(columns.samples > 0, np.abs(columns.simulated - first), 0.0), axis=0
     )
     floor = FLOOR * np.sqrt(columns.noise)
     return np.sqrt(floor**2 + (FORM * travel) ** 2 + columns.inputs**2)

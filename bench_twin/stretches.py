@@ -1,4 +1,8 @@
-"""Where in a run the model can be judged: from a rest on, as long as the air is known and the motion is measured."""
+"""Where in a run the model can be judged: from a rest on, as long as the air is known and the motion is measured.
+
+What a look costs grows with its stretch. So a stretch ends at the first rest after a minute, or somewhat later in the
+middle of a motion that has none; the next one goes on from there.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +27,12 @@ STEP: Final = 0.1
 _SPEED: Final = 0.05e-3
 _STILL: Final = 0.5
 REST: Final = 1.0
-#: After so many s a stretch ends at the next rest, where another one begins: what a replay costs grows with its length.
+#: After so many s a stretch ends at the next rest, where another one begins.
 LONG: Final = 60.0
+#: Where no rest has come so many s after its start, it ends in the motion, and another one begins there.
+LONGEST: Final = 90.0
+#: That one is replayed from so many s before: by then dash-pots and friction have forgotten where they began.
+SETTLES: Final = 5.0
 #: While a thermometer of the gas goes up or down faster than this (K/s), walls are warm that nobody knows of.
 _WARMING: Final = 2.0
 _NEAR: Final = 2.0
@@ -54,6 +62,7 @@ class Stretch(NamedTuple):
     end: float
     why: str = ""
     open: bool = False
+    moving: bool = False  #: it begins in a motion
 
 
 def stretches(record: Record, *, ended: bool = True) -> list[Stretch]:
@@ -76,8 +85,8 @@ def stretches(record: Record, *, ended: bool = True) -> list[Stretch]:
     return found
 
 
-def _part(grid: Array, first: int, last: int, why: str = "") -> Stretch:
-    return Stretch(float(grid[first]), float(grid[last - 1]) + STEP, why)
+def _part(grid: Array, first: int, last: int, why: str = "", *, moving: bool = False) -> Stretch:
+    return Stretch(float(grid[first]), float(grid[last - 1]) + STEP, why, moving=moving)
 
 
 class _Ready:
@@ -105,11 +114,19 @@ class _Ready:
         start = int(starts[0])
         if start > first:
             yield _part(self._grid, first, start, self._reason(first, start))
-        for place in starts:
-            if (place - start) * STEP >= LONG:
-                yield _part(self._grid, start, int(place))
-                start = int(place)
-        yield _part(self._grid, start, last)
+        moving = False
+        while True:
+            longest = start + round(LONGEST / STEP)
+            rest = int(np.searchsorted(starts, start + round(LONG / STEP)))
+            if rest < len(starts) and starts[rest] <= longest:
+                end, ends_moving = int(starts[rest]), False
+            elif last - longest >= round((REST + 2.0 * _STILL) / STEP):  # a rest shows when it has lasted
+                end, ends_moving = longest, True
+            else:
+                break
+            yield _part(self._grid, start, end, moving=moving)
+            start, moving = end, ends_moving
+        yield _part(self._grid, start, last, moving=moving)
 
     def _reason(self, first: int, last: int) -> str:
         return WARM if self._warm[first:last].mean() > 0.5 else MOVING

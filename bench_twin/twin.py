@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import Final, NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
 from bench_records.record import Record
@@ -13,6 +14,7 @@ from bench_records.twin import Judged, Parting, TwinStory
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
 from bench_twin import course
+from bench_twin.carried import Carried, GasOf
 from bench_twin.causes import explanations
 from bench_twin.detector import Alarm, Detector
 from bench_twin.fitting import Fit
@@ -29,9 +31,10 @@ from bench_twin.innovations import (
 )
 from bench_twin.replays import Replays
 from bench_twin.slices import Sliced, Work
-from bench_twin.stretches import LEAST, NOTHING, STEP, Stretch, stretches
+from bench_twin.stretches import LEAST, MOVING, NOTHING, SETTLES, STEP, Stretch, stretches
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
+from diagnosis.systems.records import STEP as SAMPLE
 from diagnosis.systems.records import run_between
 
 #: A motion is smoothed by what comes after it: so much of the end (s) waits for that.
@@ -48,8 +51,10 @@ _LONG: Final = 20.0
 
 
 class Seen(NamedTuple):
-    """A stretch as it is judged: what was measured, and what is believed where it starts."""
+    """A stretch as it is judged: what was measured, and what is believed where its replay starts."""
 
+    start: float  #: s, of the replay
+    gas: dict[str, float] | None  #: settings that tell it there, if it does not rest
     run: MeasuredRun
     channels: tuple[Channel, ...]
     columns: Columns
@@ -85,6 +90,9 @@ class Twin:
         self._belief = Belief.prior(self._parameters)
         self._detector = Detector(len(self._simulator.channels), BLOCK)
         self._noise: Array | None = None  # of sensors, from the first stretch that goes along
+        self._gas = GasOf(parameters)
+        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and what is believed after it
+        self._carried: Carried | None = None  # of it into the present one
         self._closed: list[Judged] = []
         self._partings: tuple[Parting, ...] = ()
         self._open: Parting | None = None
@@ -133,7 +141,7 @@ class Twin:
                 open_one = (one,)
             else:
                 self._close(one)
-        self._simulator.forget()
+            self._simulator.forget()  # each stretch comes once in a look
         self._until, self._last = self._record.duration, open_one
         return self.story
 
@@ -159,6 +167,8 @@ class Twin:
     def _close(self, one: Judged) -> None:
         """Take over a stretch that is judged for good, and what was said of it."""
         self._closed.append(one)
+        if one.along is None:
+            self._before = None
         if not self._later:
             self.search()
         if self._open is not None:
@@ -168,12 +178,32 @@ class Twin:
                 self._partings = course.joined(self._partings, self._open)
         self._open, self._known = None, ()
 
-    def _see(self, start: float, end: float) -> Seen:
-        """Return what there is of a stretch. DiagnosisError if it cannot be replayed."""
-        channels, run = run_between(self._record, start, end, self._simulator)
+    def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
+        """Return what there is of a stretch until ``end`` s; ``before`` is what there was of it.
+
+        DiagnosisError if it cannot be replayed.
+        """
+        start, gas = (before.start, before.gas) if before else (stretch.start, None)
+        if stretch.moving and not before:
+            start, gas = self._in_motion(stretch.start)
+        channels, run = run_between(
+            self._record, start, end, self._simulator, counts_from=stretch.start, gas=gas
+        )
         columns = columns_of(run, channels, self._simulator, self._noise)
-        rates = gas_rates(self._record, start)
-        return Seen(run, channels, columns, self._belief.at_a_start(self._parameters, rates), rates)
+        rates = {} if stretch.moving else gas_rates(self._record, start)
+        belief = self._belief.at_a_start(self._parameters, rates)
+        return Seen(start, gas, run, channels, columns, belief, rates)
+
+    def _in_motion(self, at: float) -> tuple[float, dict[str, float]]:
+        """Return when (s) the replay of a stretch starts that goes on ``at`` s in a motion, and the gas there."""
+        if self._before is None or abs(self._closed[-1].end - at) > 0.5 * STEP:
+            raise DiagnosisError(MOVING)
+        seen, belief = self._before
+        if self._carried is None:
+            self._carried = self._gas.carried(seen.run, self._parameters, belief, at - SETTLES - seen.start)
+        times, _ = self._record.series("left.height")
+        first = float(times[np.searchsorted(times, seen.start)])
+        return first + (self._carried.sample - 0.5) * SAMPLE, self._carried.gas
 
     def _judge(self, stretch: Stretch) -> Judged:
         end = stretch.end - (_WAITS if stretch.open else 0.0)
@@ -183,14 +213,16 @@ class Twin:
         if stretch.open and self._open is not None and self._searched_now:
             return Judged(start, stretch.end, False)  # until it is known why, it is taken to part
         try:
-            seen = self._see(start, end)
+            seen = self._see(stretch, end)
         except DiagnosisError as error:
             return Judged(start, stretch.end, None, str(error))
         if not seen.columns.samples.any():
             return Judged(start, stretch.end, None, NOTHING)
         told, detector = judge(seen.columns, seen.belief), self._detector.copy()
         alarm = detector.look(told.white)
-        if alarm is None:
+        if alarm is not None:
+            self._part(alarm, told, stretch, seen, end)
+        else:
             if self._open is not None and not self._open.withdrawn:
                 self._open = course.withdrawn(self._open, end)
                 if self._searched_now:
@@ -201,15 +233,13 @@ class Twin:
             if not stretch.open and not lasts:
                 # What a fault does that lasts is no tolerance.
                 self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
-            return Judged(start, stretch.end, True)
-        self._part(alarm, told, seen, start, end, closes=not stretch.open)
-        return Judged(start, stretch.end, False)
+        if not stretch.open:
+            self._before, self._carried = (seen, told.belief), None
+        return Judged(start, stretch.end, alarm is None)
 
-    def _part(
-        self, alarm: Alarm, told: Innovations, seen: Seen, start: float, end: float, *, closes: bool
-    ) -> None:
-        """Say where rig and model part in the stretch ``seen`` from ``start`` to ``end`` s, and why perhaps."""
-        since, c = alarm.since * BLOCK, alarm.channel
+    def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
+        """Say where rig and model part in a ``stretch`` that was ``seen`` until ``end`` s, and why perhaps."""
+        start, since, c = seen.start, alarm.since * BLOCK, alarm.channel
         before = self._open
         parting = Parting(
             start + (alarm.at + 1) * BLOCK,
@@ -226,8 +256,8 @@ class Twin:
             self._open = course.goes_on(before or again, again, end)
         if not self._later:
             self._search = None  # by all that has come is better
-        if self._search is None and (new or longer or (closes and self._looked_until < end)):
-            self._search = _Search(Sliced(self._explained(parting, seen, start, since)), end)
+        if self._search is None and (new or longer or (not stretch.open and self._looked_until < end)):
+            self._search = _Search(Sliced(self._explained(parting, stretch, seen, since)), end)
             self._looked_until = end
             if not self._later:
                 self.search()
@@ -238,11 +268,11 @@ class Twin:
         return self._search is not None and not self._waiting
 
     def _explained(
-        self, parting: Parting, seen: Seen, start: float, since: float
+        self, parting: Parting, stretch: Stretch, seen: Seen, since: float
     ) -> Work[tuple[Parting, tuple[Suspect, ...]]]:
         """Return a parting with what explains it, and what does so alone or as the first of two."""
         # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
-        before = self._known
+        start, before = seen.start, self._known
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
         def known() -> Work[Sequence[Suspect]]:
@@ -250,7 +280,7 @@ class Twin:
             until = parting.told + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
                 return before
-            then = self._see(start, until)
+            then = self._see(stretch, until, seen)
             soon = yield from explanations(then.run, then.columns, prior, self._simulator, since, _nothing)
             return soon.singles
 

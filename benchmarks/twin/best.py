@@ -34,15 +34,15 @@ class WatchedWith(Twin):
             return Judged(stretch.start, stretch.end, None, "it is known by now, or too late")
         return super()._judge(stretch)
 
-    def _see(self, start: float, end: float) -> Seen:
-        seen = super()._see(start, end)
+    def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
+        seen = super()._see(stretch, end, before)
         case = self._case
         if case.effect and not case.creeps and self.best is None and end > case.at:
-            self._weigh(start, seen)
+            self._weigh(seen)
         return seen
 
-    def _weigh(self, start: float, seen: Seen) -> None:
-        case, columns, belief = self._case, seen.columns, seen.belief
+    def _weigh(self, seen: Seen) -> None:
+        case, start, columns, belief = self._case, seen.start, seen.columns, seen.belief
         onset = max(round((case.at - start) / BIN), 0)
         cause = self._simulator.catalogue[case.effect]
         shapes = {shape.name: shape.nominal for shape in cause.shapes}

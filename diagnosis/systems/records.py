@@ -83,17 +83,25 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
 
 
 def run_between(
-    record: Record, start: float, end: float, simulator: AirSpring
+    record: Record,
+    start: float,
+    end: float,
+    simulator: AirSpring,
+    *,
+    counts_from: float | None = None,
+    gas: Mapping[str, float] | None = None,
 ) -> tuple[tuple[Channel, ...], MeasuredRun]:
     """Return what a record holds between two times (s) as a run of its own, and its channels as they were read.
 
-    It begins at rest; nobody needs to have named it, and what conditions the springs counts like the rest of it.
+    Nobody needs to have named it, and what conditions the springs counts like the rest of it. It begins at rest, unless
+    somebody knows the ``gas`` there (readings by signal, SI); ``counts_from`` s on its readings count.
     DiagnosisError where it cannot be replayed.
     """
     channels = _as_read(simulator.channels, [record])
     stretch = Phase(f"{start:.1f} to {end:.1f} s", start, end)
     twice = _twice_rounded(record, simulator)
-    return channels, _run(record, stretch, simulator, channels, twice, conditioned=start)
+    conditioned = start if counts_from is None else counts_from
+    return channels, _run(record, stretch, simulator, channels, twice, conditioned=conditioned, gas=gas)
 
 
 def _phases(record: Record) -> Iterable[Phase]:
@@ -148,6 +156,7 @@ def _run(
     twice: Mapping[str, TwiceRounded],
     *,
     conditioned: float | None = None,
+    gas: Mapping[str, float] | None = None,
 ) -> MeasuredRun:
     grid = _grid(record, phase)
     measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
@@ -178,7 +187,7 @@ def _run(
             **remembered_loads(past, simulator.parameters),
             **remembered_places(past, simulator.parameters, settings.preload),
             **settings.constants(grid[0]),
-            **_beginning(record, grid, rest, simulator.parameters),
+            **(gas or _beginning(record, grid, rest, simulator.parameters)),
         },
         phase.duration / 60.0,
     )

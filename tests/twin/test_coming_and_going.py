@@ -93,11 +93,11 @@ def test_what_grows_is_told_with_its_size_now_and_gets_surer(tmp_path, effect, s
 
 
 def test_what_is_gone_in_the_next_stretch_is_over(tmp_path):
-    fault = PlannedFault("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, 100.0, 130.0)
+    fault = PlannedFault("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, 100.0, 95.0)
     parting = beside(run("endurance", tmp_path, 17, fault), 330.0)
     assert {one.name for one in parting.causes} == {"cell_offset.2"}
     assert parting.since == pytest.approx(100.0, abs=1.0)
-    assert parting.over == pytest.approx(230.0, abs=1.5)
+    assert parting.over == pytest.approx(195.0, abs=1.5)
     assert words(parting)[0] == "told" and words(parting)[-1] == "over"
 
 

@@ -9,8 +9,8 @@ actuator was taken to give way for it; ``platform.vertical``, ``.lateral`` and `
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
 ``start``, the s since the bench was switched on, from when sensors drift, and what the springs went through before it
-begins (`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. One that is only planned has
-``conditioned``, from when on (s) a record of it would count.
+begins (`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. One that begins in a motion
+has `MOVING`. One that is only planned has ``conditioned``, from when on (s) a record of it would count.
 """
 
 from collections import Counter, OrderedDict
@@ -84,8 +84,8 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
         *BY_GROUP[Group.TEMPERATURE],
     )
 }
-#: Readings that tell the state of the gas.
-GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])
+MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
+GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings that tell its state
 #: Unit in which people read errors of a channel, by its SI unit.
 _DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
@@ -438,7 +438,8 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
                 f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
         pressure[[i, SIDES + i]] = unbiased(bellows) + parameters.get(f"{side}.initial_pressure", 0.0)
-        if auxiliary in settings and not given(experiment, f"{side}.reservoir", 1.0)[0]:
+        joined = MOVING not in settings and given(experiment, f"{side}.reservoir", 1.0)[0]
+        if auxiliary in settings and not joined:
             own = parameters.get(f"{side}.auxiliary.initial_pressure", 0.0)
             pressure[SIDES + i] = unbiased(auxiliary) + own
     pressure += par.atmospheric_pressure

@@ -1,0 +1,59 @@
+"""The gas in the middle of a motion, where nothing rests: what the replay of the stretch before knows of it.
+
+A pressure that is read there tells little without a temperature, and thermometers are a second late: gas that is
+squeezed to and fro is some kelvins warmer or colder than they say.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_sim.parameters import Parameters
+from bench_twin.innovations import Belief
+from diagnosis.contracts import Job, MeasuredRun, Nuisance
+from diagnosis.systems.air_spring.simulator import GAS, MOVING, OUTPUTS, AirSpring
+from diagnosis.systems.records import STEP
+
+#: A motion goes to and fro within so many s.
+_TO_AND_FRO: Final = 4.0
+
+
+class Carried(NamedTuple):
+    """The settings that tell the gas (SI), and at which sample of the stretch before."""
+
+    sample: int
+    gas: dict[str, float]
+
+
+class GasOf:
+    """Replays of a bench with ``parameters`` for nothing but its gas."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._simulator = AirSpring(parameters, effects={}, only=GAS)
+        names = [channel.name for channel in self._simulator.channels]
+        self._names = names
+        self._lags = np.array([float(parameters.record.sensor_lag[OUTPUTS[name]]) for name in names])
+        self._pressures = [k for k, name in enumerate(names) if name.endswith("_pressure")]
+
+    def carried(
+        self, run: MeasuredRun, parameters: tuple[Nuisance, ...], belief: Belief, before: float
+    ) -> Carried:
+        """Return the gas at a turning point of the pressures not later than ``before`` s of a run that was judged.
+
+        ``belief`` is what is believed of the ``parameters`` by then.
+        """
+        known = {one.name for one in self._simulator.nuisances}
+        believed = {
+            one.name: one.nominal + one.spread * float(mean)
+            for one, mean in zip(parameters, belief.mean, strict=True)
+            if one.name in known
+        }
+        read = next(self._simulator.run_many([Job(run.experiment, believed, {})]))
+        self._simulator.forget()
+        rates = np.gradient(read, STEP, axis=0)
+        last = round(before / STEP)
+        first = max(last - round(_TO_AND_FRO / STEP), 0)
+        # A reading that is a sample early or late is nearly the same there.
+        sample = first + int(np.argmin((rates[first:last, self._pressures] ** 2).sum(axis=1)))
+        gas = read[sample] + self._lags * rates[sample]
+        return Carried(sample, {MOVING: 1.0, **dict(zip(self._names, map(float, gas), strict=True))})

@@ -1,0 +1,77 @@
+"""Motions without a rest are judged in stretches that go on from one another, so that a look stays cheap."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from astb.rig_in_memory import RigInMemory
+from bench_records.record import Record, read
+from bench_sim.parameters import load
+from bench_sim.rig.faults.panel import PlannedFault
+from bench_sim.rig.rig import Rig
+from bench_twin.stretches import LONG, LONGEST, Stretch, stretches
+from bench_twin.twin import Seen, Twin
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from tests.twin.test_twin import Growing
+
+pytestmark = pytest.mark.slow
+
+
+def cycled(folder, seed: int, cycles: int, *faults: PlannedFault) -> Record:
+    """The record of an endurance run that does not rest once."""
+    values = {"cycles": str(cycles), "frequency": "0.9 Hz", "amplitude": "10 mm", "intervals": "1"}
+    rig = Rig(load("astb"), seed=seed)
+    for fault in faults:
+        rig.faults.plan(fault)
+    with RigInMemory(rig).bench(seed=seed) as bench:
+        execute(plans()["endurance"].given(values), bench, folder, rig="virtual", seed=seed)
+    return read(folder)
+
+
+class Remembering(Twin):
+    """A twin that remembers what it has seen."""
+
+    seen: list[Seen]
+
+    def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
+        self.seen.append(super()._see(stretch, end, before))
+        return self.seen[-1]
+
+
+def test_a_long_motion_is_judged_in_stretches_that_go_on_from_one_another(tmp_path):
+    record = cycled(tmp_path / "run", 31, 240)
+    cut = [one for one in stretches(record) if not one.why]
+    assert sum(one.moving for one in cut) >= 2
+    assert all(one.end - one.start < LONGEST + LONG for one in cut)
+    assert all(after.start == pytest.approx(before.end) for before, after in pairwise(cut))
+    twin = Remembering(record, load("astb"), "astb")
+    twin.seen = []
+    story = twin.look()
+    assert not story.partings
+    assert story.judged_for == pytest.approx(sum(one.end - one.start for one in cut))
+    moving = [one for one in twin.seen if one.gas]
+    assert moving
+    for one in moving:
+        known = one.columns.samples.all(axis=1)
+        pressures = [k for k, channel in enumerate(one.channels) if channel.name.endswith("_pressure")]
+        errors = (one.columns.measured - one.columns.simulated)[known][:, pressures]
+        # The mean of a thermometer for the gas of a moment would leave 7 kPa, and zeros of sensors are known by then.
+        assert len(pressures) == 4
+        assert np.all(np.abs(errors - errors.mean(axis=0)) < 0.8e3)
+        assert np.all(np.abs(errors.mean(axis=0)) < 2.5e3)
+
+
+def test_what_begins_in_a_stretch_that_began_in_a_motion_is_named(tmp_path):
+    leak = PlannedFault("leak", {"side": "right", "area": "0.3mm2"}, 165.0, None)
+    record = Growing(cycled(tmp_path / "run", 32, 200, leak))
+    twin = Twin(record, load("astb"), "astb")
+    record.until = 160.0
+    assert not twin.look(ended=False).partings
+    record.until = 185.0
+    assert any(one.moving and one.start < 160.0 and one.open for one in stretches(record, ended=False))
+    (parting,) = twin.look(ended=False).partings
+    found = next(one for one in parting.causes if one.name == "leak.right")
+    assert found.low < 0.3e-6 < found.high
+    assert parting.since == pytest.approx(165.0, abs=1.0)
