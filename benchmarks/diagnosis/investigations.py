@@ -62,13 +62,14 @@ def read(kept: Path) -> list[Investigated]:
 @click.option("--count", "number", default=50, show_default=True, help="Rigs.")
 @click.option("--processes", default=2, show_default=True)
 @click.option("--budget", default=BUDGET, show_default=True, help="Time of the bench for each.")
+@click.option("--first-seed", default=300_000, show_default=True, help="Seed of the first rig.")
 @click.option("--kept", default=INVESTIGATIONS, type=click.Path(path_type=Path), help="What is known.")
 @click.option(
     "--page", type=click.Path(path_type=Path), help="Where the page is written; else among the docs."
 )
-def main(number: int, processes: int, budget: str, kept: Path, page: Path | None) -> None:
+def main(number: int, processes: int, budget: str, first_seed: int, kept: Path, page: Path | None) -> None:
     """Investigate sealed rigs of which nothing is known yet; print and write down how often the end was right."""
-    wanted = [(300_000 + i, ROUND[i % len(ROUND)]) for i in range(number)]
+    wanted = [(first_seed + i, ROUND[i % len(ROUND)]) for i in range(number)]
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
