@@ -100,7 +100,8 @@ in two points that need a second look to matter: oscillators from seed 5 000 000
 [decision 71](../decisions/0071-one-thing-without-a-name-is-likelier-than-two.md): oscillators from seed 9 000 000 on,
 two siblings for each other case. By [decision
 74](../decisions/0074-what-is-late-in-front-of-the-replay.md): benches from seed 12 000 000 on without its last step of
-the search, from seed 14 000 000 on with it. They are kept in `counted/decision_66`, `counted/decision_71` and `counted/decision_74`.
+the search, from seed 14 000 000 on with it. They are kept in `counted/decision_66`,
+`counted/decision_71` and `counted/decision_74`.
 
 λ and what next of kin leave of it are those of a table made before
 decision 41, so that the same cases are drawn. `make benchmark-diagnosis`
