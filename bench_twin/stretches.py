@@ -26,6 +26,8 @@ STEP: Final = 0.1
 #: Slower than this over `_STILL` s is rest (m/s, rad/s); so long (s) it must last before a stretch begins.
 _SPEED: Final = 0.05e-3
 _STILL: Final = 0.5
+#: And so little (m, rad) do its samples scatter, noise included: in half a second, 2 Hz has the mean of a rest.
+_SCATTER: Final = 0.1e-3
 REST: Final = 1.0
 #: After so many s a stretch ends at the next rest, where another one begins.
 LONG: Final = 60.0
@@ -95,7 +97,7 @@ class _Ready:
     def __init__(self, record: Record, grid: Array, *, ended: bool) -> None:
         self._grid = grid
         self._warm = _warming(record, grid)
-        still = _resting(record, grid)
+        still = resting(record, grid)
         if not ended:  # what comes next may be a motion
             still[-round(_STILL / STEP) :] = False
         self._still = still & ~self._warm
@@ -164,8 +166,11 @@ def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
     return count, np.histogram(times[good], edges, weights=values[good])[0]
 
 
-def _resting(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Where (n,) no displacement differs from what it was half a second before and will be half a second later."""
+def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
+    """Where (n,) no displacement differs from what it was half a second before and will be half a second later.
+
+    Nor goes to and fro meanwhile.
+    """
     reach = round(_STILL / STEP)
     still = np.ones(len(grid), np.bool_)
     for name in SENSORS:
@@ -180,7 +185,22 @@ def _resting(record: Record, grid: Array) -> NDArray[np.bool_]:
         steps = np.flatnonzero(moved)
         for k in range(reach + 1):
             still[steps + k] = False
+        still &= _scatter(record, name, grid, reach) <= _SCATTER
     return still
+
+
+def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
+    """The standard deviation (n,) of a signal's samples in so many steps around each; 0 without any."""
+    times, values = record.series(name)
+    good = np.isfinite(values)
+    times, values = times[good], values[good] - values[good].mean()
+    edges = np.append(grid, grid[-1] + STEP)
+    window = np.ones(reach)
+    count, total, squares = (
+        np.convolve(np.histogram(times, edges, weights=values**power)[0], window, "same") for power in range(3)
+    )
+    count = np.maximum(count, 1.0)
+    return np.sqrt(np.maximum(squares / count - (total / count) ** 2, 0.0))
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
