@@ -5,12 +5,11 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from astb.rig_in_memory import RigInMemory
-from bench_protocol.rates import TICK
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import find_effect
 from bench_sim.rig.faults.panel import PlannedFault
-from bench_sim.rig.faults.schedule import Mend
 from bench_sim.rig.rig import Rig
+from bench_sim.rig.turn import differing, turn
 from benchmarks.diagnosis import sealed
 from benchmarks.diagnosis.ground_truth import draw
 from benchmarks.twin.cases import GOES_ON, Case
@@ -46,19 +45,11 @@ def begin(rig: Rig, case: Case) -> None:
         values = {"sensor": f"{place}.bellows_pressure", "value": f"{case.size} Pa/s"}
         rig.faults.plan(PlannedFault("drift", values, case.at, None))
         return
-    points = rig.faults.points
-    mend: Mend | None = None
-
-    def grow(share: float) -> None:
-        nonlocal mend
-        if mend is not None:
-            mend()
-        mend = points.parameters.change(tuple(rig.plant.parameters.dtype.names), changed(case, share))
-
     steps = max(round(case.creeps / _STEP), 1)
-    for k in range(1, steps + 1):
-        at = case.at + (k - 1) * _STEP if case.creeps else case.at
-        points.schedule.at(round(at / TICK), lambda share=k / steps: grow(share))  # type: ignore[misc]
+    for k in range(steps):
+        after = rig.plant.parameter_array.copy()[0]
+        changed(case, (k + 1) / steps)(after)
+        turn(rig, case.at + k * _STEP, differing(rig.plant.parameters, after), after)
 
 
 def changed(case: Case, share: float = 1.0) -> Callable[[Any], None]:
