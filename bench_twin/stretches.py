@@ -18,7 +18,7 @@ from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.words import SIDES, BenchState
 from bench_records.record import Record
 from diagnosis.contracts import Array
-from diagnosis.systems.motion import SENSORS
+from diagnosis.systems.motion import SENSORS, scatter
 from diagnosis.systems.records import SettingsOfRecord
 
 #: A run is looked at in steps of so many s.
@@ -195,12 +195,8 @@ def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
     good = np.isfinite(values)
     times, values = times[good], values[good] - values[good].mean()
     edges = np.append(grid, grid[-1] + STEP)
-    window = np.ones(reach)
-    count, total, squares = (
-        np.convolve(np.histogram(times, edges, weights=values**power)[0], window, "same") for power in range(3)
-    )
-    count = np.maximum(count, 1.0)
-    return np.sqrt(np.maximum(squares / count - (total / count) ** 2, 0.0))
+    count, total, squares = (np.histogram(times, edges, weights=values**power)[0] for power in range(3))
+    return scatter(count, total, squares, reach)
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:

@@ -255,3 +255,14 @@ def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
             band[i - j, j : j + len(ratio)] += first * second / ratio
     solution: Array = solveh_banded(band, np.where(known, values, 0.0), lower=True)
     return solution
+
+
+def scatter(count: Array, total: Array, squares: Array, width: int) -> Array:
+    """Return the standard deviation (n,) of all samples in so many steps around each step; 0 where there are none.
+
+    Each step (n,) has a count of samples, their sum and the sum of their squares, best from near their mean.
+    """
+    window = np.ones(width)
+    count, total, squares = (np.convolve(one, window)[width // 2 :][: len(one)] for one in (count, total, squares))
+    count = np.maximum(count, 1.0)
+    return np.sqrt(np.maximum(squares / count - (total / count) ** 2, 0.0))

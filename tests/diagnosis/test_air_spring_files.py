@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from astb.identify import Request, identify_data
 from astb.tables import plain_console
@@ -240,3 +242,13 @@ def test_what_is_wrong_in_the_map_of_another_rig_is_named(
     mapping.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(DiagnosisError, match=message):
         read_mapped([other_rig / "full_sweep.csv"], mapping)
+
+
+@given(share=st.floats(0.0025, 0.45), amplitude=st.floats(1e-3, 50e-3), phase=st.floats(0.0, 2.0 * np.pi))
+def test_no_motion_to_and_fro_is_a_rest(share, amplitude, phase):
+    clock = STEP * np.arange(2000)
+    wave = amplitude * np.sin(2.0 * np.pi * share / STEP * clock + phase)
+    noise = 0.01e-3 * np.random.default_rng(1).standard_normal(len(clock))
+    rest = air_spring_system(load("astb")).rest
+    assert not rest(STEP, clock, {"left.height": wave + noise})[100:-100].any()
+    assert rest(STEP, clock, {"left.height": np.where(np.arange(2000) % 3, np.nan, 0.1e-3 * clock + noise)}).all()
