@@ -251,4 +251,6 @@ def test_no_motion_to_and_fro_is_a_rest(share, amplitude, phase):
     noise = 0.01e-3 * np.random.default_rng(1).standard_normal(len(clock))
     rest = air_spring_system(load("astb")).rest
     assert not rest(STEP, clock, {"left.height": wave + noise})[100:-100].any()
-    assert rest(STEP, clock, {"left.height": np.where(np.arange(2000) % 3, np.nan, 0.1e-3 * clock + noise)}).all()
+    assert rest(
+        STEP, clock, {"left.height": np.where(np.arange(2000) % 3, np.nan, 0.1e-3 * clock + noise)}
+    ).all()

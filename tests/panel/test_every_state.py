@@ -16,7 +16,7 @@ from bench_sim.rig.control_socket import ask, control_path
 from drivers.bench import Bench
 from tests.foreign.conftest import running, write_files
 from tests.panel.conftest import PanelProcess
-from tests.pictures import BENCH_WORDS, faults
+from tests.pictures import BENCH_WORDS, faults, in_a_second
 
 pytestmark = [pytest.mark.slow, pytest.mark.real_time, pytest.mark.timeout(400)]
 
@@ -163,17 +163,9 @@ def test_the_picture_of_a_rig_that_is_described(browser, tmp_path, name) -> None
 
 
 def test_the_bench_is_drawn_ten_times_a_second_at_the_size_of_a_desk(open_page) -> None:
-    """The best of some seconds counts: others use the machine, too."""
     page = open_page(command=False, size=(1800, 1000))
     page.wait_for_selector("body:not(.stale)")
-    counted = []
-    for _ in range(8):
-        before = page.evaluate("window.astbDrawn")
-        page.wait_for_timeout(1000)
-        counted.append(page.evaluate("window.astbDrawn") - before)
-        if counted[-1] >= 9:
-            break
-    assert max(counted) >= 9, counted
+    assert in_a_second(page, "window.astbDrawn", enough=9) >= 9
 
 
 def test_no_legend_of_a_plot_is_cut_at_any_size(open_page) -> None:

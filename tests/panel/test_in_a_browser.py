@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from astb.live.door import NoRun, knock
+from tests.pictures import in_a_second
 
 pytestmark = pytest.mark.slow
 
@@ -30,18 +31,6 @@ def until(page, selector: str, words: str, within: float = 60.0) -> str:
     """Wait until an element is seen and has these words."""
     page.locator(selector).filter(has_text=re.compile(words)).first.wait_for(timeout=1000 * within)
     return text_of(page, selector)
-
-
-def pictures(page) -> int:
-    """How many pictures all plots together draw in the best of a few seconds: others use the machine, too."""
-    count = []
-    for _ in range(12):
-        before = page.evaluate("window.astbPictures()")
-        page.wait_for_timeout(1000)
-        count.append(page.evaluate("window.astbPictures()") - before)
-        if count[-1] >= 30:
-            break
-    return max(count)
 
 
 def start(page, **values: str) -> None:
@@ -88,7 +77,8 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
     commander.locator("svg.bench[aria-label*='lateral 12.']").or_(
         commander.locator("svg.bench[aria-label*='lateral 11.']")
     ).wait_for()  # and so it is in the drawing, whose words are a second old at most
-    assert pictures(commander) >= 3 * 10, "three plots, ten pictures a second each"
+    drawn = in_a_second(commander, "window.astbPictures()", enough=3 * 10)
+    assert drawn >= 3 * 10, "three plots, ten pictures a second each"
 
     until(viewer, "#question", "Has the bolster moved")
     assert viewer.locator("#question button:enabled").count() == 0, "who only watches answers nothing"
