@@ -44,10 +44,11 @@ class Shown(msgspec.Struct, frozen=True):
 def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
     """Return every measurement, the key readings first."""
     order = sorted(MEASUREMENTS, key=lambda one: KEY.index(one.name) if one.name in KEY else len(KEY))
-    return tuple(_shown(one, limits) for one in order)
+    return tuple(shown(one, limits) for one in order)
 
 
-def _shown(signal: Signal, limits: Sequence[KnownLimit]) -> Shown:
+def shown(signal: Signal, limits: Sequence[KnownLimit] = ()) -> Shown:
+    """Return a measurement as people read it."""
     factor = FACTORS[signal.unit]
     mine = [one.limit for one in limits if one.limit.signal == signal.name]
     lows = [one.at / factor for one in mine if one.kind is LimitKind.LOWER]

@@ -10,11 +10,12 @@ from starlette.requests import Request
 from starlette.routing import Route
 
 from bench_panel.answers import answered
+from bench_panel.signals import shown
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
-from bench_records.twin import TWIN, Parting, read_twin
+from bench_records.twin import TWIN, LastMinute, Parting, read_twin
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,8 +46,26 @@ def told(out: Path, request: Request) -> dict[str, Any]:
         "runs": runs,
         "run": run,
         "story": to_builtins(story)
-        | {"partings": [_shown(one) for one in story.partings], "judged_for": story.judged_for},
+        | {
+            "partings": [_shown(one) for one in story.partings],
+            "judged_for": story.judged_for,
+            "lately": _read(story.lately) if story.lately else None,
+        },
     }
+
+
+def _read(minute: LastMinute) -> dict[str, Any]:
+    """Return the last minute with its values in the units that people read, in as many decimals as their signals."""
+    channels = []
+    for one in minute.channels:
+        signal = shown(TABLE[one.channel])
+        values = {
+            name: [None if value is None else value / signal.factor for value in getattr(one, name)]
+            for name in ("measured", "expected", "band")
+        }
+        about = {name: getattr(signal, name) for name in ("name", "label", "unit", "decimals")}
+        channels.append(about | values)
+    return {"times": minute.times, "channels": channels}
 
 
 def _shown(parting: Parting) -> dict[str, Any]:

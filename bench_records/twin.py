@@ -79,6 +79,28 @@ class Parting(msgspec.Struct, frozen=True):
         return self.over is None and not self.withdrawn
 
 
+class Compared(msgspec.Struct, frozen=True):
+    """A channel beside its model in blocks of time (SI): mean reading, what was expected, and the band (k = 2) of that.
+
+    None where nothing was read.
+    """
+
+    channel: str
+    measured: tuple[float | None, ...]
+    expected: tuple[float | None, ...]
+    band: tuple[float | None, ...]
+
+
+class LastMinute(msgspec.Struct, frozen=True):
+    """All channels in the last minute that could be judged; ``times`` are the middles of blocks, in s of the run.
+
+    Between two stretches stands a block in which nothing was read.
+    """
+
+    times: tuple[float, ...]
+    channels: tuple[Compared, ...]
+
+
 class TwinStory(msgspec.Struct, frozen=True):
     """All that was said of a run until ``until`` s; ``model`` is the parameter set or file that ran beside it."""
 
@@ -86,6 +108,7 @@ class TwinStory(msgspec.Struct, frozen=True):
     until: float
     judged: tuple[Judged, ...] = ()
     partings: tuple[Parting, ...] = ()
+    lately: LastMinute | None = None  #: None if nothing could be judged yet
 
     @property
     def judged_for(self) -> float:

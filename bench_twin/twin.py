@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from bench_records.record import Record
-from bench_records.twin import Judged, Parting, TwinStory
+from bench_records.twin import Judged, LastMinute, Parting, TwinStory
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
 from bench_twin import course
@@ -29,6 +29,7 @@ from bench_twin.innovations import (
     judge,
     parameters_of,
 )
+from bench_twin.lately import joined
 from bench_twin.replays import Replays
 from bench_twin.slices import Sliced, Work
 from bench_twin.stretches import LEAST, MOVING, NOTHING, SETTLES, STEP, Stretch, stretches
@@ -104,6 +105,8 @@ class Twin:
         self._waiting: list[Parting] = []
         self._until = 0.0
         self._last: tuple[Judged, ...] = ()
+        self._minute: LastMinute | None = None  # until the end of the last stretch that could be judged
+        self._lately: LastMinute | None = None
 
     @property
     def searches(self) -> bool:
@@ -121,6 +124,7 @@ class Twin:
             self._until,
             (*self._closed, *self._last),
             tuple(course.told(one, self._channel(one)) for one in partings),
+            self._lately,
         )
 
     def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
@@ -220,6 +224,7 @@ class Twin:
             return Judged(start, stretch.end, None, NOTHING)
         told, detector = judge(seen.columns, seen.belief), self._detector.copy()
         alarm = detector.look(told.white)
+        self._lately = joined(self._minute, seen.start, seen.channels, told)
         if alarm is not None:
             self._part(alarm, told, stretch, seen, end)
         else:
@@ -234,7 +239,7 @@ class Twin:
                 # What a fault does that lasts is no tolerance.
                 self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
         if not stretch.open:
-            self._before, self._carried = (seen, told.belief), None
+            self._before, self._carried, self._minute = (seen, told.belief), None, self._lately
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:

@@ -152,6 +152,42 @@ export class OverSignal extends Plot {
   }
 }
 
+/** A reading over time within the band in which its model expects it. */
+export class Banded {
+  constructor(element, { label, unit, decimals }) {
+    const edge = { stroke: "transparent", points: { show: false } };
+    this.plot = new uPlot(
+      {
+        ...common(element),
+        scales: { x: { time: false }, y: { range: (_, low, high) => roomy(low, high, { decimals }) } },
+        axes: [{ ...axis("s"), size: 26 }, { ...axis(), size: 62 }],
+        series: [
+          {},
+          edge,
+          edge,
+          { label: `${label}, expected`, stroke: () => colour("--soft"), width: 1, dash: [5, 4], points: { show: false } },
+          { label: `${label}, ${unit}`, stroke: () => colour("--s1"), width: 1.8, points: { show: false } },
+        ],
+        bands: [{ series: [1, 2], fill: () => colour("--band") }],
+      },
+      [[0], [null], [null], [null], [null]],
+      element,
+    );
+    this.observer = new ResizeObserver(() => this.plot.setSize(size(element)));
+    this.observer.observe(element);
+  }
+
+  set(times, { measured, expected, band }) {
+    const edge = (sign) => expected.map((value, k) => (value === null ? null : value + sign * band[k]));
+    this.plot.setData([times, edge(1), edge(-1), expected, measured]);
+  }
+
+  close() {
+    this.observer.disconnect();
+    this.plot.destroy();
+  }
+}
+
 const PARTS = 12;
 
 function trail(plot, index) {

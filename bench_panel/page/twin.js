@@ -1,27 +1,36 @@
 /** The view of the twin: whether a run goes along with its model, since when they part, in which reading, and why perhaps. */
 
 import { duration, fixed, make } from "/page/format.js";
+import { Banded } from "/page/plots.js";
 import { asked, choice, name, repeated, table } from "/page/tables.js";
 
-const AGAIN = 2000; // ms until it is looked at anew
+const AGAIN = 1000; // ms until it is looked at anew
 const NONE = "No model ran beside a run in this folder. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
 const WORDS = { true: ["along", "went along"], false: ["parted", "parted"], null: ["blind", "not judged"] };
 
 export function show(element) {
   const runs = choice("run", "the newest", () => load());
   const card = make("section", { class: "view-twin", "aria-label": "twin" });
+  const lately = new Lately();
   let seen = "";
   element.append(make("div", { class: "view" }, make("div", { class: "filters" }, runs.element), card));
-  return repeated(load, AGAIN);
+  const cancel = repeated(load, AGAIN);
+  return () => {
+    cancel();
+    lately.show(null, []);
+  };
 
   async function load() {
     const { found, error } = await asked(`/api/twin${runs.value ? `?run=${encodeURIComponent(runs.value)}` : ""}`);
     const text = JSON.stringify([found, error]);
     if (text === seen) return;
     seen = text;
+    lately.show(found?.story?.lately ?? null, (found?.story?.partings ?? []).filter((one) => one.lasts).map((one) => one.channel));
     if (error) return card.replaceChildren(make("p", { class: "wrong" }, error));
     runs.offer(found.runs);
-    card.replaceChildren(...(found.story ? told(found) : [make("p", { class: "card said" }, NONE)]));
+    if (!found.story) return card.replaceChildren(make("p", { class: "card said" }, NONE));
+    const { first, then } = told(found);
+    card.replaceChildren(...first, lately.element, ...then);
   }
 }
 
@@ -35,7 +44,43 @@ function told({ run, story }) {
     make("p", { class: "said" }, `${name(run)}, judged for ${duration(story.judged_for)} of ${duration(story.until)}, by the model “${story.model}”`),
     stretches(story), legend());
   const blind = [...new Set(story.judged.filter((one) => one.along === null && one.why).map((one) => one.why))];
-  return [head, ...partings.map(parting), blind.length ? make("section", { class: "card" }, make("h2", {}, "Why stretches were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one)))) : null].filter(Boolean);
+  const why = blind.length ? [make("section", { class: "card" }, make("h2", {}, "Why stretches were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one))))] : [];
+  return { first: [head, ...partings.filter((one) => one.lasts).map(parting)], then: [...partings.filter((one) => !one.lasts).map(parting), ...why] };
+}
+
+/** Every reading within the band in which its model expects it, over the last minute that could be judged. */
+class Lately {
+  constructor() {
+    this.element = make("section", { class: "lately", "aria-label": "last minute" });
+    this.plots = new Map();
+  }
+
+  show(minute, parted) {
+    const names = minute ? minute.channels.map((one) => one.name) : [];
+    if (names.join() !== [...this.plots.keys()].join()) this.arrange(minute);
+    for (const one of minute?.channels ?? []) {
+      const { plot, head, card } = this.plots.get(one.name);
+      const last = one.measured.findLastIndex((value) => value !== null);
+      const bands = last < 0 ? null : (one.measured[last] - one.expected[last]) / one.band[last];
+      card.classList.toggle("parted", parted.includes(one.name));
+      head.replaceChildren(
+        make("b", {}, one.label), make("span", { class: Math.abs(bands) > 1 ? "far" : "" }, bands === null ? "not received" : `${fixed(bands, 1)} bands`),
+        make("small", {}, last < 0 ? "" : `${fixed(one.measured[last], one.decimals)} ${one.unit}, expected ${fixed(one.expected[last], one.decimals)} ± ${short(one.band[last])}`));
+      plot.set(minute.times, one);
+    }
+  }
+
+  arrange(minute) {
+    for (const { plot } of this.plots.values()) plot.close();
+    this.plots.clear();
+    this.element.replaceChildren(...(minute ? [make("p", { class: "said" }, "Means over half a second, measured (line) and expected (dashed, k = 2 shaded), over the last minute that could be judged, in s of the run.")] : []));
+    for (const one of minute?.channels ?? []) {
+      const [head, area] = [make("div", { class: "head" }), make("div", { class: "area" })];
+      const card = make("div", { class: "card", "aria-label": one.label }, head, area);
+      this.element.append(card);
+      this.plots.set(one.name, { card, head, plot: new Banded(area, one) });
+    }
+  }
 }
 
 const at = (seconds) => `${fixed(seconds, 1)}\u2009s`;
@@ -43,9 +88,14 @@ const share = (part, whole) => `${(100 * Math.min(1, Math.max(0, part / Math.max
 
 /** The run as a strip: where it went along, parted, or could not be judged; a mark where a parting began. */
 function stretches({ judged, partings, until }) {
-  const parts = judged.map((one) => make("i", { class: WORDS[one.along][0], style: `left:${share(one.start, until)};width:${share(one.end - one.start, until)}`, title: `${at(one.start)} to ${at(one.end)}: ${one.why || WORDS[one.along][1]}` }));
+  // What is judged parts from then on only since when it does.
+  const cut = judged.flatMap((one) => {
+    const since = partings.find(({ since }) => one.along === false && one.start < since && since < one.end)?.since;
+    return since ? [{ ...one, along: true, end: since }, { ...one, start: since }] : [one];
+  });
+  const parts = cut.map((one) => make("i", { class: WORDS[one.along][0], style: `left:${share(one.start, until)};width:${share(one.end - one.start, until)}`, title: `${at(one.start)} to ${at(one.end)}: ${one.why || WORDS[one.along][1]}` }));
   const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `since ${at(one.since)}, told at ${at(one.told)}` }));
-  return make("div", { class: "strip", role: "img", "aria-label": judged.map((one) => `${at(one.start)} to ${at(one.end)} ${WORDS[one.along][1]}`).join("; ") }, ...parts, ...marks);
+  return make("div", { class: "strip", role: "img", "aria-label": cut.map((one) => `${at(one.start)} to ${at(one.end)} ${WORDS[one.along][1]}`).join("; ") }, ...parts, ...marks);
 }
 
 function legend() {

@@ -263,6 +263,8 @@ def scatter(count: Array, total: Array, squares: Array, width: int) -> Array:
     Each step (n,) has a count of samples, their sum and the sum of their squares, best from near their mean.
     """
     window = np.ones(width)
-    count, total, squares = (np.convolve(one, window)[width // 2 :][: len(one)] for one in (count, total, squares))
+    count, total, squares = (
+        np.convolve(one, window)[width // 2 :][: len(one)] for one in (count, total, squares)
+    )
     count = np.maximum(count, 1.0)
     return np.sqrt(np.maximum(squares / count - (total / count) ** 2, 0.0))

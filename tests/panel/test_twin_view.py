@@ -5,10 +5,20 @@ from pathlib import Path
 
 import pytest
 
+from bench_records.record import read
 from bench_records.twin import Judged, Parting, PossibleCause, Said, TwinStory, write_twin
+from bench_sim.parameters import load
+from bench_sim.rig.faults.panel import PlannedFault
+from bench_twin.twin import Twin
+from tests.twin.test_twin import Growing, run
 
 #: Where pictures go, to be looked at.
 PICTURES = os.environ.get("ASTB_PICTURES", "")
+#: How many dots of a plot are painted.
+PAINTED = """(one) => {
+  const { data } = one.getContext("2d").getImageData(0, 0, one.width, one.height);
+  return data.filter((value, k) => k % 4 === 3 && value > 0).length;
+}"""
 HOLE = PossibleCause(
     "leak.left",
     "leak of a bellows (orifice), left",
@@ -84,13 +94,64 @@ def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(ope
     ):
         assert words in told, (words, told)
     assert "told at 222.0" in told and "surer at 250.0" in told
+    assert page.get_attribute(".strip", "aria-label").endswith(
+        "200.0\u2009s to 214.0\u2009s went along; 214.0\u2009s to 300.0\u2009s parted"
+    )
     strip, mark = (page.locator(one).bounding_box() for one in (".strip", ".strip b"))
     assert (mark["x"] + mark["width"] / 2 - strip["x"]) / strip["width"] == pytest.approx(214 / 300, abs=0.01)
+    fits_everywhere(page, "twin")
+
+
+def clock(seconds: float) -> str:
+    """A time of more than a minute, as a page says it."""
+    return f"of {int(seconds // 60)}:{int(seconds % 60):02d}\u2009min"
+
+
+def fits_everywhere(page, name: str) -> None:
+    """Nothing of a page needs to be moved sideways at any size of a screen."""
     for width, height in {1800: 1000, 1024: 768, 768: 1024, 390: 844}.items():
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(200)
         assert page.evaluate("document.querySelector('main').scrollWidth <= innerWidth"), width
         for dark in (False, True):
             page.emulate_media(color_scheme="dark" if dark else "light")
+            page.wait_for_timeout(100)
             if PICTURES:
-                page.screenshot(path=Path(PICTURES) / f"twin-{width}{'-dark' if dark else ''}.png")
+                page.screenshot(path=Path(PICTURES) / f"{name}-{width}{'-dark' if dark else ''}.png")
+
+
+@pytest.mark.slow
+@pytest.mark.real_time
+def test_readings_are_seen_beside_the_bands_of_a_twin_while_it_looks(open_page, bench_panel, keep, tmp_path):
+    leak = PlannedFault("leak", {"side": "left", "area": "1mm2"}, 75.0, None)
+    record = Growing(read(run("aw0", tmp_path, 13, leak)))
+    twin = Twin(record, load("astb"), "astb")
+    keep(bench_panel.out, "goes on", 0.004)
+    page = open_page(command=False)
+    page.click("#views >> text=Twin")
+
+    def seen(until: float) -> dict[str, str]:
+        record.until = until
+        write_twin(bench_panel.out / "goes on", twin.look(ended=False))
+        page.wait_for_selector("#view .filters option[value='goes on']", state="attached")
+        page.select_option("#view .filters select", "goes on")
+        page.wait_for_selector(f"text={clock(until)}")
+        return {
+            one.get_attribute("aria-label"): one.inner_text() for one in page.locator(".lately .card").all()
+        }
+
+    sound = seen(72.0)
+    assert len(sound) == len(twin.story.lately.channels) > 12
+    assert page.locator(".lately .card.parted").count() == 0
+    assert (
+        "bar, expected" in sound["left bellows pressure"] and "kN, expected" in sound["vertical left force"]
+    )
+    canvas = page.locator(".lately canvas").first.element_handle()
+    parted = seen(88.0)
+    assert page.locator(".lately .card.parted .far").count() >= 1
+    assert parted.keys() == sound.keys() and parted != sound
+    assert canvas.evaluate("(one) => one.isConnected && one.width > 100"), (
+        "plots go on, they are not made anew"
+    )
+    assert canvas.evaluate(PAINTED) > 500
+    fits_everywhere(page, "lately")

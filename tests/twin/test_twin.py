@@ -92,6 +92,20 @@ def test_a_leak_is_told_with_its_size_and_its_beginning(tmp_path):
     assert "leak of a bellows (orifice), right" in parting.sentence
 
 
+def is_what_was_read(story: TwinStory, record: Record) -> None:
+    """The last minute has the means of what the record holds, in blocks of half a second one after the other."""
+    times = np.array(story.lately.times)
+    assert np.all(np.diff(times) > 0.4) and times[-1] - times[0] <= 60.0 and times[-1] < record.duration
+    for one in story.lately.channels:
+        clock, values = record.series(one.channel)
+        for time, measured in zip(times[::7], one.measured[::7], strict=True):
+            if measured is not None:
+                around = values[np.abs(clock - time) < 0.25]
+                assert measured == pytest.approx(
+                    around.mean(), rel=1e-4, abs=3.0 * np.ptp(around) / len(around) ** 0.5
+                )
+
+
 @pytest.mark.slow
 def test_while_the_run_goes_on_it_says_the_same_and_nothing_before(tmp_path):
     began = 75.0
@@ -103,6 +117,8 @@ def test_while_the_run_goes_on_it_says_the_same_and_nothing_before(tmp_path):
     for growing.until in np.arange(54.0, 98.0, 4.0):
         story = twin.look(ended=False)
         told += [(growing.until, one) for one in story.partings[len(told) :]]
+        if story.judged_for:
+            is_what_was_read(story, growing)
     (first,) = told
     assert began < first[0] < began + 10.0
     assert {"leak.left"} <= {one.name for one in first[1].causes}
@@ -110,6 +126,10 @@ def test_while_the_run_goes_on_it_says_the_same_and_nothing_before(tmp_path):
     (last,) = twin.look().partings
     assert last.told == first[1].told
     assert abs(last.since - began) < 2.0
+    story = twin.story
+    is_what_was_read(story, growing)
+    (leaking,) = (one for one in story.lately.channels if one.channel == "left.bellows_pressure")
+    assert leaking.measured[-1] < leaking.expected[-1] - leaking.band[-1], "what leaks is beyond its band"
 
 
 @pytest.mark.slow

@@ -128,7 +128,9 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
     for name, values in measured.items():
         if name in _PLACES:
             known = np.isfinite(values)
-            off = np.where(known, values - values[known].mean(), 0.0) if known.any() else np.zeros(len(values))
+            off = (
+                np.where(known, values - values[known].mean(), 0.0) if known.any() else np.zeros(len(values))
+            )
             still &= scatter(known, off, off**2, 2 * half + 1) < least
     return still
 

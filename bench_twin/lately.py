@@ -1,0 +1,50 @@
+"""What was read beside what the model expects, over the last minute: what people look at while a run goes on."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from bench_records.twin import Compared, LastMinute
+from bench_twin.innovations import BLOCK, Innovations
+from diagnosis.contracts import Array, Channel
+
+#: So long (s) is looked back.
+_MINUTE: Final = 60.0
+#: So many digits are kept: a pressure to 1 Pa, a force to 0.1 N.
+_DIGITS: Final = 6
+
+
+def joined(
+    before: LastMinute | None, start: float, channels: Sequence[Channel], told: Innovations
+) -> LastMinute | None:
+    """Return the last minute up to the end of a stretch whose blocks begin at ``start`` s, with what was ``before``."""
+    known = np.flatnonzero(np.isfinite(told.measured).any(axis=1))
+    if not len(known):
+        return before
+    blocks = slice(known[0], known[-1] + 1)
+    times = np.round(start + BLOCK * (np.arange(blocks.start, blocks.stop) + 0.5), 3)
+    columns = np.stack((told.measured, told.expected, 2.0 * told.band))[:, blocks]
+    if before is not None:
+        gap = int(times[0] - before.times[-1] > 1.5 * BLOCK)
+        nothing = np.full((3, gap, len(channels)), np.nan)
+        columns = np.concatenate((_columns(before), nothing, columns), axis=1)
+        times = np.concatenate((before.times, [times[0] - BLOCK] * gap, times))
+    lasts = times > times[-1] - _MINUTE + 0.5 * BLOCK
+    return LastMinute(
+        tuple(times[lasts].tolist()),
+        tuple(
+            Compared(channel.name, *(_shown(one) for one in columns[:, lasts, c]))
+            for c, channel in enumerate(channels)
+        ),
+    )
+
+
+def _columns(minute: LastMinute) -> Array:
+    """Return what was read, expected and the band of it: (3, blocks, channels)."""
+    rows = [(one.measured, one.expected, one.band) for one in minute.channels]
+    return np.array(rows, np.float64).transpose(1, 2, 0)
+
+
+def _shown(values: Array) -> tuple[float | None, ...]:
+    return tuple(float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values)

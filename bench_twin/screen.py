@@ -1,0 +1,71 @@
+"""What `astb watch` shows on a terminal while a run goes on: every reading beside what the model expects of it."""
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import click
+from rich.live import Live
+from rich.table import Table
+
+from astb.tables import open_console, open_table, styled
+from bench_protocol.table import TABLE
+from bench_protocol.units import FACTORS
+
+if TYPE_CHECKING:
+    from bench_records.twin import LastMinute, TwinStory
+
+
+class Screen:
+    """Says lines, and on a terminal shows the last block of each reading below them; nothing of that into a pipe."""
+
+    def __init__(self) -> None:
+        self._console = open_console()
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def say(self, text: str) -> None:
+        """Print a line that stays."""
+        if self._live.is_started:
+            self._console.print(text)
+        else:
+            click.echo(text)
+
+    def show(self, story: "TwinStory") -> None:
+        """Show what a story says of now."""
+        if self._live.is_started and story.lately:
+            self._live.update(beside(story.lately, story), refresh=True)
+
+
+def beside(minute: "LastMinute", story: "TwinStory") -> Table:
+    """Return a table of the last mean of each reading, what was expected (k = 2), and how many such bands lie between.
+
+    Red is what lies beyond its band.
+    """
+    parted = story.parted
+    word = f"part since {parted.since:.1f} s" if parted else "go along"
+    title = f"{story.until:.0f} s: rig and model {word}; means over the half second around {minute.times[-1]:.1f} s"
+    table = open_table(title, "reading", "unit")
+    for name in ("measured", "expected", "± band", "bands"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in minute.channels:
+        unit = TABLE[one.channel].unit
+        found = [side[-1] for side in (one.measured, one.expected, one.band)]
+        if None in found:
+            table.add_row(one.channel, unit, "not received")
+            continue
+        measured, expected, band = (value / FACTORS[unit] for value in found if value is not None)
+        bands = (measured - expected) / band
+        texts = (f"{measured:.3f}", f"{expected:.3f}", f"{band:.2g}", f"{bands:+.1f}")
+        table.add_row(
+            one.channel, unit, *(styled(text, "bold red" if abs(bands) > 1.0 else "") for text in texts)
+        )
+    return table
