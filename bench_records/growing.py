@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import msgspec
 import numpy as np
@@ -12,6 +12,9 @@ import numpy as np
 from bench_records.layout import SECOND, STREAM, Phase, RecordedEvent, RecordError, as_array, phases_of
 from bench_records.record import Record
 from bench_records.stream import is_held, read_head
+
+#: Samples are thinned when so many more s of them may be.
+_AT_A_TIME: Final = 60.0
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -37,6 +40,7 @@ class GrowingRecord(Record):
         self._names = tuple(self.signals)
         self._samples: dict[str, list[Samples]] = {}
         self._rows_read, self._latest_ns = 0, self.start_ns
+        self._thinned_until = 0.0
         self._file = stream.open("rb")
         self._head, self._read = b"", 0
 
@@ -82,6 +86,22 @@ class GrowingRecord(Record):
         times, values = chunks[0]
         return (times - self.start_ns) / SECOND, values
 
+    def thin(self, before: float) -> None:
+        """Keep of each second before a time (s) one sample of a signal: the one nearest to the mean of all.
+
+        Some time may pass until it is done. A run of a day needs more memory than there is without it.
+        """
+        if before < self._thinned_until + _AT_A_TIME:
+            return
+        self._thinned_until = before
+        for name, chunks in self._samples.items():
+            self.series(name)  # brings them in order
+            times, values = chunks[0]
+            old = int(np.searchsorted(times, self.start_ns + round(before * SECOND)))
+            if old:
+                keep = np.append(_of_each_second(times[:old], values[:old]), np.arange(old, len(times)))
+                chunks[:] = [(times[keep], values[keep])]
+
     def _take_in(self) -> None:
         """Read the whole batches behind what was read; of one that is being written, nothing yet."""
         import pyarrow as pa
@@ -126,3 +146,15 @@ class GrowingRecord(Record):
         present, first = np.unique(signal[order], return_index=True)
         for place, rows in zip(present, np.split(order, first[1:]), strict=True):
             self._samples.setdefault(self._names[place], []).append((times[rows].copy(), values[rows].copy()))
+
+
+def _of_each_second(times: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Return which of some samples (n,) in order is nearest to the mean of its second, NaN only where all are."""
+    second = times // SECOND
+    first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    known = np.isfinite(values)
+    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    mean = total / np.maximum(np.add.reduceat(known, first, dtype=np.int64), 1)
+    group = np.cumsum(np.diff(second, prepend=second[0]) != 0)
+    away = np.where(known, np.abs(values - mean[group]), np.inf)
+    return np.lexsort((away, second))[first]

@@ -40,6 +40,8 @@ _WARMING: Final = 2.0
 _NEAR: Final = 2.0
 #: A motion that was not received for more than so many steps on both sides is not bridged.
 _BRIDGED: Final = 1
+#: What is found of a step hangs on what was received so many s before and after it at most.
+SURE: Final = 5.0
 #: Shorter stretches than this (s) tell nothing.
 LEAST: Final = 2.0
 #: States in which the chambers are as the settings say.
@@ -66,23 +68,37 @@ class Stretch(NamedTuple):
     open: bool = False
     moving: bool = False  #: it begins in a motion
 
+    @property
+    def judged(self) -> bool:
+        """Whether the model can be judged there."""
+        return not self.why and self.end > self.start
 
-def stretches(record: Record, *, ended: bool = True) -> list[Stretch]:
+
+#: Before anything was received.
+BEGINNING: Final = Stretch(0.0, 0.0)
+
+
+def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING) -> list[Stretch]:
     """Return the parts of a run in order, from its beginning to what was received last.
 
-    Of a run that has not ``ended`` the last part is open.
+    Of a run that has not ``ended`` the last part is open. ``since`` is a part that an earlier look has found: it comes
+    first then, and what was before it is no longer looked at.
     """
-    grid: Array = STEP * np.arange(int(record.duration / STEP + 1e-6), dtype=np.float64)
-    if not len(grid):
+    begin = round(since.start / STEP)
+    before = max(begin - round(SURE / STEP), 0)
+    grid: Array = STEP * np.arange(before, int(record.duration / STEP + 1e-6), dtype=np.float64)
+    begin -= before
+    if len(grid) <= begin:
         return []
     why = _why(record, grid)
     ready = _Ready(record, grid, ended=ended)
     found: list[Stretch] = []
-    for first, last in _alike(why):
+    for first, last in _alike(why, begin):
         if why[first]:
             found.append(_part(grid, first, last, why[first]))
         else:
-            found += ready.cut(first, last)
+            goes_on = first == begin and since.judged
+            found += ready.cut(first, last, since if goes_on else None)
     found[-1] = found[-1]._replace(open=not ended)
     return found
 
@@ -102,21 +118,23 @@ class _Ready:
             still[-round(_STILL / STEP) :] = False
         self._still = still & ~self._warm
 
-    def cut(self, first: int, last: int) -> Iterator[Stretch]:
-        """Cut what could be judged: what is before the first rest, and long stretches at later ones."""
+    def cut(self, first: int, last: int, since: Stretch | None = None) -> Iterator[Stretch]:
+        """Cut what could be judged: what is before the first rest, and long stretches at later ones.
+
+        A stretch that an earlier look has found (``since``) begins with the first step.
+        """
         rest = round(REST / STEP)
         if last - first < rest:
             starts = np.empty(0, np.intp)
         else:
             full = np.convolve(self._still[first:last], np.ones(rest), "valid") > rest - 0.5
             starts = np.flatnonzero(full) + first
-        if not len(starts):
+        if since is None and not len(starts):
             yield _part(self._grid, first, last, self._reason(first, last))
             return
-        start = int(starts[0])
+        start, moving = (int(starts[0]), False) if since is None else (first, since.moving)
         if start > first:
             yield _part(self._grid, first, start, self._reason(first, start))
-        moving = False
         while True:
             longest = start + round(LONGEST / STEP)
             rest = int(np.searchsorted(starts, start + round(LONG / STEP)))
@@ -157,13 +175,20 @@ def _why(record: Record, grid: Array) -> list[str]:
     ]
 
 
+def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Array]:
+    """Times and values (m,) of the samples that a signal has in the steps of a grid, and the edges of these."""
+    edges = np.append(grid, grid[-1] + STEP)
+    times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
+    inside = slice(*np.searchsorted(times, edges[[0, -1]]))
+    times, values = times[inside], values[inside]
+    good = np.isfinite(values)
+    return times[good], values[good], edges
+
+
 def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
     """How many samples (n,) of a signal each step has, and their sum."""
-    times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
-    good = np.isfinite(values)
-    edges = np.append(grid, grid[-1] + STEP)
-    count = np.histogram(times[good], edges)[0]
-    return count, np.histogram(times[good], edges, weights=values[good])[0]
+    times, values, edges = _samples(record, name, grid)
+    return np.histogram(times, edges)[0], np.histogram(times, edges, weights=values)[0]
 
 
 def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
@@ -191,10 +216,8 @@ def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
 
 def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
     """The standard deviation (n,) of a signal's samples in so many steps around each; 0 without any."""
-    times, values = record.series(name)
-    good = np.isfinite(values)
-    times, values = times[good], values[good] - values[good].mean()
-    edges = np.append(grid, grid[-1] + STEP)
+    times, values, edges = _samples(record, name, grid)
+    values = values - values.mean()
     count, total, squares = (np.histogram(times, edges, weights=values**power)[0] for power in range(3))
     return scatter(count, total, squares, reach)
 
@@ -222,10 +245,9 @@ def _mean(record: Record, name: str, grid: Array) -> Array | None:
     return np.interp(grid, grid[seen], total[seen] / count[seen]) if seen.any() else None
 
 
-def _alike(words: list[str]) -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 of the runs of equal words."""
-    first = 0
-    for k in range(1, len(words) + 1):
+def _alike(words: list[str], first: int) -> Iterator[tuple[int, int]]:
+    """Yield first and last + 1 of the runs of equal words from ``first`` on."""
+    for k in range(first + 1, len(words) + 1):
         if k == len(words) or words[k] != words[first]:
             yield first, k
             first = k

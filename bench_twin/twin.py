@@ -32,7 +32,17 @@ from bench_twin.innovations import (
 from bench_twin.lately import joined
 from bench_twin.replays import Replays
 from bench_twin.slices import Sliced, Work
-from bench_twin.stretches import LEAST, MOVING, NOTHING, SETTLES, STEP, Stretch, stretches
+from bench_twin.stretches import (
+    BEGINNING,
+    LEAST,
+    MOVING,
+    NOTHING,
+    SETTLES,
+    STEP,
+    SURE,
+    Stretch,
+    stretches,
+)
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import STEP as SAMPLE
@@ -49,6 +59,8 @@ _GONE: Final = 0.5
 #: A parting that nothing explained is over after so many times the time that it took to be told, and so many s.
 _AS_LONG: Final = 2.0
 _LONG: Final = 20.0
+#: A stretch is replayed from that one on which it goes on from: so many s before it begins, at most.
+_BACK: Final = 300.0
 
 
 class Seen(NamedTuple):
@@ -67,6 +79,7 @@ class _Search(NamedTuple):
     """A search for what explains a parting, by what had come until ``end`` s."""
 
     work: Sliced[tuple[Parting, tuple[Suspect, ...]]]
+    start: float  #: s, of the replay
     end: float
 
 
@@ -99,6 +112,7 @@ class Twin:
         self._open: Parting | None = None
         self._known: tuple[Suspect, ...] = ()  # what explained the present stretch when it was shorter
         self._looked_until = 0.0
+        self._since = BEGINNING  # a stretch whose beginning will not be another one
         self._later = False
         self._search: _Search | None = None
         #: Of stretches that are over: the first is the one that is searched for, then what parted meanwhile.
@@ -112,6 +126,12 @@ class Twin:
     def searches(self) -> bool:
         """Whether causes of what has parted are still looked for."""
         return self._search is not None
+
+    @property
+    def looks_back_to(self) -> float:
+        """From when on (s) it needs all samples of the record; of those before, the means over a second are enough."""
+        first = self._since.start if self._search is None else min(self._since.start, self._search.start)
+        return first - _BACK
 
     @property
     def story(self) -> TwinStory:
@@ -137,12 +157,14 @@ class Twin:
             self.search()
         until = self._closed[-1].end if self._closed else 0.0
         open_one: tuple[Judged, ...] = ()
-        for stretch in stretches(self._record, ended=ended):
+        for stretch in stretches(self._record, ended=ended, since=self._since):
             if stretch.start < until - 0.5 * STEP:
                 continue
             one = self._judge(stretch)
             if stretch.open:
                 open_one = (one,)
+                if stretch.end - stretch.start > SURE:
+                    self._since = stretch
             else:
                 self._close(one)
             self._simulator.forget()  # each stretch comes once in a look
@@ -262,7 +284,7 @@ class Twin:
         if not self._later:
             self._search = None  # by all that has come is better
         if self._search is None and (new or longer or (not stretch.open and self._looked_until < end)):
-            self._search = _Search(Sliced(self._explained(parting, stretch, seen, since)), end)
+            self._search = _Search(Sliced(self._explained(parting, stretch, seen, since)), start, end)
             self._looked_until = end
             if not self._later:
                 self.search()

@@ -48,6 +48,8 @@ def watch(directory: Path, model: str, tell: Callable[[TwinStory], None]) -> Twi
         story = keep(twin.look(ended=not goes_on, later=True))
         if not goes_on:
             return story
+        if isinstance(record, GrowingRecord):
+            record.thin(twin.looks_back_to)
         if twin.searches:
             twin.search(pace.searching())
             if not twin.searches:

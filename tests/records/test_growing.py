@@ -77,3 +77,35 @@ def test_an_unknown_signal_is_refused(tmp_path):
         assert all(not len(one) for one in growing.series("left.height"))
         with pytest.raises(RecordError, match=r"no signal 'left\.hight'"):
             growing.series("left.hight")
+
+
+def test_thinned_each_second_keeps_the_sample_nearest_to_its_mean(tmp_path):
+    rng = np.random.default_rng(6)
+    recorder = Recorder(tmp_path / "run", SIGNALS, {})
+    with GrowingRecord(tmp_path / "run") as growing:
+        for second in range(200):
+            written(recorder, rng, second)
+        times = np.array([50_250_000_000, 199_990_000_000])
+        recorder.receive(times, np.ones(2, np.int64), np.full(2, np.nan))
+        recorder.flush()
+        growing.look()
+        whole = {name: growing.series(name) for name in growing.signals}
+        growing.thin(59.9)
+        assert all(len(growing.series(name)[0]) == len(whole[name][0]) for name in whole), (
+            "it waits for a minute"
+        )
+        for before in (80.0, 110.0, 150.5):
+            growing.thin(before)
+        for name, (times, values) in whole.items():
+            kept_times, kept = growing.series(name)
+            old, kept_old = times < 150.5, kept_times < 150.5
+            for mine, of_all in ((kept_times, times), (kept, values)):
+                assert np.array_equal(mine[~kept_old], of_all[~old], equal_nan=True)
+            assert np.array_equal(np.floor(kept_times[kept_old]), np.unique(np.floor(times[old])))
+            for time, value in zip(kept_times[kept_old], kept[kept_old], strict=True):
+                there = values[np.floor(times) == np.floor(time)]
+                if time < 150.0:
+                    away = np.abs(there - np.nanmean(there))
+                    assert abs(value - np.nanmean(there)) == pytest.approx(np.nanmin(away), abs=1e-12)
+        recorder.close()
+        assert not growing.look()

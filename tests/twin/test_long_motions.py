@@ -10,7 +10,7 @@ from bench_records.record import Record, read
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
-from bench_twin.stretches import LONG, LONGEST, Stretch, stretches
+from bench_twin.stretches import BEGINNING, LONG, LONGEST, STEP, SURE, Stretch, stretches
 from bench_twin.twin import Seen, Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -40,12 +40,26 @@ class Remembering(Twin):
         return self.seen[-1]
 
 
+def looked_at_piece_by_piece(record: Record) -> list[Stretch]:
+    """The stretches of a record as a twin finds them that goes on from what it has found before."""
+    growing, since, found = Growing(record), BEGINNING, []
+    for growing.until in np.append(np.arange(8.0, record.duration, 2.3), np.inf):
+        until = found[-1].end if found else 0.0
+        last = np.isinf(growing.until)
+        fresh = stretches(growing, ended=bool(last), since=since)
+        found += [one for one in fresh if one.start > until - 0.5 * STEP and not one.open]
+        if not last and fresh[-1].end - fresh[-1].start > SURE:
+            since = fresh[-1]
+    return found
+
+
 def test_a_long_motion_is_judged_in_stretches_that_go_on_from_one_another(tmp_path):
     record = cycled(tmp_path / "run", 31, 240)
     cut = [one for one in stretches(record) if not one.why]
     assert sum(one.moving for one in cut) >= 2
     assert all(one.end - one.start < LONGEST + LONG for one in cut)
     assert all(after.start == pytest.approx(before.end) for before, after in pairwise(cut))
+    assert looked_at_piece_by_piece(record) == stretches(record)
     twin = Remembering(record, load("astb"), "astb")
     twin.seen = []
     story = twin.look()
