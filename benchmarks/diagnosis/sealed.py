@@ -107,7 +107,7 @@ def measure(truth: GroundTruth, out: Path, plan: Plan | None = None) -> None:
     with bench_of(truth) as bench:
         result = execute(plan, bench, out, rig="virtual", seed=0)
     if result.verdict not in {"pass", "fail"}:
-        raise ScreeningFailed(f"{plan.name}: {result.verdict}: {result.reason}")
+        raise ScreeningFailed(f"{plan.name}: {result.verdict}: {result.reason or '; '.join(result.warnings)}")
 
 
 @click.command()
