@@ -19,30 +19,16 @@ def watch_command(directory: Path, model: str) -> None:
     """Let the model run beside the run in DIRECTORY, and tell where they part, since when, and why perhaps.
 
     A run that goes on is followed to its end; meanwhile a terminal shows every reading beside what the model expects
-    of it. What is found is kept as twin.json beside the record, and stands in the
-    report.
+    of it. What is found is kept as twin.json beside the record, and stands in the report.
 
     Ends with 0 if the rig went along with its model, 1 if they part, 2 for misuse, 3 if there is no run that can be
     read, 4 if nothing could be judged.
     """
     keep_algebra_to_one_core()
-    from bench_twin.screen import Screen
-    from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
-
-    told: dict[int, int] = {}
-    screen = Screen()
-
-    def tell(story: "TwinStory") -> None:
-        for k, parting in enumerate(story.partings):
-            if len(parting.course) > told.get(k, 0):
-                word = parting.course[-1].word
-                screen.say(parting.sentence if word == "told" else f"{word}: {parting.sentence}")
-            told[k] = len(parting.course)
-        screen.show(story)
+    from bench_twin.screen import DiagnosisError, ParameterError, RecordError, watch_on_screen
 
     try:
-        with screen:
-            story = watch(directory, model, tell)
+        story = watch_on_screen(directory, model)
     except ParameterError as error:
         misuse(error)
     except (RecordError, DiagnosisError) as error:

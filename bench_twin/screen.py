@@ -1,7 +1,8 @@
 """What `astb watch` shows on a terminal while a run goes on: every reading beside what the model expects of it."""
 
+from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import click
 from rich.live import Live
@@ -10,9 +11,26 @@ from rich.table import Table
 from astb.tables import open_console, open_table, styled
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
+from bench_records.twin import LastMinute, TwinStory
+from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
 
-if TYPE_CHECKING:
-    from bench_records.twin import LastMinute, TwinStory
+__all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "beside", "watch_on_screen"]
+
+
+def watch_on_screen(directory: Path, model: str) -> TwinStory:
+    """Watch a run to its end as `watch` does, with all that is said of it on the terminal; return the last story."""
+    told: dict[int, int] = {}
+    with Screen() as screen:
+
+        def tell(story: TwinStory) -> None:
+            for k, parting in enumerate(story.partings):
+                if len(parting.course) > told.get(k, 0):
+                    word = parting.course[-1].word
+                    screen.say(parting.sentence if word == "told" else f"{word}: {parting.sentence}")
+                told[k] = len(parting.course)
+            screen.show(story)
+
+        return watch(directory, model, tell)
 
 
 class Screen:
@@ -39,13 +57,13 @@ class Screen:
         else:
             click.echo(text)
 
-    def show(self, story: "TwinStory") -> None:
+    def show(self, story: TwinStory) -> None:
         """Show what a story says of now."""
         if self._live.is_started and story.lately:
             self._live.update(beside(story.lately, story), refresh=True)
 
 
-def beside(minute: "LastMinute", story: "TwinStory") -> Table:
+def beside(minute: LastMinute, story: TwinStory) -> Table:
     """Return a table of the last mean of each reading, what was expected (k = 2), and how many such bands lie between.
 
     Red is what lies beyond its band.
