@@ -13,14 +13,14 @@ from bench_records.layout import SECOND, STREAM, Phase, RecordedEvent, RecordErr
 from bench_records.record import Record
 from bench_records.stream import is_held, read_head
 
-#: Samples are thinned when so many more s of them may be.
-_AT_A_TIME: Final = 60.0
-
 if TYPE_CHECKING:
     import numpy.typing as npt
     import pyarrow as pa
 
     Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
+
+#: Samples are thinned when so many more s of them may be.
+_AT_A_TIME: Final = 60.0
 
 
 class GrowingRecord(Record):

@@ -36,20 +36,34 @@ class Kept {
   }
 }
 
-class Plot {
-  constructor(element, link, signals, span, columns) {
-    Object.assign(this, { element, link, signals, drawn: 0, due: false });
-    this.kept = new Kept(signals, span);
-    this.plot = new uPlot(this.options(signals, span), this.data(), element);
-    this.leave = link.trace(signals.map((one) => one.name), span, columns, (...picture) => {
-      this.kept.take(...picture);
-      this.redraw();
-    });
+/** What every plot does: it has the size of its place and the colours of its scheme, as long as it is open. */
+class Drawn {
+  begin(element, options, data) {
+    this.plot = new uPlot(options, data, element);
     this.observer = new ResizeObserver(() => this.plot.setSize(size(element)));
     this.observer.observe(element);
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.repaint = () => this.plot.redraw(false, true);
     this.scheme.addEventListener("change", this.repaint);
+  }
+
+  close() {
+    this.observer.disconnect();
+    this.scheme.removeEventListener("change", this.repaint);
+    this.plot.destroy();
+  }
+}
+
+class Plot extends Drawn {
+  constructor(element, link, signals, span, columns) {
+    super();
+    Object.assign(this, { element, link, signals, drawn: 0, due: false });
+    this.kept = new Kept(signals, span);
+    this.begin(element, this.options(signals, span), this.data());
+    this.leave = link.trace(signals.map((one) => one.name), span, columns, (...picture) => {
+      this.kept.take(...picture);
+      this.redraw();
+    });
   }
 
   redraw() {
@@ -66,9 +80,7 @@ class Plot {
 
   close() {
     this.leave();
-    this.observer.disconnect();
-    this.scheme.removeEventListener("change", this.repaint);
-    this.plot.destroy();
+    super.close();
   }
 }
 Plot.pictures = 0;
@@ -153,10 +165,12 @@ export class OverSignal extends Plot {
 }
 
 /** A reading over time within the band in which its model expects it. */
-export class Banded {
+export class Banded extends Drawn {
   constructor(element, { label, unit, decimals }) {
+    super();
     const edge = { stroke: "transparent", points: { show: false } };
-    this.plot = new uPlot(
+    this.begin(
+      element,
       {
         ...common(element),
         scales: { x: { time: false }, y: { range: (_, low, high) => roomy(low, high, { decimals }) } },
@@ -171,20 +185,12 @@ export class Banded {
         bands: [{ series: [1, 2], fill: () => colour("--band") }],
       },
       [[0], [null], [null], [null], [null]],
-      element,
     );
-    this.observer = new ResizeObserver(() => this.plot.setSize(size(element)));
-    this.observer.observe(element);
   }
 
   set(times, { measured, expected, band }) {
     const edge = (sign) => expected.map((value, k) => (value === null ? null : value + sign * band[k]));
     this.plot.setData([times, edge(1), edge(-1), expected, measured]);
-  }
-
-  close() {
-    this.observer.disconnect();
-    this.plot.destroy();
   }
 }
 
