@@ -41,7 +41,7 @@ _NEAR: Final = 2.0
 #: A motion that was not received for more than so many steps on both sides is not bridged.
 _BRIDGED: Final = 1
 #: What is found of a step hangs on what was received so many s before and after it at most.
-SURE: Final = 5.0
+_SURE: Final = 5.0
 #: Shorter stretches than this (s) tell nothing.
 LEAST: Final = 2.0
 #: States in which the chambers are as the settings say.
@@ -73,6 +73,11 @@ class Stretch(NamedTuple):
         """Whether the model can be judged there."""
         return not self.why and self.end > self.start
 
+    @property
+    def sure(self) -> bool:
+        """Whether nothing that comes later makes its beginning another one."""
+        return self.end - self.start > _SURE
+
 
 #: Before anything was received.
 BEGINNING: Final = Stretch(0.0, 0.0)
@@ -85,7 +90,7 @@ def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING)
     first then, and what was before it is no longer looked at.
     """
     begin = round(since.start / STEP)
-    before = max(begin - round(SURE / STEP), 0)
+    before = max(begin - round(_SURE / STEP), 0)
     grid: Array = STEP * np.arange(before, int(record.duration / STEP + 1e-6), dtype=np.float64)
     begin -= before
     if len(grid) <= begin:

@@ -39,7 +39,6 @@ from bench_twin.stretches import (
     NOTHING,
     SETTLES,
     STEP,
-    SURE,
     Stretch,
     stretches,
 )
@@ -163,7 +162,7 @@ class Twin:
             one = self._judge(stretch)
             if stretch.open:
                 open_one = (one,)
-                if stretch.end - stretch.start > SURE:
+                if stretch.sure:
                     self._since = stretch
             else:
                 self._close(one)

@@ -10,7 +10,7 @@ from bench_records.record import Record, read
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
-from bench_twin.stretches import BEGINNING, LONG, LONGEST, STEP, SURE, Stretch, stretches
+from bench_twin.stretches import BEGINNING, LONG, LONGEST, STEP, Stretch, stretches
 from bench_twin.twin import Seen, Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -48,7 +48,7 @@ def looked_at_piece_by_piece(record: Record) -> list[Stretch]:
         last = np.isinf(growing.until)
         fresh = stretches(growing, ended=bool(last), since=since)
         found += [one for one in fresh if one.start > until - 0.5 * STEP and not one.open]
-        if not last and fresh[-1].end - fresh[-1].start > SURE:
+        if not last and fresh[-1].sure:
             since = fresh[-1]
     return found
 
