@@ -63,7 +63,7 @@ class Record:
         """Seconds from the start to the last sample or event."""
         instants = [self.start_ns, *(event.time_ns for event in self.events)]
         if len(self):
-            instants.append(int(self._times.max()))
+            instants.append(int(as_array(self._table.column("time_ns")).max()))
         return (max(instants) - self.start_ns) / SECOND
 
     @cached_property
@@ -76,7 +76,7 @@ class Record:
         return (event.time_ns - self.start_ns) / SECOND
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """All samples of one signal: times (n,) in seconds, values (n,) in SI, in order of time.
+        """All samples of one signal: times (n,) in seconds, values (n,) in SI, in order of time; not to be written to.
 
         A signal that never arrived gives two empty arrays.  Raises ``RecordError`` for an unknown name.
         """
@@ -84,8 +84,7 @@ class Record:
 
         if name not in self.signals:
             raise RecordError(f"{self.path} has no signal {name!r}{_nearest(name, self.signals)}")
-        rows = self._rows.get(name, np.empty(0, np.intp))
-        return (self._times[rows] - self.start_ns) / SECOND, self._values[rows]
+        return self._series.get(name, (np.empty(0), np.empty(0)))
 
     def frame(self, names: Sequence[str], rate: float, gap: float = 1.0) -> pd.DataFrame:
         """Signals side by side at one ``rate`` in Hz: index ``time_s``, one column in SI for each name.
@@ -110,30 +109,29 @@ class Record:
         return pd.DataFrame(columns, index=pd.Index(grid, name="time_s"))
 
     @cached_property
-    def _times(self) -> npt.NDArray[np.int64]:
-        return as_array(self._table.column("time_ns"))
-
-    @cached_property
-    def _values(self) -> npt.NDArray[np.float64]:
-        return as_array(self._table.column("value"))
-
-    @cached_property
-    def _rows(self) -> dict[str, npt.NDArray[np.intp]]:
-        """For each signal its rows in order of time: one stable sort instead of one search per signal."""
+    def _series(self) -> dict[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
+        """The samples of each signal in order of time: one stable sort of all instead of a search per signal."""
         import numpy as np
 
         if not len(self):
             return {}
         column = flat(self._table.column("signal"))
         index = as_array(column.indices)
-        by_signal = np.argsort(index, kind="stable")
-        counts = np.bincount(index, minlength=len(column.dictionary))
-        rows = np.split(by_signal, np.cumsum(counts)[:-1])
+        stamps = as_array(self._table.column("time_ns"))
+        order = np.argsort(index, kind="stable")
+        ends = np.cumsum(np.bincount(index, minlength=len(column.dictionary)))[:-1]
+        for rows in np.split(order, ends):
+            if np.any(np.diff(stamps[rows]) < 0):
+                rows[:] = rows[np.argsort(stamps[rows], kind="stable")]
+        times = (stamps[order] - self.start_ns) / SECOND
+        values = as_array(self._table.column("value"))[order]
+        for array in (times, values):
+            array.flags.writeable = False
         return {
-            name: part[np.argsort(self._times[part], kind="stable")]
-            if np.any(np.diff(self._times[part]) < 0)
-            else part
-            for name, part in zip(column.dictionary.to_pylist(), rows, strict=True)
+            name: (time, value)
+            for name, time, value in zip(
+                column.dictionary.to_pylist(), np.split(times, ends), np.split(values, ends), strict=True
+            )
         }
 
 

@@ -18,7 +18,7 @@ from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.words import SIDES, BenchState
 from bench_records.record import Record
 from diagnosis.contracts import Array
-from diagnosis.systems.motion import SENSORS, scatter
+from diagnosis.systems.motion import SENSORS, binned, scatter
 from diagnosis.systems.records import SettingsOfRecord
 
 #: A run is looked at in steps of so many s.
@@ -192,8 +192,7 @@ def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Arra
 
 def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
     """How many samples (n,) of a signal each step has, and their sum."""
-    times, values, edges = _samples(record, name, grid)
-    return np.histogram(times, edges)[0], np.histogram(times, edges, weights=values)[0]
+    return binned(*_samples(record, name, grid))
 
 
 def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
@@ -223,8 +222,8 @@ def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
     """The standard deviation (n,) of a signal's samples in so many steps around each; 0 without any."""
     times, values, edges = _samples(record, name, grid)
     values = values - values.mean()
-    count, total, squares = (np.histogram(times, edges, weights=values**power)[0] for power in range(3))
-    return scatter(count, total, squares, reach)
+    count, total = binned(times, values, edges)
+    return scatter(count, total, binned(times, values**2, edges)[1], reach)
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:

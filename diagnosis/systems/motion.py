@@ -257,6 +257,14 @@ def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
     return solution
 
 
+def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
+    """How many (n,) of some samples (m,), in order of time, lie between edges (n + 1,), and their sum (n,)."""
+    places = np.searchsorted(times, edges)
+    count = np.diff(places).astype(np.float64)
+    sums = np.add.reduceat(np.append(values[: places[-1]], 0.0), places[:-1])
+    return count, np.where(count > 0, sums, 0.0)
+
+
 def scatter(count: Array, total: Array, squares: Array, width: int) -> Array:
     """Return the standard deviation (n,) of all samples in so many steps around each step; 0 where there are none.
 

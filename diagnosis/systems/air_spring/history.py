@@ -32,7 +32,7 @@ from bench_sim.model.replay import Before
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array
 from diagnosis.systems.air_spring.parity import CELLS, spring_forces
-from diagnosis.systems.motion import SENSORS, sheared
+from diagnosis.systems.motion import SENSORS, binned, sheared
 
 #: Memories in s at which the past is told, half a decade apart.
 MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
@@ -82,8 +82,7 @@ class Past:
         """Return the means (n,) of a signal; () if it was never read."""
         times, values = self._record.series(name)
         known = np.isfinite(values)
-        count, _ = np.histogram(times[known], self.edges)
-        total, _ = np.histogram(times[known], self.edges, weights=values[known])
+        count, total = binned(times[known], values[known], self.edges)
         seen = np.flatnonzero(count)
         if not seen.size:
             return np.empty(0)
