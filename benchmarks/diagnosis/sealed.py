@@ -86,9 +86,10 @@ class Coloured:
 
 
 @contextlib.contextmanager
-def bench_of(truth: GroundTruth) -> Iterator[Bench]:
-    """Yield a connected bench on the rig of a truth, in memory and virtual time."""
+def bench_of(truth: GroundTruth, plan: Callable[[Rig], None] = lambda _: None) -> Iterator[Bench]:
+    """Yield a connected bench on the rig of a truth, in memory and virtual time; ``plan`` plans what happens to it."""
     rig = Rig(parameters_of(truth), seed=truth.seed)
+    plan(rig)
     run: Callable[[int], Block] = rig.run
     if truth.condition in COLOURS:
         run = Coloured(rig, COLOURS[truth.condition], truth.seed).run

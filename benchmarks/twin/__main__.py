@@ -16,14 +16,14 @@ import msgspec
 from bench_records.record import read
 from bench_sim.parameters import load
 from benchmarks.twin.best import WatchedWith
-from benchmarks.twin.cases import Case, faulty, live, sound
+from benchmarks.twin.cases import Case, faulty, harder, live, sound
 from benchmarks.twin.live import count_live
 from benchmarks.twin.rigs import bench_of
 from benchmarks.twin.tables import Counted, page, shortened
 from test_plans.discovery import plans
 from test_plans.execution import execute
 
-_CASES: Final = {"sound": sound, "faulty": faulty, "realtime": live}
+_CASES: Final = {"sound": sound, "faulty": faulty, "harder": harder, "realtime": live}
 
 
 def count(case: Case) -> Counted:

@@ -15,7 +15,7 @@ from bench_twin.innovations import BIN, BINS, BLOCK, judge, rough
 from bench_twin.replays import Replays
 from bench_twin.stretches import Stretch
 from bench_twin.twin import Seen, Twin
-from benchmarks.twin.cases import GOES_ON, Case
+from benchmarks.twin.cases import Case
 
 
 class WatchedWith(Twin):
@@ -28,16 +28,17 @@ class WatchedWith(Twin):
 
     def _judge(self, stretch: Stretch) -> Judged:
         case = self._case
-        known = any(one.told >= case.at for one in self._partings)
+        known = any(one.told >= case.at for one in self._partings) and not (case.gone or case.second)
         # A look for causes takes longer than the run.
-        if case.effect and (known or stretch.start > case.at + GOES_ON):
+        if case.effect and (known or stretch.start > case.until):
             return Judged(stretch.start, stretch.end, None, "it is known by now, or too late")
         return super()._judge(stretch)
 
     def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
         seen = super()._see(stretch, end, before)
         case = self._case
-        if case.effect and not case.creeps and self.best is None and end > case.at:
+        alone = case.effect and not (case.creeps or case.gone or case.second)
+        if alone and self.best is None and end > case.at:
             self._weigh(seen)
         return seen
 

@@ -2,7 +2,8 @@
 
 Every second case is sound, one in three of these a *sibling*: springs as they are delivered, and a form somewhere
 that no parameter of the model and no effect covers (`benchmarks.diagnosis.sibling_forms`). In the others an effect of
-the catalogue begins where the plan has long begun, all at once or creeping, in one of three sizes.
+the catalogue begins where the plan has long begun, all at once or creeping, in one of three sizes. Harder cases are two
+effects one after the other, one that is gone again, and one on a sibling.
 """
 
 from collections.abc import Iterator
@@ -11,9 +12,13 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, ShownBy
+from bench_sim.parameters.effects import find_effect
+from benchmarks.diagnosis.ground_truth import draw
+from benchmarks.diagnosis.sibling_forms import CURVED
 
 #: Plans of faulty rigs, and the part (s) of each in which an effect begins.
 PLANS: Final = {
@@ -28,6 +33,9 @@ SIZES: Final = (1.0, 3.0, 10.0)
 CREEPS: Final = 30.0
 #: So long (s) after it began a run goes on; what is not told by then is not told.
 GOES_ON: Final = 60.0
+#: A second effect begins so long (s) after the first; one that goes away again does so after so long.
+_BETWEEN: Final = (4.0, 12.0)
+_STAYS: Final = (8.0, 20.0)
 #: Plans in real time, and the first so many s of their part in which effects begin there.
 _LIVE: Final = ("aw0", "endurance", "screening")
 _SOON: Final = 20.0
@@ -52,6 +60,15 @@ class Case(msgspec.Struct, frozen=True):
     step: int = 0  #: which of `SIZES`
     at: float = 0.0
     creeps: float = 0.0
+    gone: float = 0.0  #: from so many s on it is gone again; 0 of one that stays
+    second: str = ""  #: another effect, its amplitude, and when it begins
+    second_size: float = 0.0
+    second_at: float = 0.0
+
+    @property
+    def until(self) -> float:
+        """When (s) the run is stopped, some time after the last thing began or ended."""
+        return max(self.at, self.gone, self.second_at) + GOES_ON
 
 
 def sound(count: int, seed: int) -> Iterator[Case]:
@@ -98,13 +115,41 @@ def faulty(count: int, seed: int) -> Iterator[Case]:
         )
 
 
+def harder(count: int, seed: int) -> Iterator[Case]:
+    """Yield as many rigs with two effects, with one that is gone again, and siblings with one, in turn."""
+    rng = np.random.default_rng([seed, 2])
+    ones, others = (
+        (one for one in faulty(100 * count, place) if one.step and one.plan != "leveling" and not one.creeps)
+        for place in (seed, seed + 1)
+    )
+    for k, case in enumerate(islice(ones, count)):
+        if k % 3 == 0:
+            other = next(one for one in others if _apart(case.effect, one.effect))
+            later = round(case.at + float(rng.uniform(*_BETWEEN)), 1)
+            yield replace(case, second=other.effect, second_size=other.size, second_at=later)
+        elif k % 3 == 1:
+            yield replace(case, gone=round(case.at + float(rng.uniform(*_STAYS)), 1))
+        else:
+            # A curved area is written at every tick, and would undo an effect on it.
+            fit = next(
+                one for one in range(case.seed, 2**32) if CURVED not in draw(one, "null", "sibling").form
+            )
+            yield replace(case, seed=fit, sibling=True)
+
+
+def _apart(name: str, other: str) -> bool:
+    """Return whether two effects are neither of one family nor imitate each other."""
+    (one, _), (two, _) = find_effect(name), find_effect(other)
+    return one.family != two.family and one.name not in two.confusers and two.name not in one.confusers
+
+
 def live(count: int, seed: int) -> Iterator[Case]:
     """Yield as many faulty rigs for real time: large effects, soon after a plan has begun, where they are judged."""
     large = (one for one in faulty(100 * count, seed) if one.step and one.plan in _LIVE)
     for case in islice(large, count):
         first, last = PLANS[case.plan]
         share = (case.at - first) / (last - first)
-        yield msgspec.structs.replace(case, at=round(first + _SOON * share, 1))
+        yield replace(case, at=round(first + _SOON * share, 1))
 
 
 def amplitude(effect: Effect, step: int) -> float:

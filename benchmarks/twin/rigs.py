@@ -1,7 +1,8 @@
-"""The rig of a case, in virtual time, on which an effect of the catalogue begins while it runs."""
+"""The rig of a case, in virtual time, on which effects of the catalogue begin while it runs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from operator import itemgetter
 from typing import Any, Final
 
 from astb.rig_in_memory import RigInMemory
@@ -12,7 +13,7 @@ from bench_sim.rig.rig import Rig
 from bench_sim.rig.turn import differing, turn
 from benchmarks.diagnosis import sealed
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.twin.cases import GOES_ON, Case
+from benchmarks.twin.cases import Case
 from drivers.bench import Bench
 
 #: An effect that creeps grows in steps of so many s.
@@ -25,36 +26,55 @@ _DRIFT: Final = "pressure_drift"
 
 @contextmanager
 def bench_of(case: Case) -> Iterator[Bench]:
-    """Yield a connected bench on the rig of a case; a sibling is sound."""
+    """Yield a connected bench on the rig of a case."""
     if case.sibling:
-        with sealed.bench_of(draw(case.seed, "null", "sibling")) as bench:
+        truth = draw(case.seed, "null", "sibling")
+        with sealed.bench_of(truth, lambda rig: begin(rig, case)) as bench:
             yield bench
         return
     rig = Rig(load("astb"), seed=case.seed)
-    if case.effect:
-        begin(rig, case)
+    begin(rig, case)
     with RigInMemory(rig).bench(seed=case.seed) as bench:
         yield bench
 
 
 def begin(rig: Rig, case: Case) -> None:
-    """Let the effect of a case begin when its time has come; some time later somebody stops the bench."""
-    rig.faults.plan(PlannedFault("estop", {}, case.at + GOES_ON + _LATER, None))
-    kind, _, place = case.effect.partition(".")
-    if kind == _DRIFT:
-        values = {"sensor": f"{place}.bellows_pressure", "value": f"{case.size} Pa/s"}
-        rig.faults.plan(PlannedFault("drift", values, case.at, None))
+    """Let the effects of a case begin and end when their time has come; later somebody stops the bench.
+
+    Nothing happens to a sound rig.
+    """
+    if not case.effect:
         return
-    steps = max(round(case.creeps / _STEP), 1)
-    for k in range(steps):
-        after = rig.plant.parameter_array.copy()[0]
-        changed(case, (k + 1) / steps)(after)
-        turn(rig, case.at + k * _STEP, differing(rig.plant.parameters, after), after)
+    rig.faults.plan(PlannedFault("estop", {}, case.until + _LATER, None))
+    changes: list[tuple[float, str, float]] = []  # when, which effect, and its size from then on
+    for effect, size, at, gone in (
+        (case.effect, case.size, case.at, case.gone),
+        (case.second, case.second_size, case.second_at, 0.0),
+    ):
+        kind, _, place = effect.partition(".")
+        if kind == _DRIFT:
+            values = {"sensor": f"{place}.bellows_pressure", "value": f"{size} Pa/s"}
+            rig.faults.plan(PlannedFault("drift", values, at, gone - at if gone else None))
+            continue
+        if effect:
+            steps = max(round(case.creeps / _STEP), 1)
+            changes += [(at + k * _STEP, effect, size * (k + 1) / steps) for k in range(steps)]
+        if gone:
+            changes.append((gone, effect, 0.0))
+    sound = rig.plant.parameter_array[0].copy()
+    before, present = sound, dict[str, float]()
+    for at, effect, size in sorted(changes, key=itemgetter(0)):
+        present[effect] = size
+        after = sound.copy()
+        for name, amplitude in present.items():
+            changed(name, amplitude)(after)
+        turn(rig, at, differing(before, after), after)
+        before = after
 
 
-def changed(case: Case, share: float = 1.0) -> Callable[[Any], None]:
-    """Return what gives a record of parameters so much of the effect of a case."""
-    effect, place = find_effect(case.effect)
-    values = {shape.name: shape.nominal for shape in effect.shapes}
-    values[effect.amplitude.name] = share * case.size
-    return lambda par: effect.change(par, place, values)
+def changed(effect: str, size: float) -> Callable[[Any], None]:
+    """Return what gives a record of parameters an effect of this size (SI)."""
+    kind, place = find_effect(effect)
+    values = {shape.name: shape.nominal for shape in kind.shapes}
+    values[kind.amplitude.name] = size
+    return lambda par: kind.change(par, place, values)

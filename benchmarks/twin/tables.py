@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 from scipy.stats import gamma
 
-from bench_records.twin import Parting, TwinStory
+from bench_records.twin import Parting, PossibleCause, TwinStory
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis.statistics import Rate
-from benchmarks.twin.cases import GOES_ON, SIZES, Case
+from benchmarks.twin.cases import SIZES, Case
 
 
 class Live(msgspec.Struct, frozen=True):
@@ -46,15 +46,32 @@ class Counted(msgspec.Struct, frozen=True):
 
     @property
     def named(self) -> bool:
-        """Whether the effect, or another law of the same phenomenon at its place, is among the causes."""
-        return self.told is not None and any(alike(one.name, self.case.effect) for one in self.told.causes)
+        """Whether an effect, or another law of the same phenomenon at its place, is among the causes."""
+        return self.told is not None and any(self._true(one) for one in self.told.causes)
 
     @property
     def one_of_two(self) -> bool:
-        """Whether the effect is one of two causes that are told only together, though it began alone."""
-        return self.told is not None and any(
-            alike(one.name, self.case.effect) for pair in self.told.pairs for one in pair
+        """Whether an effect is one of two causes that are told only together, and the other one is not there."""
+        pairs = self.told.pairs if self.told else ()
+        return not self.both and any(self._true(one) for pair in pairs for one in pair)
+
+    @property
+    def both(self) -> bool:
+        """Whether two causes are told together that both are there."""
+        case, pairs = self.case, self.told.pairs if self.told else ()
+        return bool(case.second) and any(
+            alike(a.name, one) and alike(b.name, two)
+            for a, b in pairs
+            for one, two in ((case.effect, case.second), (case.second, case.effect))
         )
+
+    @property
+    def over(self) -> bool:
+        """Whether it is said that it is over."""
+        return self.told is not None and self.told.over is not None
+
+    def _true(self, cause: PossibleCause) -> bool:
+        return any(alike(cause.name, one) for one in (self.case.effect, self.case.second) if one)
 
     @property
     def unknown(self) -> bool:
@@ -64,7 +81,7 @@ class Counted(msgspec.Struct, frozen=True):
     @property
     def wrong(self) -> bool:
         """Whether there are causes, and the effect is in none of them."""
-        return self.told is not None and not (self.unknown or self.named or self.one_of_two)
+        return self.told is not None and not (self.unknown or self.named or self.one_of_two or self.both)
 
 
 def alike(name: str, other: str) -> bool:
@@ -76,7 +93,7 @@ def alike(name: str, other: str) -> bool:
 
 def shortened(story: TwinStory, case: Case) -> tuple[Parting, ...]:
     """Return the partings of a story that count for a case, without their courses and sentences."""
-    until = case.at + GOES_ON if case.effect else float("inf")
+    until = case.until if case.effect else float("inf")
     return tuple(
         msgspec.structs.replace(
             one, told=round(one.told, 2), since=round(one.since, 2), course=(), sentence=""
@@ -89,9 +106,14 @@ def shortened(story: TwinStory, case: Case) -> tuple[Parting, ...]:
 def page(counted: Sequence[Counted]) -> str:
     """Return all tables, in Markdown."""
     sound = [one for one in counted if not one.case.effect]
-    faulty = [one for one in counted if one.case.effect]
+    harder = [one for one in counted if one.case.effect and _hard(one.case)]
+    faulty = [one for one in counted if one.case.effect and not _hard(one.case)]
     live = [one for one in counted if one.live]
-    tables = [_sound(sound)] * bool(sound) + [_faulty(faulty)] * bool(faulty) + [_live(live)] * bool(live)
+    tables = [
+        make(some)
+        for make, some in ((_sound, sound), (_faulty, faulty), (_harder, harder), (_live, live))
+        if some
+    ]
     return "\n\n".join("\n".join(table) for table in tables)
 
 
@@ -165,6 +187,29 @@ def _faulty(faulty: Sequence[Counted]) -> list[str]:
     lines.append(_line("where the best test would tell", [one for one in faulty if one.best is not None]))
     for name in sorted({_kind(one) for one in faulty}):
         lines.append(_line(f"`{name}`", [one for one in faulty if _kind(one) == name]))
+    return lines
+
+
+def _hard(case: Case) -> bool:
+    return bool(case.gone or case.second or case.sibling)
+
+
+def _harder(harder: Sequence[Counted]) -> list[str]:
+    rows = {**dict(_ROWS), "both": lambda one: one.both, "over": lambda one: one.over}
+    kinds: dict[str, tuple[Callable[[Case], bool], tuple[str, ...]]] = {
+        "two at once": (lambda case: bool(case.second), ("both",)),
+        "gone again": (lambda case: bool(case.gone), ("over",)),
+        "on a sibling": (lambda case: case.sibling, ()),
+    }
+    lines = [
+        f"| Harder | runs | {' | '.join(rows)} |",
+        "| --- | ---: | " + "---: | " * len(rows),
+    ]
+    for kind, (of_kind, own) in kinds.items():
+        some = [one for one in harder if of_kind(one.case)]
+        asked = {name: of for name, of in rows.items() if some and name in (*dict(_ROWS), *own)}
+        rates = (str(Rate.of([asked[name](one) for one in some])) if name in asked else "–" for name in rows)
+        lines.append(f"| {kind} | {len(some)} | {' | '.join(rates)} |")
     return lines
 
 
