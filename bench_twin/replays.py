@@ -10,7 +10,7 @@ import numpy as np
 
 from bench_twin.innovations import Bins
 from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
-from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.systems.air_spring.simulator import BEFORE, AirSpring
 
 #: No size is tried beyond so much of what is possible.
 _WITHIN: Final = 0.95
@@ -62,7 +62,7 @@ class Replays:
             experiment,
             time=experiment.time[first:] - experiment.time[first],
             inputs={name: values[first:] for name, values in experiment.inputs.items()},
-            settings={**experiment.settings, **there, "start": 0.0},  # what drifts has not drifted yet
+            settings={**experiment.settings, **there, BEFORE: 1.0, "start": 0.0},  # nothing has drifted yet
         )
 
 

@@ -14,6 +14,7 @@ from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.motion import (
     SENSORS,
     abrupt,
+    binned,
     in_step,
     motion_inputs,
     sensor_noise,
@@ -283,3 +284,17 @@ def test_the_noise_of_a_sample_includes_its_roundings():
     record = load("astb").record
     laser = sensor_noise("left.height", record)
     assert laser == pytest.approx(np.sqrt(10e-6**2 + (5e-6**2 + 10e-6**2) / 12.0))
+
+
+@given(
+    times=st.lists(st.floats(-2.0, 12.0), max_size=60),
+    edges=st.lists(st.floats(0.0, 10.0), min_size=2, max_size=20, unique=True),
+    seed=st.integers(0, 99),
+)
+def test_samples_are_binned_as_a_histogram_does(times, edges, seed):
+    stamps, edges = np.sort(times), np.sort(edges)
+    stamps = stamps[stamps != edges[-1]]  # a histogram has it in its last bin, a stretch in the next one
+    values = np.random.default_rng(seed).standard_normal(len(stamps))
+    count, total = binned(stamps, values, edges)
+    np.testing.assert_array_equal(count, np.histogram(stamps, edges)[0])
+    np.testing.assert_allclose(total, np.histogram(stamps, edges, weights=values)[0], atol=1e-12)

@@ -10,7 +10,8 @@ Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right)
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
 ``start``, the s since the bench was switched on, from when sensors drift, and what the springs went through before it
 begins (`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. One that begins in a motion
-has `MOVING`. One that is only planned has ``conditioned``, from when on (s) a record of it would count.
+has `MOVING`; one whose effects begin with it, and not before, has `BEFORE`. One that is only planned has
+``conditioned``, from when on (s) a record of it would count.
 """
 
 from collections import Counter, OrderedDict
@@ -27,6 +28,7 @@ from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
+from bench_sim.model.bellows import envelope, lateral_shape, pressure_that_stretches
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import SIDES, Sensor
 from bench_sim.model.quantities import PARAMETERS
@@ -84,6 +86,9 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
         *BY_GROUP[Group.TEMPERATURE],
     )
 }
+#: The setting of a run whose effects begin with it: its gas was read by sensors without them, and it is the air that
+#: was in the springs as they were without them.
+BEFORE: Final = "before"
 MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
 GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings that tell its state
 #: Unit in which people read errors of a channel, by its SI unit.
@@ -303,7 +308,7 @@ class AirSpring(CompleteSimulator):
         effects: Effects,
     ) -> Array:
         record = self.record(experiment, parameters, effects)
-        gas = _gas(experiment, parameters, record)
+        gas = self._gas(experiment, parameters, record)
         prepared = prepared.moved_by(record)
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
 
@@ -338,6 +343,13 @@ class AirSpring(CompleteSimulator):
             known[asked] = self._new_or_known(job, prepared, simulated, known, rough)
         return known[asked]
 
+    def _gas(self, experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
+        """Return the gas at the beginning of a run in the springs of ``par``."""
+        if BEFORE not in experiment.settings:
+            return _gas(experiment, parameters, par)
+        before = self.record(experiment, parameters, {})
+        return _kept(_gas(experiment, parameters, before), experiment, before, par)
+
     def _new_or_known(
         self,
         job: Job,
@@ -348,7 +360,7 @@ class AirSpring(CompleteSimulator):
     ) -> Replayed:
         """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
-        gas = _gas(job.experiment, simulated, record)
+        gas = self._gas(job.experiment, simulated, record)
         prepared = prepared.moved_by(record)
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
@@ -448,3 +460,29 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
         start = unbiased(name) if name in settings else float(settled_temperature(par))
         temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
+
+
+def _kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
+    """The same air at the same temperature, once springs that were as ``before`` have become those of ``par``."""
+    pressure = gas.pressure.copy()
+    for i, side in enumerate(_SIDE_NAMES):
+        at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
+        content = pressure[i] * (_unstretched(before, i, *at) + before.bellows_compliance[i] * pressure[i])
+        pressure[i] = pressure_that_stretches(content, _unstretched(par, i, *at), par.bellows_compliance[i])
+        pressure[SIDES + i] *= before.auxiliary_volume[i] / par.auxiliary_volume[i]
+    return Gas(pressure, gas.temperature)
+
+
+def _unstretched(par: Any, side: int, zeta: float, y: float) -> float:
+    """The volume (m³) of a bellows without pressure; what the emergency spring gives way is left out."""
+    Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
+    names = (
+        "bellows_volume",
+        "effective_area",
+        "effective_area_slope",
+        "membrane_length",
+        "membrane_length_slope",
+    )
+    V, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
+    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
+    return float(V - par.bellows_compliance[side] * reference)
