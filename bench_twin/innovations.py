@@ -12,9 +12,11 @@ The innovation e_k of a block is what no earlier block foretold. As long as the 
 independent standard normal numbers, from block to block. What parts a rig from its model shows there, and only what no
 tolerance explains.
 
-What friction remembers of the motion before a stretch is not known either. It is one more parameter of each spring,
-and of both sideways: a force that is forgotten as the rubber goes to and fro, by (x₂/(x₂ + x))² where x is how far it
-has been from the start and x₂ the travel of the friction (M. Berg, 1998).
+What friction remembers of the motion before a stretch is not known either: from the last reversal on it follows
+F = F_max (1 − u₀ D/(D + x)), and neither where on that curve a stretch starts, u₀, nor the curve itself, D, is known
+(M. Berg, 1998; a small loop goes on along the curve that it left). Where nothing is remembered u₀ is 1 and D the travel
+x₂ of the friction. So each spring, and both sideways, have two parameters more: a force that is forgotten by
+x₂/(x₂ + x), where x is how far the rubber has been from the start, and one that shows by x₂ x/(x₂ + x)².
 
 No model is exact, and the motion that drives it is measured. So R has two parts more, in the mean of a block and in
 each of its bins: what the noise of the motion leaves in every reading, and what the model may err by, a
@@ -36,6 +38,7 @@ from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.words import SIDES
 from bench_records.record import Record
+from bench_sim.model.rubber import friction_limit
 from diagnosis.contracts import Array, Channel, Experiment, Job, MeasuredRun, Nuisance
 from diagnosis.systems.air_spring.parameters import CHAMBERS, EACH_SIDE, SHEAR
 from diagnosis.systems.air_spring.simulator import AirSpring
@@ -57,6 +60,10 @@ BEHIND: Final = 0.5
 PRESSURE: Final = 450.0
 #: What friction remembers at most, one standard deviation in shares of its limit.
 REMEMBERED: Final = 0.6
+#: One standard deviation of D in x₂: what is remembered is as often half of the limit as nothing.
+CURVE: Final = 0.6
+#: A motion has gone somewhere once it has come so far, in x₂.
+_GONE: Final = 0.05
 #: The median of the square of a standard normal number.
 _MEDIAN: Final = 0.4549
 #: Over so many s a rate is read.
@@ -118,13 +125,12 @@ class Columns(NamedTuple):
 
 
 def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
-    """Return all that is learnt: what the simulator's runs do not know, and what friction remembers, in N."""
-    par = simulator.parameters.record
-    forces = {f"{side}.friction": par.friction_vertical[k] for k, side in enumerate(SIDES)}
-    forces["lateral.friction"] = par.friction_lateral.sum()
+    """Return all that is learnt: what the simulator's runs do not know, and what friction remembers."""
+    places = (*SIDES, "lateral")
     remembered = (
-        Nuisance(f"{place}.remembered", "N", 0.0, REMEMBERED * float(force), per_run=True)
-        for place, force in forces.items()
+        Nuisance(f"{place}.friction.{what}", "1", 0.0, spread, per_run=True)
+        for place in places
+        for what, spread in (("force", REMEMBERED), ("curve", CURVE))
     )
     return (*simulator.nuisances, *remembered)
 
@@ -201,6 +207,19 @@ def _from_one_to_the_next(values: Array) -> float:
     return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
 
 
+def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array]:
+    """Return what friction does on a way ``place`` (n,), in shares of its limit, that it does not as it starts anew.
+
+    By −(u₀ − 1) x₂/(x₂ + x), and by ∓(D/x₂ − 1) x₂ x/(x₂ + x)² where the way first goes up or down.
+    """
+    way = place - place[0]
+    away = np.maximum.accumulate(np.abs(way))
+    gone = np.flatnonzero(away > _GONE * travel)
+    sense = float(np.sign(way[gone[0]])) if gone.size else 0.0
+    left = travel / (travel + away)
+    return left, sense * left * (1.0 - left)
+
+
 def _remembered(
     experiment: Experiment,
     channels: Sequence[Channel],
@@ -210,11 +229,13 @@ def _remembered(
 ) -> Iterator[Array]:
     """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`."""
     par, samples, size = simulator.parameters.record, bins.samples, bins.size
+    inputs, settings = experiment.inputs, experiment.settings
+    pressures = [settings[f"{side}.bellows_pressure"] for side in SIDES]
 
-    def kept(place: Array, travel: float) -> Array:
-        away = np.maximum.accumulate(np.abs(place - place[0]))
-        some = len(samples)
-        return np.asarray((travel / (travel + away[: some * size].reshape(some, size).mean(axis=1))) ** 2)
+    def each(place: Array, travel: float, limit: float, where: Array) -> Iterator[Array]:
+        for spread, share in zip((REMEMBERED, CURVE), friction_goes_on(place, travel), strict=True):
+            some = share[: len(samples) * size].reshape(len(samples), size)
+            yield np.outer(spread * limit * some.mean(axis=1), where)
 
     def felt(slope: Array, force: float) -> Array:
         """Where so much force of a spring is felt, per N, by what feels a parameter that makes it."""
@@ -223,18 +244,16 @@ def _remembered(
 
     for k, side in enumerate(SIDES):
         more = EACH_SIDE["effective_area"] * float(par.effective_area[k])
-        where = felt(slopes[f"{side}.effective_area"], more * experiment.settings[f"{side}.bellows_pressure"])
-        force = REMEMBERED * float(par.friction_vertical[k])
-        yield force * np.outer(
-            kept(experiment.inputs[f"{side}.height"], float(par.friction_vertical_travel[k])), where
-        )
+        where = felt(slopes[f"{side}.effective_area"], more * pressures[k])
+        limit = friction_limit(par.friction_vertical[k], par.friction_vertical_slope[k], pressures[k])
+        yield from each(inputs[f"{side}.height"], float(par.friction_vertical_travel[k]), limit, where)
     sheared = slopes[f"{SHEAR}.offset"]
     cells = [k for k, channel in enumerate(channels) if channel.name in BY_GROUP[Group.LATERAL_LOAD_CELL]]
     total = float(_at_first(sheared, samples)[cells].sum())
     where = felt(sheared, total) if total else np.zeros(len(channels))
-    shear = experiment.inputs.get("shear", np.zeros(len(experiment.time)))
-    force = REMEMBERED * float(par.friction_lateral.sum())
-    yield force * np.outer(kept(shear, float(par.friction_lateral_travel[0])), where)
+    shear = inputs.get("shear", np.zeros(len(experiment.time)))
+    limit = sum(map(friction_limit, par.friction_lateral, par.friction_lateral_slope, pressures))
+    yield from each(shear, float(par.friction_lateral_travel[0]), limit, where)
 
 
 def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:

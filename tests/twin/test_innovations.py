@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from bench_twin.innovations import BINS, Belief, Columns, judge
+from bench_sim.model.rubber import friction_curve
+from bench_twin.innovations import BINS, Belief, Columns, friction_goes_on, judge
 
 
 def columns(
@@ -72,3 +73,24 @@ def test_what_was_not_read_has_none():
     of.samples[:, 1] = 0
     told = judge(of, Belief(np.zeros(3), np.eye(3)), np.zeros((2 * BINS, 2)))
     assert np.isnan(told.white[:, 1]).all() and np.isfinite(told.white[:, 0]).all()
+
+
+@settings(deadline=None)  # the first call compiles
+@given(
+    level=st.floats(-0.1, 0.1),
+    past=st.floats(0.0, 0.1),
+    sense=st.sampled_from((1.0, -1.0)),
+    way=st.floats(0.0, 20.0),
+)
+def test_friction_goes_on_along_the_curve_on_which_it_is(level, past, sense, way):
+    """Against Berg's law itself, to second order in what is remembered: how it turned last, and its way since then."""
+    travel = 4.0
+    place = sense * np.linspace(0.0, way, 50)
+    force, curve = friction_goes_on(place, travel)
+    was = [friction_curve(sense * past + x, 0.0, level, travel)[0] for x in place]
+    anew = [friction_curve(x, 0.0, 0.0, travel)[0] for x in place]
+    rest = 1.0 - sense * level
+    u = 1.0 - sense * was[0]
+    remembered = sense * (1.0 - u) * force - (rest**2 / u - 1.0) * curve
+    small = abs(level) + past / travel
+    np.testing.assert_allclose(np.subtract(was, anew), remembered, rtol=0.0, atol=3.0 * small**2 + 1e-12)
