@@ -1,8 +1,7 @@
 """``python -m benchmarks.twin``: how often a twin is wrong, how soon it tells what begins, and which causes it names.
 
 Every run is made through the wires, with a seed of its own, and in virtual time but for ``realtime``. One line of JSON
-a run goes to the file of results, so that counting goes on where it was cut off. ``--page`` prints what all files
-together say.
+a run goes to the file of results, so that counting goes on where it was cut off. ``page`` writes what they say.
 """
 
 import tempfile
@@ -18,12 +17,14 @@ from bench_sim.parameters import load
 from benchmarks.twin.best import WatchedWith
 from benchmarks.twin.cases import Case, faulty, harder, live, sound
 from benchmarks.twin.live import count_live
+from benchmarks.twin.page import write
 from benchmarks.twin.rigs import bench_of
-from benchmarks.twin.tables import Counted, page, shortened
+from benchmarks.twin.tables import Counted, shortened
 from test_plans.discovery import plans
 from test_plans.execution import execute
 
 _CASES: Final = {"sound": sound, "faulty": faulty, "harder": harder, "realtime": live}
+_COUNTED: Final = Path(__file__).with_name("counted")
 
 
 def count(case: Case) -> Counted:
@@ -43,30 +44,30 @@ def kept(file: Path) -> list[Counted]:
     return [msgspec.json.decode(line, type=Counted) for line in lines]
 
 
+def all_counted() -> list[Counted]:
+    """Return all that was ever counted and is kept."""
+    return [one for name in _CASES for one in kept(_COUNTED / f"{name}.jsonl")]
+
+
 @click.command()
-@click.argument("what", type=click.Choice(list(_CASES)), required=False)
+@click.argument("what", type=click.Choice([*_CASES, "page"]))
 @click.option("--count", "wanted", default=40, show_default=True)
 @click.option("--seed", default=1, show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help="File of results; it may hold some already.")
 @click.option(
-    "--page", "pages", type=click.Path(path_type=Path), multiple=True, help="Files to print the page of."
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File of results, else the one that is kept.",
 )
-def main(
-    what: str | None,
-    wanted: int,
-    seed: int,
-    out: Path | None,
-    pages: tuple[Path, ...],
-) -> None:
-    """Count sound or faulty rigs, these also in real time, or print what was counted."""
-    if what and out:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for case in islice(_CASES[what](wanted, seed), len(kept(out)), None):
-            line = msgspec.json.encode((count_live if what == "realtime" else count)(case))
-            with out.open("ab") as file:
-                file.write(line + b"\n")
-    if pages:
-        click.echo(page([one for file in pages for one in kept(file)]))
+def main(what: str, wanted: int, seed: int, out: Path | None) -> None:
+    """Count sound or faulty rigs, these also in real time, or write the page of all that was counted."""
+    if what == "page":
+        write(all_counted())
+        return
+    out = out or _COUNTED / f"{what}.jsonl"
+    for case in islice(_CASES[what](wanted, seed), len(kept(out)), None):
+        line = msgspec.json.encode((count_live if what == "realtime" else count)(case))
+        with out.open("ab") as file:
+            file.write(line + b"\n")
 
 
 if __name__ == "__main__":

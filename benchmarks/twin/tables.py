@@ -103,18 +103,18 @@ def shortened(story: TwinStory, case: Case) -> tuple[Parting, ...]:
     )
 
 
-def page(counted: Sequence[Counted]) -> str:
+def tables(counted: Sequence[Counted]) -> str:
     """Return all tables, in Markdown."""
     sound = [one for one in counted if not one.case.effect]
     harder = [one for one in counted if one.case.effect and _hard(one.case)]
-    faulty = [one for one in counted if one.case.effect and not _hard(one.case)]
+    faulty = [one for one in counted if one.case.effect and not (one.live or _hard(one.case))]
     live = [one for one in counted if one.live]
-    tables = [
+    made = [
         make(some)
         for make, some in ((_sound, sound), (_faulty, faulty), (_harder, harder), (_live, live))
         if some
     ]
-    return "\n\n".join("\n".join(table) for table in tables)
+    return "\n\n".join("\n".join(table) for table in made)
 
 
 def _live(counted: Sequence[Counted]) -> list[str]:

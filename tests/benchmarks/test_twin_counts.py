@@ -1,0 +1,9 @@
+"""What was counted of twins is kept, and the page says what it says."""
+
+from benchmarks.twin.__main__ import all_counted
+from benchmarks.twin.page import PAGE
+from benchmarks.twin.tables import tables
+
+
+def test_the_page_tells_what_was_counted():
+    assert tables(all_counted()) in PAGE.read_text(encoding="utf-8")
