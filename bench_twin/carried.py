@@ -11,7 +11,8 @@ import numpy as np
 from bench_sim.parameters import Parameters
 from bench_twin.innovations import Belief
 from diagnosis.contracts import Job, MeasuredRun, Nuisance
-from diagnosis.systems.air_spring.simulator import GAS, MOVING, OUTPUTS, AirSpring
+from diagnosis.systems.air_spring.gas import GAS, MOVING
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import STEP
 
 #: A motion goes to and fro within so many s.

@@ -10,7 +10,8 @@ import numpy as np
 
 from bench_twin.innovations import Bins
 from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
-from diagnosis.systems.air_spring.simulator import BEFORE, AirSpring
+from diagnosis.systems.air_spring.gas import BEFORE
+from diagnosis.systems.air_spring.simulator import AirSpring
 
 #: No size is tried beyond so much of what is possible.
 _WITHIN: Final = 0.95

@@ -25,8 +25,9 @@ from bench_sim.model.actuator import actuator_sense
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.systems.air_spring.gas import GAS
 from diagnosis.systems.air_spring.history import Past, remembered_loads, remembered_places
-from diagnosis.systems.air_spring.simulator import GAS, OUTPUTS, AirSpring
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.counted import at_its_steps, coarse, forces_untold, while_it_moves
 from diagnosis.systems.motion import (
     BESIDE,

@@ -11,8 +11,9 @@ from bench_records.record import read
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.systems.air_spring.gas import GAS, gas_that_was_read
 from diagnosis.systems.air_spring.parameters import CHAMBERS
-from diagnosis.systems.air_spring.simulator import GAS, OUTPUTS, AirSpring, _gas
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.counted import at_its_steps, while_it_moves
 from diagnosis.systems.motion import sensor_noise
 from diagnosis.systems.records import (
@@ -355,7 +356,9 @@ def test_the_gas_at_the_start_is_free_of_what_its_sensors_are_off_by(joined):
     }
     still = np.ones(2)
     inputs = {f"{side}.reservoir": still * joined for side in ("left", "right")}
-    gas = _gas(Experiment("one", np.array([0.0, 1.0]), inputs, read | {"start": 90.0}), offsets, par)
+    gas = gas_that_was_read(
+        Experiment("one", np.array([0.0, 1.0]), inputs, read | {"start": 90.0}), offsets, par
+    )
     pressures = [
         true[f"{side}.{chamber}_pressure"]
         for chamber in ("bellows", "auxiliary")

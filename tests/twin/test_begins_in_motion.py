@@ -6,7 +6,8 @@ import pytest
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from diagnosis.contracts import Experiment, Job
-from diagnosis.systems.air_spring.simulator import BEFORE, AirSpring
+from diagnosis.systems.air_spring.gas import BEFORE
+from diagnosis.systems.air_spring.simulator import AirSpring
 
 STEP = 5e-3
 TIME = STEP * np.arange(400)

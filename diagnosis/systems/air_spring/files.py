@@ -14,7 +14,8 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.rest import settled_temperature
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel
-from diagnosis.systems.air_spring.simulator import GAS, AirSpring, channels
+from diagnosis.systems.air_spring.gas import GAS
+from diagnosis.systems.air_spring.simulator import AirSpring, channels
 from diagnosis.systems.motion import motion_inputs, scatter
 from diagnosis.systems.system import System, SystemSetting, SystemSignal
 

@@ -28,12 +28,10 @@ from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
-from bench_sim.model.bellows import envelope, lateral_shape, pressure_that_stretches
 from bench_sim.model.effects import effect as bench
-from bench_sim.model.layout import SIDES, Sensor
+from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
-from bench_sim.model.rest import settled_temperature
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
@@ -41,7 +39,6 @@ from diagnosis.contracts import (
     Array,
     Channel,
     CompleteSimulator,
-    DiagnosisError,
     Effects,
     Experiment,
     Hypothesis,
@@ -52,8 +49,8 @@ from diagnosis.contracts import (
 )
 from diagnosis.systems.air_spring import history
 from diagnosis.systems.air_spring.batch import Replayed, read_all
+from diagnosis.systems.air_spring.gas import BEFORE, gas_that_was_read, kept
 from diagnosis.systems.air_spring.parameters import (
-    CHAMBERS,
     DRAG,
     SEAT,
     SHEAR,
@@ -65,13 +62,12 @@ from diagnosis.systems.air_spring.parameters import (
     zeros_of_heights,
 )
 from diagnosis.systems.air_spring.parity import parity
-from diagnosis.systems.air_spring.runs import PreparedRun, given
+from diagnosis.systems.air_spring.runs import PreparedRun
 from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.counted import counted_if_recorded
 from diagnosis.systems.held_samples import ChannelErrors, errors_of, held_period, of_period
 from diagnosis.systems.system import KINDS
 
-_SIDE_NAMES: Final = bench.PLACES
 #: Everything that the model predicts from an imposed motion, by the name of its signal.
 OUTPUTS: Final[Mapping[str, Sensor]] = {
     name: sensor_of(name)
@@ -86,11 +82,6 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
         *BY_GROUP[Group.TEMPERATURE],
     )
 }
-#: The setting of a run whose effects begin with it: its gas was read by sensors without them, and it is the air that
-#: was in the springs as they were without them.
-BEFORE: Final = "before"
-MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
-GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings that tell its state
 #: Unit in which people read errors of a channel, by its SI unit.
 _DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
@@ -346,9 +337,9 @@ class AirSpring(CompleteSimulator):
     def _gas(self, experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
         """Return the gas at the beginning of a run in the springs of ``par``."""
         if BEFORE not in experiment.settings:
-            return _gas(experiment, parameters, par)
+            return gas_that_was_read(experiment, parameters, par)
         before = self.record(experiment, parameters, {})
-        return _kept(_gas(experiment, parameters, before), experiment, before, par)
+        return kept(gas_that_was_read(experiment, parameters, before), experiment, before, par)
 
     def _new_or_known(
         self,
@@ -426,63 +417,3 @@ def _shift(parameters: Mapping[str, float]) -> float:
 def _supply_error(prepared: PreparedRun, parameters: Mapping[str, float]) -> float:
     """What the gauge of the supply reads too much (Pa), where air comes from there."""
     return parameters.get(f"{SUPPLY}.offset", 0.0) if prepared.fed else 0.0
-
-
-def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-    """The gas at the beginning of a run, from what its sensors read less what the model says that they are off by.
-
-    At rest a bellows and the chamber it is joined with have one pressure; one that is shut off has its own.
-    """
-    settings = experiment.settings
-
-    def unbiased(name: str) -> float:
-        sensor = OUTPUTS[name]
-        off = par.sensor_bias[sensor] + par.sensor_drift[sensor] * settings.get("start", 0.0)
-        read = settings[name] - off - parameters.get(f"{name}.offset", 0.0)
-        return float(read / (1.0 + par.sensor_gain[sensor]))
-
-    pressure = np.empty(2 * SIDES)
-    temperature = np.empty(2 * SIDES)
-    for i, side in enumerate(_SIDE_NAMES):
-        bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
-        if bellows not in settings:
-            raise DiagnosisError(
-                f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
-            )
-        pressure[[i, SIDES + i]] = unbiased(bellows) + parameters.get(f"{side}.initial_pressure", 0.0)
-        joined = MOVING not in settings and given(experiment, f"{side}.reservoir", 1.0)[0]
-        if auxiliary in settings and not joined:
-            own = parameters.get(f"{side}.auxiliary.initial_pressure", 0.0)
-            pressure[SIDES + i] = unbiased(auxiliary) + own
-    pressure += par.atmospheric_pressure
-    for k, chamber in enumerate(CHAMBERS):
-        name = f"{chamber}_temperature"
-        start = unbiased(name) if name in settings else float(settled_temperature(par))
-        temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
-    return Gas(pressure, temperature)
-
-
-def _kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
-    """The same air at the same temperature, once springs that were as ``before`` have become those of ``par``."""
-    pressure = gas.pressure.copy()
-    for i, side in enumerate(_SIDE_NAMES):
-        at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
-        content = pressure[i] * (_unstretched(before, i, *at) + before.bellows_compliance[i] * pressure[i])
-        pressure[i] = pressure_that_stretches(content, _unstretched(par, i, *at), par.bellows_compliance[i])
-        pressure[SIDES + i] *= before.auxiliary_volume[i] / par.auxiliary_volume[i]
-    return Gas(pressure, gas.temperature)
-
-
-def _unstretched(par: Any, side: int, zeta: float, y: float) -> float:
-    """The volume (m³) of a bellows without pressure; what the emergency spring gives way is left out."""
-    Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
-    names = (
-        "bellows_volume",
-        "effective_area",
-        "effective_area_slope",
-        "membrane_length",
-        "membrane_length_slope",
-    )
-    V, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
-    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
-    return float(V - par.bellows_compliance[side] * reference)

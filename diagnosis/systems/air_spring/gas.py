@@ -1,0 +1,85 @@
+"""The gas in the springs where a run begins: what its sensors read, or what was there before an effect began."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_sim.model.bellows import envelope, lateral_shape, pressure_that_stretches
+from bench_sim.model.effects import effect as bench
+from bench_sim.model.layout import SIDES
+from bench_sim.model.replay import Gas
+from bench_sim.model.rest import settled_temperature
+from bench_sim.model.wiring import sensor_of
+from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.systems.air_spring.parameters import CHAMBERS
+from diagnosis.systems.air_spring.runs import given
+
+_SIDE_NAMES: Final = bench.PLACES
+#: The setting of a run whose effects begin with it: its gas was read by sensors without them, and it is the air that
+#: was in the springs as they were without them.
+BEFORE: Final = "before"
+MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
+GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings that tell its state
+
+
+def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
+    """The gas at the beginning of a run, from what its sensors read less what the model says that they are off by.
+
+    At rest a bellows and the chamber it is joined with have one pressure; one that is shut off has its own.
+    """
+    settings = experiment.settings
+
+    def unbiased(name: str) -> float:
+        sensor = sensor_of(name)
+        off = par.sensor_bias[sensor] + par.sensor_drift[sensor] * settings.get("start", 0.0)
+        read = settings[name] - off - parameters.get(f"{name}.offset", 0.0)
+        return float(read / (1.0 + par.sensor_gain[sensor]))
+
+    pressure = np.empty(2 * SIDES)
+    temperature = np.empty(2 * SIDES)
+    for i, side in enumerate(_SIDE_NAMES):
+        bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
+        if bellows not in settings:
+            raise DiagnosisError(
+                f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
+            )
+        pressure[[i, SIDES + i]] = unbiased(bellows) + parameters.get(f"{side}.initial_pressure", 0.0)
+        joined = MOVING not in settings and given(experiment, f"{side}.reservoir", 1.0)[0]
+        if auxiliary in settings and not joined:
+            own = parameters.get(f"{side}.auxiliary.initial_pressure", 0.0)
+            pressure[SIDES + i] = unbiased(auxiliary) + own
+    pressure += par.atmospheric_pressure
+    for k, chamber in enumerate(CHAMBERS):
+        name = f"{chamber}_temperature"
+        start = unbiased(name) if name in settings else float(settled_temperature(par))
+        temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
+    return Gas(pressure, temperature)
+
+
+def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
+    """The same air at the same temperature, once springs that were as ``before`` have become those of ``par``."""
+    pressure = gas.pressure.copy()
+    for i, side in enumerate(_SIDE_NAMES):
+        at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
+        content = pressure[i] * (_unstretched(before, i, *at) + before.bellows_compliance[i] * pressure[i])
+        pressure[i] = pressure_that_stretches(content, _unstretched(par, i, *at), par.bellows_compliance[i])
+        pressure[SIDES + i] *= before.auxiliary_volume[i] / par.auxiliary_volume[i]
+    return Gas(pressure, gas.temperature)
+
+
+def _unstretched(par: Any, side: int, zeta: float, y: float) -> float:
+    """The volume (m³) of a bellows without pressure; what the emergency spring gives way is left out."""
+    Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
+    names = (
+        "bellows_volume",
+        "effective_area",
+        "effective_area_slope",
+        "membrane_length",
+        "membrane_length_slope",
+    )
+    V, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
+    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
+    return float(V - par.bellows_compliance[side] * reference)
