@@ -64,14 +64,18 @@ def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
     pressure = gas.pressure.copy()
     for i, side in enumerate(_SIDE_NAMES):
         at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
-        content = pressure[i] * (_unstretched(before, i, *at) + before.bellows_compliance[i] * pressure[i])
-        pressure[i] = pressure_that_stretches(content, _unstretched(par, i, *at), par.bellows_compliance[i])
+        V, compliance = _room(before, i, *at)
+        content = pressure[i] * (V + compliance * pressure[i])
+        pressure[i] = pressure_that_stretches(content, *_room(par, i, *at))
         pressure[SIDES + i] *= before.auxiliary_volume[i] / par.auxiliary_volume[i]
     return Gas(pressure, gas.temperature)
 
 
-def _unstretched(par: Any, side: int, zeta: float, y: float) -> float:
-    """The volume (m³) of a bellows without pressure; what the emergency spring gives way is left out."""
+def _room(par: Any, side: int, zeta: float, y: float) -> tuple[float, float]:
+    """The volume (m³) of a bellows without pressure, and by how much each Pa makes it larger.
+
+    It widens, and makes the emergency spring below give way: ζ_b = ζ + (p_g A − P)/k.
+    """
     Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
     names = (
         "bellows_volume",
@@ -80,6 +84,11 @@ def _unstretched(par: Any, side: int, zeta: float, y: float) -> float:
         "membrane_length",
         "membrane_length_slope",
     )
-    V, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
-    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
-    return float(V - par.bellows_compliance[side] * reference)
+    V, area, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
+    load, atmosphere = par.nominal_preload[side], par.atmospheric_pressure
+    widens = float(par.bellows_compliance[side])
+    gives = area**2 / float(par.emergency_stiffness_vertical[side]) if par.emergency_spring else 0.0
+    unloaded = (
+        V - widens * (atmosphere + load / par.effective_area[side]) - gives * (atmosphere + load / area)
+    )
+    return float(unloaded), widens + gives
