@@ -29,7 +29,7 @@ from bench_twin.forms import (
     places,
     suspect,
 )
-from bench_twin.innovations import BIN, BINS, Belief, Columns
+from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns
 from bench_twin.pairs import Acting, Pairs
 from bench_twin.replays import Replays, bounded, typical
 from bench_twin.slices import Work
@@ -51,7 +51,7 @@ _STEEP: Final = 0.8
 #: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
 _SIZES: Final = (1.0, 5.0)
 #: A cause that began so many s after the start of a stretch is told from one that was there before.
-_LATE: Final = 2.0
+_LATE: Final = BLOCK
 #: Causes that explain as much as the best but for so much of χ² are told beside it.
 _ALIKE: Final = 9.0
 
