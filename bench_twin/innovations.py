@@ -15,8 +15,9 @@ tolerance explains.
 What friction remembers of the motion before a stretch is not known either: from the last reversal on it follows
 F = F_max (1 − u₀ D/(D + x)), and neither where on that curve a stretch starts, u₀, nor the curve itself, D, is known
 (M. Berg, 1998; a small loop goes on along the curve that it left). Where nothing is remembered u₀ is 1 and D the travel
-x₂ of the friction. So each spring, and both sideways, have two parameters more: a force that is forgotten by
-x₂/(x₂ + x), where x is how far the rubber has been from the start, and one that shows by x₂ x/(x₂ + x)².
+x₂ of the friction. So each spring, and both sideways, have three parameters more: a force that is forgotten by
+x₂/(x₂ + x), where x is how far the rubber has been from the start, one that shows by x₂ x/(x₂ + x)², and one that shows
+once it has turned: there a small loop may go on along the curve that it left, or not.
 
 No model is exact, and the motion that drives it is measured. So R has two parts more, in the mean of a block and in
 each of its bins: what the noise of the motion leaves in every reading, and what the model may err by, a
@@ -62,6 +63,8 @@ PRESSURE: Final = 450.0
 REMEMBERED: Final = 0.6
 #: One standard deviation of D in x₂: what is remembered is as often half of the limit as nothing.
 CURVE: Final = 0.6
+#: What it may be off by once it has turned, one standard deviation in shares of the limit.
+TURNED: Final = 0.1
 #: A motion has gone somewhere once it has come so far, in x₂.
 _GONE: Final = 0.05
 #: The median of the square of a standard normal number.
@@ -130,7 +133,7 @@ def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
     remembered = (
         Nuisance(f"{place}.friction.{what}", "1", 0.0, spread, per_run=True)
         for place in places
-        for what, spread in (("force", REMEMBERED), ("curve", CURVE))
+        for what, spread in (("force", REMEMBERED), ("curve", CURVE), ("turn", TURNED))
     )
     return (*simulator.nuisances, *remembered)
 
@@ -207,17 +210,19 @@ def _from_one_to_the_next(values: Array) -> float:
     return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
 
 
-def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array]:
+def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
     """Return what friction does on a way ``place`` (n,), in shares of its limit, that it does not as it starts anew.
 
-    By −(u₀ − 1) x₂/(x₂ + x), and by ∓(D/x₂ − 1) x₂ x/(x₂ + x)² where the way first goes up or down.
+    By −(u₀ − 1) x₂/(x₂ + x), by ∓(D/x₂ − 1) x₂ x/(x₂ + x)² where the way first goes up or down, and by all once it has
+    turned.
     """
     way = place - place[0]
     away = np.maximum.accumulate(np.abs(way))
     gone = np.flatnonzero(away > _GONE * travel)
     sense = float(np.sign(way[gone[0]])) if gone.size else 0.0
     left = travel / (travel + away)
-    return left, sense * left * (1.0 - left)
+    turned = np.maximum.accumulate(away - np.abs(way) > _GONE * travel).astype(np.float64)
+    return left, sense * left * (1.0 - left), turned
 
 
 def _remembered(
@@ -233,7 +238,7 @@ def _remembered(
     pressures = [settings[f"{side}.bellows_pressure"] for side in SIDES]
 
     def each(place: Array, travel: float, limit: float, where: Array) -> Iterator[Array]:
-        for spread, share in zip((REMEMBERED, CURVE), friction_goes_on(place, travel), strict=True):
+        for spread, share in zip((REMEMBERED, CURVE, TURNED), friction_goes_on(place, travel), strict=True):
             some = share[: len(samples) * size].reshape(len(samples), size)
             yield np.outer(spread * limit * some.mean(axis=1), where)
 

@@ -80,13 +80,14 @@ def test_what_was_not_read_has_none():
     level=st.floats(-0.1, 0.1),
     past=st.floats(0.0, 0.1),
     sense=st.sampled_from((1.0, -1.0)),
-    way=st.floats(0.0, 20.0),
+    way=st.floats(0.5, 20.0),
 )
 def test_friction_goes_on_along_the_curve_on_which_it_is(level, past, sense, way):
     """Against Berg's law itself, to second order in what is remembered: how it turned last, and its way since then."""
     travel = 4.0
     place = sense * np.linspace(0.0, way, 50)
-    force, curve = friction_goes_on(place, travel)
+    force, curve, turned = friction_goes_on(place, travel)
+    assert not turned.any()
     was = [friction_curve(sense * past + x, 0.0, level, travel)[0] for x in place]
     anew = [friction_curve(x, 0.0, 0.0, travel)[0] for x in place]
     rest = 1.0 - sense * level
