@@ -59,12 +59,9 @@ _LASTS: Final = 10
 WARMTH: Final = 1.0
 BEHIND: Final = 0.5
 PRESSURE: Final = 450.0
-#: What friction remembers at most, one standard deviation in shares of its limit.
-REMEMBERED: Final = 0.6
-#: One standard deviation of D in x₂: what is remembered is as often half of the limit as nothing.
-CURVE: Final = 0.6
-#: What it may be off by once it has turned, one standard deviation in shares of the limit.
-TURNED: Final = 0.1
+#: What is not known of friction, one standard deviation: its force where a stretch begins, in shares of its limit; on
+#: which curve it goes on, D in x₂; what it is off by once it has turned, in shares of the limit (`friction_goes_on`).
+FRICTION: Final[Mapping[str, float]] = {"force": 0.6, "curve": 0.6, "turn": 0.1}
 #: A motion has gone somewhere once it has come so far, in x₂.
 _GONE: Final = 0.05
 #: The median of the square of a standard normal number.
@@ -133,7 +130,7 @@ def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
     remembered = (
         Nuisance(f"{place}.friction.{what}", "1", 0.0, spread, per_run=True)
         for place in places
-        for what, spread in (("force", REMEMBERED), ("curve", CURVE), ("turn", TURNED))
+        for what, spread in FRICTION.items()
     )
     return (*simulator.nuisances, *remembered)
 
@@ -238,7 +235,7 @@ def _remembered(
     pressures = [settings[f"{side}.bellows_pressure"] for side in SIDES]
 
     def each(place: Array, travel: float, limit: float, where: Array) -> Iterator[Array]:
-        for spread, share in zip((REMEMBERED, CURVE, TURNED), friction_goes_on(place, travel), strict=True):
+        for spread, share in zip(FRICTION.values(), friction_goes_on(place, travel), strict=True):
             some = share[: len(samples) * size].reshape(len(samples), size)
             yield np.outer(spread * limit * some.mean(axis=1), where)
 

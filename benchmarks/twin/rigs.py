@@ -1,6 +1,6 @@
 """The rig of a case, in virtual time, on which effects of the catalogue begin while it runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from operator import itemgetter
 from typing import Any, Final
@@ -67,14 +67,14 @@ def begin(rig: Rig, case: Case) -> None:
         present[effect] = size
         after = sound.copy()
         for name, amplitude in present.items():
-            changed(name, amplitude)(after)
+            change(after, name, amplitude)
         turn(rig, at, differing(before, after), after)
         before = after
 
 
-def changed(effect: str, size: float) -> Callable[[Any], None]:
-    """Return what gives a record of parameters an effect of this size (SI)."""
+def change(par: Any, effect: str, size: float) -> None:
+    """Give a record of parameters an effect of this size (SI)."""
     kind, place = find_effect(effect)
     values = {shape.name: shape.nominal for shape in kind.shapes}
     values[kind.amplitude.name] = size
-    return lambda par: kind.change(par, place, values)
+    kind.change(par, place, values)

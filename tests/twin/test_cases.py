@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from benchmarks.twin.cases import Case, faulty
-from benchmarks.twin.rigs import begin, changed
+from benchmarks.twin.rigs import begin, change
 
 CASES = [case for case in faulty(200, 3) if not case.effect.startswith("pressure_drift")]
 
@@ -16,7 +16,7 @@ CASES = [case for case in faulty(200, 3) if not case.effect.startswith("pressure
 def with_effects(rig, *effects):
     record = rig.plant.parameter_array[0].copy()
     for effect, size in effects:
-        changed(effect, size)(record)
+        change(record, effect, size)
     return record
 
 
