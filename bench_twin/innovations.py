@@ -17,7 +17,7 @@ F = F_max (1 − u₀ D/(D + x)), and neither where on that curve a stretch star
 (M. Berg, 1998; a small loop goes on along the curve that it left). Where nothing is remembered u₀ is 1 and D the travel
 x₂ of the friction. So each spring, and both sideways, have three parameters more: a force that is forgotten by
 x₂/(x₂ + x), where x is how far the rubber has been from the start, one that shows by x₂ x/(x₂ + x)², and one that shows
-once it has turned: there a small loop may go on along the curve that it left, or not.
+once it has turned: there a small loop may go on along the curve that it left, or not. F_max goes with the pressure.
 
 No model is exact, and the motion that drives it is measured. So R has two parts more, in the mean of a block and in
 each of its bins: what the noise of the motion leaves in every reading, and what the model may err by, a
@@ -156,7 +156,9 @@ def columns_of(
         for one, moved in zip(parameters, outputs, strict=False)
     ]
     inputs = np.sqrt(sum((bins.mean(moved - base) ** 2 for moved in outputs), np.zeros_like(slopes[0])))
-    slopes += _remembered(run.experiment, channels, dict(zip(names, slopes, strict=True)), bins, simulator)
+    pressures = _pressures(run.experiment, channels, bins.mean(base))
+    felt = dict(zip(names, slopes, strict=True))
+    slopes += _remembered(run.experiment, channels, felt, bins, simulator, pressures)
     if noise is None:
         noise = np.maximum(_believed(channels), _shown(run.outputs - base, bins))
     return Columns(
@@ -222,22 +224,40 @@ def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
     return left, sense * left * (1.0 - left), turned
 
 
+def _pressures(experiment: Experiment, channels: Sequence[Channel], simulated: Array) -> list[Array]:
+    """Return the pressure (n,) in the bellows of each side by what the model reads (n, c); that at first without."""
+    places = {channel.name: k for k, channel in enumerate(channels)}
+    found = []
+    for side in SIDES:
+        name = f"{side}.bellows_pressure"
+        first = np.full(len(simulated), experiment.settings[name])
+        read = simulated[:, places[name]] if name in places else first
+        found.append(np.where(read > 0.0, read, first))  # 0 where a bin has no sample
+    return found
+
+
 def _remembered(
     experiment: Experiment,
     channels: Sequence[Channel],
     slopes: Mapping[str, Array],
     bins: Bins,
     simulator: AirSpring,
+    pressures: Sequence[Array],
 ) -> Iterator[Array]:
-    """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`."""
-    par, samples, size = simulator.parameters.record, bins.samples, bins.size
-    inputs, settings = experiment.inputs, experiment.settings
-    pressures = [settings[f"{side}.bellows_pressure"] for side in SIDES]
+    """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`.
 
-    def each(place: Array, travel: float, limit: float, where: Array) -> Iterator[Array]:
+    Its limit goes with the ``pressures`` (n,) of the bellows.
+    """
+    par, samples, size, inputs = simulator.parameters.record, bins.samples, bins.size, experiment.inputs
+
+    def limit(friction: str, side: int) -> Array:
+        constant, slope = par[friction][side], par[f"{friction}_slope"][side]
+        return np.array([friction_limit(constant, slope, one) for one in pressures[side]])
+
+    def each(place: Array, travel: float, limits: Array, where: Array) -> Iterator[Array]:
         for spread, share in zip(FRICTION.values(), friction_goes_on(place, travel), strict=True):
             some = share[: len(samples) * size].reshape(len(samples), size)
-            yield np.outer(spread * limit * some.mean(axis=1), where)
+            yield np.outer(spread * limits * some.mean(axis=1), where)
 
     def felt(slope: Array, force: float) -> Array:
         """Where so much force of a spring is felt, per N, by what feels a parameter that makes it."""
@@ -246,16 +266,16 @@ def _remembered(
 
     for k, side in enumerate(SIDES):
         more = EACH_SIDE["effective_area"] * float(par.effective_area[k])
-        where = felt(slopes[f"{side}.effective_area"], more * pressures[k])
-        limit = friction_limit(par.friction_vertical[k], par.friction_vertical_slope[k], pressures[k])
-        yield from each(inputs[f"{side}.height"], float(par.friction_vertical_travel[k]), limit, where)
+        where = felt(slopes[f"{side}.effective_area"], more * pressures[k][0])
+        travel = float(par.friction_vertical_travel[k])
+        yield from each(inputs[f"{side}.height"], travel, limit("friction_vertical", k), where)
     sheared = slopes[f"{SHEAR}.offset"]
     cells = [k for k, channel in enumerate(channels) if channel.name in BY_GROUP[Group.LATERAL_LOAD_CELL]]
     total = float(_at_first(sheared, samples)[cells].sum())
     where = felt(sheared, total) if total else np.zeros(len(channels))
     shear = inputs.get("shear", np.zeros(len(experiment.time)))
-    limit = sum(map(friction_limit, par.friction_lateral, par.friction_lateral_slope, pressures))
-    yield from each(shear, float(par.friction_lateral_travel[0]), limit, where)
+    both = limit("friction_lateral", 0) + limit("friction_lateral", 1)
+    yield from each(shear, float(par.friction_lateral_travel[0]), both, where)
 
 
 def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:
