@@ -180,6 +180,7 @@ def replay_samples(
     x: Any,
     memory: Any,
     parameters: Any,
+    since: Any,
     motion: Any,
     inputs: Any,
     supply: Any,
@@ -191,24 +192,28 @@ def replay_samples(
 ) -> None:
     """Settle at the first sample, go on to the last by ``steps`` steps an interval, and look at every one.
 
-    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS).
+    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS);
+    ``parameters`` (m), each ``since`` (m) a sample, the first one since the first.
     """
     mem = memory[0]
     par = parameters[0]
+    turned = 1
     work = np.zeros((5, STATES))
     out = np.zeros(ALGEBRAICS)
-    values = np.zeros(SENSORS)
-    ideal = np.zeros(SENSORS)
+    values, ideal = np.zeros(SENSORS), np.zeros(SENSORS)
     dt = motion.interval / steps
     pieces, states = step_scheme(par, dt)
     last = motion.displacement.shape[0] - 1
     place(0, 0.0, motion, x)
     settle(x, mem, par, gas, before, out)
     for n in range(last + 1):
+        if turned < since.shape[0] and since[turned] == n:
+            par = parameters[turned]
+            pieces, states = step_scheme(par, dt)
+            turned += 1
         u = inputs[n]
         x[State.SUPPLY_LINE] = supply[n]
-        # The last sample is the end of the interval before it.
-        interval = min(n, last - 1)
+        interval = min(n, last - 1)  # the last sample is the end of the interval before it
         for k in range(steps if n < last else 1):
             part = k / steps if n < last else 1.0
             slope = work[0]
@@ -218,8 +223,7 @@ def replay_samples(
             if k == 0:
                 if n == 0:
                     settle_sensors(mem, par, values, dt)
-                for j in range(SENSORS):
-                    ideal[j] = values[j]
+                ideal[:] = values
                 read_exactly(mem, par, ideal, readings[n])
                 if n < rows.shape[0]:
                     rows[n] = out
@@ -292,6 +296,13 @@ class Before(NamedTuple):
         return cls(np.zeros(SIDES), np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS)))
 
 
+class Turns(NamedTuple):
+    """What a replay becomes while it goes on: other parameters from some of its samples on."""
+
+    samples: NDArray[np.intp]  #: (m,), each later than the one before, the first one after sample 0
+    records: Any  #: (m,) of ``PARAMETERS``
+
+
 def replay(
     parameters: Any,
     motion: Motion,
@@ -303,6 +314,7 @@ def replay(
     start: float = 0.0,
     before: Before | None = None,
     rows: NDArray[np.float64] | None = None,
+    turns: Turns | None = None,
 ) -> NDArray[np.float64]:
     """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
 
@@ -310,7 +322,8 @@ def replay(
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
     relaxed rubber but for what that remembers of ``before``, ``start`` s after the bench was switched on: sensors drift
     from then on. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled
-    with what lies behind the readings. Other threads run meanwhile.
+    with what lies behind the readings. At its ``turns`` masses, energies and dash-pots stay; what comes late then
+    must have done so from the start, by however little. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -322,14 +335,18 @@ def replay(
             f"inputs {inputs.shape} and supply {supply.shape} do not fit {n} samples of motion: "
             f"({n}, {INPUTS}) and ({n},) would"
         )
-    record = np.array([parameters], PARAMETERS).view(np.recarray)
+    record = np.array([parameters], PARAMETERS)
+    since = np.zeros(1, np.intp)
+    if turns is not None:
+        record, since = np.concatenate((record, turns.records)), np.concatenate((since, turns.samples))
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))
     replay_samples(
         np.zeros(STATES),
         memory,
-        record,
+        record.view(np.recarray),
+        since,
         motion,
         inputs,
         supply,

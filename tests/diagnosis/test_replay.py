@@ -9,10 +9,13 @@ import pytest
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, SENSORS, Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
-from bench_sim.model.replay import DIRECTIONS, Gas, Motion, between, replay
+from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.replay import DIRECTIONS, Gas, Motion, Turns, between, replay
 from bench_sim.parameters import load
+from bench_sim.rig.turn import take
 
 INTERVAL = 5e-3
+TURNED = 300
 #: Pressures, temperatures, load cells: what a replay predicts from heights, without any acceleration.
 DIRECT = [*range(Sensor.LEFT_BELLOWS_PRESSURE, Sensor.VERTICAL_LEFT_FORCE)]
 DIRECT += [*range(Sensor.LOAD_CELL_1, Sensor.LATERAL_ACCELERATION)]
@@ -34,7 +37,14 @@ def drive(t):
 
 @pytest.fixture(scope="module")
 def free():
-    """Four seconds of the free bench under displacement control: motion, readings without noise, and what is needed."""
+    return free_bench()
+
+
+def free_bench(**turned):
+    """Four seconds of the free bench under displacement control: motion, readings without noise, and what is needed.
+
+    After ``TURNED`` samples its parameters are those that are ``turned``.
+    """
     record = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0).record
     plant = Plant.at_rest(record)
     plant.inputs[Input.VERTICAL_LEFT_MODE : Input.LATERAL_MODE + 1] = Mode.DISPLACEMENT
@@ -46,6 +56,8 @@ def free():
     n = 801
     readings, displacement = np.empty((n, SENSORS)), np.empty((n, DIRECTIONS))
     for i in range(n):
+        if i == TURNED and turned:
+            take(plant, turned)
         readings[i] = plant.measure()
         displacement[i, :3] = plant.state[State.BOLSTER_LATERAL : State.BOLSTER_LATERAL + 3]
         displacement[i, 3:] = plant.state[State.PLATFORM_LATERAL : State.PLATFORM_LATERAL + 3]
@@ -102,6 +114,29 @@ def test_the_replay_reads_what_the_free_bench_read(free):
     fine = np.sqrt(np.mean(((again(free, step=1e-3) - free.readings) / noise)[:, DIRECT] ** 2, axis=0))
     assert np.median(fine) < 5e-4
     assert fine.max() < 0.02
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [
+        {"auxiliary_volume": np.array([0.03, 0.07])},
+        {"orifice_diameter": np.array([4e-3, 6e-3])},
+        {"sensor_bias": 500.0 * (np.arange(SENSORS) == Sensor.LOAD_CELL_1)},
+    ],
+    ids=lambda turned: next(iter(turned)),
+)
+def test_a_replay_turns_as_the_free_bench_did(turned):
+    free = free_bench(**turned)
+    after = np.array([free.record], PARAMETERS)
+    for name, value in turned.items():
+        after[name] = value
+    noise = load("astb").record.sensor_noise
+    error = (again(free, turns=Turns(np.array([TURNED]), after)) - free.readings) / noise
+    error[TURNED : TURNED + 10] = 0.0  # lags of transducers begin a tick of the bench earlier or later
+    assert np.sqrt(np.mean(error[:, DIRECT] ** 2, axis=0)).max() < 0.03
+    never = (again(free) - free.readings) / noise
+    assert np.sqrt(np.mean(never[:, DIRECT] ** 2, axis=0)).max() > 3.0
+    assert np.array_equal(never[:TURNED], error[:TURNED])
 
 
 def test_a_wrong_spring_does_not_read_the_same(free):

@@ -7,6 +7,7 @@ from typing import Any, Final
 from weakref import WeakValueDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from bench_sim.model.effects import effect as bench
@@ -63,20 +64,30 @@ class PreparedRun:
         The transducer sits in the lateral actuator: the more that gives way, the less were the springs sheared. What
         arrives late has been before.
         """
-        more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
-        late = float(par.displacement_latency - self._par.displacement_latency)
-        if GIVE not in self.experiment.inputs:
-            more = 0.0
+        more, late = self._apart(par)
         if (more, late) == (0.0, 0.0):
             return self
         moved = self._moved.get((more, late))
         if moved is None:
-            inputs = _before(self.experiment, late) if late else dict(self.experiment.inputs)
-            if more:
-                inputs["shear"] = inputs.get("shear", 0.0) - more * inputs[GIVE]
-            experiment = replace(self.experiment, inputs=inputs)
-            moved = self._moved[more, late] = PreparedRun(experiment, self._par, self._step)
+            moved = self._moved[more, late] = self._moved_so(more, late)
         return moved
+
+    def moved_by_each(self, records: Any, of: NDArray[np.intp]) -> "PreparedRun":
+        """Return the same if frame and sensors were at each sample as that one of the ``records`` has them (n,)."""
+        more, late = np.array([self._apart(par) for par in records]).T
+        return self._moved_so(more[of], late[of]) if more.any() or late.any() else self
+
+    def _apart(self, par: Any) -> tuple[float, float]:
+        """By how much more the frame of ``par`` gives way, as a share, and how much later (s) displacements come."""
+        more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
+        late = float(par.displacement_latency - self._par.displacement_latency)
+        return more if GIVE in self.experiment.inputs else 0.0, late
+
+    def _moved_so(self, more: float | Array, late: float | Array) -> "PreparedRun":
+        inputs = _before(self.experiment, late) if np.any(late) else dict(self.experiment.inputs)
+        if np.any(more):
+            inputs["shear"] = inputs.get("shear", 0.0) - more * inputs[GIVE]
+        return PreparedRun(replace(self.experiment, inputs=inputs), self._par, self._step)
 
     @property
     def inputs(self) -> Array:
@@ -111,7 +122,7 @@ def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
     return read - (par.gravity + vertical) * roll + par.accelerometer_height * angular
 
 
-def _before(experiment: Experiment, late: float) -> dict[str, Array]:
+def _before(experiment: Experiment, late: float | Array) -> dict[str, Array]:
     """Return the inputs of an experiment whose displacements were read ``late`` (s); forces were not."""
     time, inputs = experiment.time, dict(experiment.inputs)
     own = np.zeros(len(time))

@@ -31,7 +31,7 @@ from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Turns, replay
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
@@ -225,6 +225,23 @@ class AirSpring(CompleteSimulator):
         with self._lock:
             self.effort.update(effort)
 
+    def run_turning(
+        self,
+        experiment: Experiment,
+        effect: str,
+        values: Sequence[Mapping[str, float]],
+        since: NDArray[np.intp],
+    ) -> Array:
+        """Return the outputs (n, c) of a bench whose effect has each of these ``values`` (m) since a sample (m,).
+
+        The first one holds since sample 0, and is not nothing: what comes late has done so from the start.
+        """
+        records = np.array([self.record(experiment, {}, {effect: one}) for one in values], PARAMETERS)
+        first, later = records.view(np.recarray)[0], Turns(since[1:], records[1:])
+        of = np.searchsorted(since, np.arange(len(experiment.time)), "right") - 1
+        prepared = self._prepare(experiment).moved_by_each(records.view(np.recarray), of)
+        return self._replay(prepared, first, self._gas(experiment, {}, first), 0.0, 0.0, later)
+
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
         """Return the parameter record of a model: this set under the experiment's load, deviations and effects.
 
@@ -304,7 +321,13 @@ class AirSpring(CompleteSimulator):
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
 
     def _replay(
-        self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply_error: float
+        self,
+        prepared: PreparedRun,
+        record: Any,
+        gas: Gas,
+        shift: float,
+        supply_error: float,
+        turns: Turns | None = None,
     ) -> Array:
         motion = prepared.motion
         if shift:
@@ -319,6 +342,7 @@ class AirSpring(CompleteSimulator):
             step=self.step,
             start=settings.get("start", 0.0),
             before=history.before(settings, record),
+            turns=turns,
         )
         return readings[:, self._sensors]
 
