@@ -29,9 +29,10 @@ from bench_twin.forms import (
     places,
     suspect,
 )
+from bench_twin.growth import Growing, Growth
 from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns
 from bench_twin.pairs import Acting, Pairs
-from bench_twin.replays import Replays, bounded, typical
+from bench_twin.replays import Replays, Secant, bounded, typical
 from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 from diagnosis.systems.air_spring.simulator import AirSpring
@@ -45,9 +46,6 @@ _FINE_ROUNDS: Final = 2
 _FINELY: Final = 3
 #: So many causes are tried as the first of two.
 _FIRSTS: Final = 2
-#: A secant of logarithms of sizes that are so near together, or so steep, is not followed.
-_SAME: Final = 1e-3
-_STEEP: Final = 0.8
 #: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
 _SIZES: Final = (1.0, 5.0)
 #: A cause that began so many s after the start of a stretch is told from one that was there before.
@@ -63,10 +61,14 @@ _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 
 
 class Explained(NamedTuple):
-    """What explains a stretch: single causes, or else pairs that do so together; the best first, none if none does."""
+    """What explains a stretch: single causes, or else pairs that do so together; the best first, none if none does.
+
+    ``worse`` are single ones that explain it, too, but not as much: if they grow on, they may explain more.
+    """
 
     singles: tuple[Suspect, ...] = ()
     pairs: tuple[tuple[Suspect, Suspect], ...] = ()
+    worse: tuple[Suspect, ...] = ()
 
 
 def explanations(
@@ -102,14 +104,19 @@ def explanations(
     ranked.sort(key=lambda one: one.left)
     if not ranked:
         before = yield from known()
-        return Explained(pairs=(yield from look.pairs(looked, before)))
+        firsts = look.acting(before)
+        ranked = yield from look.growth.among(firsts)
+        if not ranked:
+            return Explained(pairs=(yield from look.pairs(firsts or look.at_present(looked))))
+        ranked.sort(key=lambda one: one.left)
     alike = [one for one in ranked if one.left < ranked[0].left + _ALIKE]
-    return Explained(
-        tuple(
-            _over([one for one in alike if one.name == name])
-            for name in dict.fromkeys(one.name for one in alike)
-        )
+    singles = tuple(
+        _over([one for one in alike if one.name == name]) for name in dict.fromkeys(one.name for one in alike)
     )
+    worse = {one.name: one for one in reversed(ranked)}
+    for single in singles:
+        del worse[single.name]
+    return Explained(singles, worse=tuple(reversed(worse.values())))
 
 
 def _over(ranked: Sequence[Suspect]) -> Suspect:
@@ -153,7 +160,7 @@ class _Closely:
         self.size = bounded(tried.cause, tried.fit.size)
         self.found: list[_Near] = []
         self._all: list[_Near] = []
-        self._trail: list[tuple[float, float]] = []  # logarithms of sizes, and of what they were found to be
+        self._secant = Secant()
 
     @property
     def best(self) -> _Near:
@@ -172,14 +179,7 @@ class _Closely:
             return
         self.found = near
         self._all += [one._replace(column=_NOTHING) for one in near]
-        found = self.best.fit.size
-        if found * self.size > 0.0:
-            self._trail.append((float(np.log(abs(self.size))), float(np.log(abs(found)))))
-            if len(self._trail) > 1:
-                (x0, g0), (x1, g1) = self._trail[-2:]
-                slope = (g1 - g0) / (x1 - x0) if abs(x1 - x0) > _SAME else 0.0
-                if slope < _STEEP:
-                    found = float(np.copysign(np.exp((g1 - slope * x1) / (1.0 - slope)), found))
+        found = self._secant.after(self.size, self.best.fit.size)
         self.size = bounded(self.tried.cause, found)
 
 
@@ -197,6 +197,8 @@ class _Look:
             for cause in simulator.catalogue.values()
             for point in cause.grid
         ]
+        self._shapes: dict[str, Mapping[str, float]] = {}  # of the causes that were looked at closely
+        self.growth = Growth(columns, belief, self._fit, self._replays, self._points, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
         """Return what acts of all causes at all points of their grids, at so many times typical sizes, since a bin."""
@@ -216,6 +218,7 @@ class _Look:
         All that may have begun with a bin are simulated together.
         """
         looks = [_Closely(one, self._around(one.onset, _NEAR)) for one in chosen]
+        self._shapes |= {one.cause.name: one.shapes for one in reversed(chosen)}
         for _ in range(_ROUNDS):
             yield from self._simulate(looks)
         looks = [one for one in looks if one.found]
@@ -256,9 +259,16 @@ class _Look:
         for _, look, form, forms, some in sorted(tried, key=lambda one: one[0])[:_FINELY]:
             yield
             best, alike = forms.best(form, some)
-            # Two more numbers must be worth it.
-            if best.fit.left < look.best.left - _ALIKE and self._goes_along(best.fit, best.column):
-                found.append(suspect(look.tried.cause.name, form, best, alike, bins))
+            if best.fit.left >= look.best.left - _ALIKE:  # two more numbers must be worth it
+                continue
+            if form is Form.GONE:
+                if self._goes_along(best.fit, best.column):
+                    found.append(suspect(look.tried.cause.name, form, best, alike, bins))
+                continue
+            grown = yield from self.growth.explains(Growing(look.tried.cause, look.tried.shapes, forms, best))
+            if grown is not None:
+                found.append(grown)
+                found += yield from self.growth.among(self.growth.mistaken_for(grown))
         return found
 
     def _steps(self, look: _Closely) -> Callable[[Sequence[int]], Steps]:
@@ -273,19 +283,19 @@ class _Look:
     def _goes_along(self, fit: Fitted, column: Array) -> bool:
         return goes_along(self._columns, self._belief, fit.size * column, fit.left)
 
-    def pairs(
-        self, looks: Sequence[_Closely], known: Sequence[Suspect]
-    ) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
-        """Return pairs of causes that explain the stretch together and about as well as the best pair."""
-        shapes = {look.tried.cause.name: look.tried.shapes for look in looks}
-        causes = {cause.name: cause for cause, _ in self._points}
+    def acting(self, known: Sequence[Suspect]) -> list[Acting]:
+        """Return causes as they were known to act before."""
+        causes: dict[str, tuple[Hypothesis, Mapping[str, float]]] = {}
         for cause, point in self._points:
-            shapes.setdefault(cause.name, point)
-        firsts = [
-            Acting(causes[one.name], shapes[one.name], one.size, round(one.since / BIN)) for one in known
-        ]
-        if not firsts:
-            firsts = [Acting(*_asked(one), one.best.onset) for one in looks]
+            causes.setdefault(cause.name, (cause, self._shapes.get(cause.name, point)))
+        return [Acting(*causes[one.name], one.size, round(one.since / BIN)) for one in known]
+
+    def at_present(self, looks: Sequence[_Closely]) -> list[Acting]:
+        """Return causes that were looked at as they would act all at once."""
+        return [Acting(*_asked(one), one.best.onset) for one in looks]
+
+    def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
+        """Return pairs of causes, one of ``firsts`` in each, that explain the stretch together, and the best so."""
         search = Pairs(self._columns, self._belief, self._fit, self._replays, self._points)
         found: list[tuple[Suspect, Suspect]] = []
         for first in firsts[:_FIRSTS]:

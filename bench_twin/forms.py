@@ -4,6 +4,9 @@ What a cause does is nearly linear in its size. So one that grows is a sum of sm
 and one that is gone again is one that began less one that began later. What steps do is simulated from a grid of
 beginnings on; between two of them it is taken in halves from both, and within the present one from its beginning, so
 that what acts at once (a sensor) is met exactly and what adds up (a leak) nearly.
+
+What grows to a size in which nothing is linear any more (a chamber that loses four fifths of its volume) is replayed as
+it grows, again and again: what such a replay does more than the sum of the steps is added to that sum before the next.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ POSSIBLE: Final = 4.0
 _BEFORE: Final = 600
 _PLACES: Final = 20
 #: Beginnings and ends are looked for ever closer, in so many bins.
-_CLOSER: Final = (40, 20, 10, 5)
+_CLOSER: Final = (40, 20, 10, 5, 2)
 #: The same for what is gone again, where each place must be simulated.
 _SHARPER: Final = (20, 5)
 #: A twin that is off by so much of χ² per reading parts.
@@ -110,6 +113,11 @@ def growing(steps: Steps, begins: float, ends: float) -> Array:
     return total
 
 
+def course_of(begins: float, ends: float, bins: int) -> Array:
+    """Return the share (n,) of its last size that something has in each bin which grows evenly from one to another."""
+    return np.asarray(np.clip((np.arange(bins) + 0.5 - begins) / (ends - begins), 0.0, 1.0))
+
+
 class Shaped(NamedTuple):
     """A form that was tried: from which bin on, until which, what it adds, and its fit."""
 
@@ -142,6 +150,17 @@ class Forms:
         self._fit, self._cause, self._last = fit, cause, bins
         self._steps, self._steps_at = dict(steps), steps_at
         self._tried: dict[tuple[Form, int, int], Shaped] = {}
+        self._more: Array | float = 0.0  # what a form that grows does per unit and is no sum of steps
+
+    def grown(self, begins: int, ends: int, size: float, added: Array) -> Shaped:
+        """Return the form that grows to a ``size`` as a replay has ``added`` it (n, c).
+
+        What that does more than steps do is what all forms near it do from now on.
+        """
+        made = added / size
+        self._more = made - growing(self._steps, begins, ends)
+        self._tried = {}
+        return Shaped(begins, ends, made, self._fit.with_(made, typical(self._cause)))
 
     def coarse(self, form: Form) -> list[Shaped]:
         """Return the form with all beginnings and ends among the places."""
@@ -181,7 +200,7 @@ class Forms:
             if form is Form.GROWING:
                 if ends - begins < _GROWS:
                     return None
-                made = growing(self._steps, begins, ends)
+                made = growing(self._steps, begins, ends) + self._more
             else:
                 if begins not in self._steps or ends not in self._steps:
                     return None

@@ -15,6 +15,11 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 
 #: No size is tried beyond so much of what is possible.
 _WITHIN: Final = 0.95
+#: What begins later has so much of its largest size before: what comes late must do so from the start.
+_SMALL: Final = 1e-9
+#: A secant of logarithms of sizes that are so near together, or so steep, is not followed.
+_SAME: Final = 1e-3
+_STEEP: Final = 0.8
 
 
 class Replays:
@@ -49,6 +54,15 @@ class Replays:
             whole[first:] = moved - base
             yield self._bins.mean(whole) / size
 
+    def changing(self, cause: Hypothesis, shapes: Mapping[str, float], sizes: Array) -> Array | None:
+        """Return what a cause adds (n, c) that has such a size in each bin (n,); None if that is impossible."""
+        small = _SMALL * np.abs(sizes).max()
+        sizes = np.where(np.abs(sizes) > small, sizes, np.copysign(small, sizes.sum()))
+        first = np.append(0, np.flatnonzero(np.diff(sizes)) + 1)
+        values = [{cause.amplitude.name: float(sizes[k]), **shapes} for k in first]
+        moved = self._simulator.run_turning(self._run.experiment, cause.name, values, first * self._bins.size)
+        return self._bins.mean(moved - self._base) if np.isfinite(moved).all() else None
+
     def _from(self, first: int) -> Experiment:
         """Return the experiment from a sample on, with the pressures that the model has there."""
         experiment = self._run.experiment
@@ -65,6 +79,25 @@ class Replays:
             inputs={name: values[first:] for name, values in experiment.inputs.items()},
             settings={**experiment.settings, **there, BEFORE: 1.0, "start": 0.0},  # nothing has drifted yet
         )
+
+
+class Secant:
+    """Which size to simulate next, so that what is found to fit is what was simulated."""
+
+    def __init__(self) -> None:
+        self._trail: list[tuple[float, float]] = []  # logarithms of sizes, and of what they were found to be
+
+    def after(self, simulated: float, found: float) -> float:
+        """Return the size that comes after one that was ``simulated``, and with which another one was ``found``."""
+        if found * simulated <= 0.0:
+            return found
+        self._trail.append((float(np.log(abs(simulated))), float(np.log(abs(found)))))
+        if len(self._trail) > 1:
+            (x0, g0), (x1, g1) = self._trail[-2:]
+            slope = (g1 - g0) / (x1 - x0) if abs(x1 - x0) > _SAME else 0.0
+            if slope < _STEEP:
+                return float(np.copysign(np.exp((g1 - slope * x1) / (1.0 - slope)), found))
+        return found
 
 
 def bounded(cause: Hypothesis, size: float) -> float:

@@ -308,7 +308,7 @@ class Twin:
                 return before
             then = self._see(stretch, until, seen)
             soon = yield from explanations(then.run, then.columns, prior, self._simulator, since, _nothing)
-            return soon.singles
+            return soon.singles + soon.worse
 
         found = yield from explanations(seen.run, seen.columns, prior, self._simulator, since, known)
         first = found.singles or tuple(pair[0] for pair in found.pairs)
@@ -328,7 +328,7 @@ class Twin:
             latest=start + max(one.since_high for one in first),
             over=None if None in ends else start + max(end for end in ends if end is not None),
         )
-        return explained, first
+        return explained, first + found.worse
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
         """Say that a parting of an earlier stretch is over, if this one, which goes along, would have shown it."""

@@ -92,6 +92,23 @@ def test_what_grows_is_told_with_its_size_now_and_gets_surer(tmp_path, effect, s
     assert words(parting)[0] == "told" and len(parting.course) > 1
 
 
+@pytest.mark.parametrize(
+    ("effect", "size", "share"),
+    [("auxiliary_volume", 0.8, 0.01), ("bellows_volume", 0.8, 0.01), ("blocked_orifice.left", 0.75, 0.05)],
+)
+def test_what_grows_to_where_nothing_is_linear_is_told_with_its_size(tmp_path, effect, size, share):
+    case = Case("screening", 5, effect=effect, size=size, at=145.0, creeps=30.0)
+    folder = tmp_path / "run"
+    with bench_of(case) as bench:
+        execute(plans()["screening"], bench, folder, rig="virtual", seed=case.seed)
+    first, *_ = Twin(read(folder), load("astb"), "astb").look().partings
+    (found,) = first.causes
+    assert found.name == effect and found.form == "growing"
+    assert found.size == pytest.approx(size, rel=share)
+    assert found.low < size < found.high
+    assert found.since == pytest.approx(145.0, abs=2.0)
+
+
 def test_what_is_gone_in_the_next_stretch_is_over(tmp_path):
     fault = PlannedFault("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, 100.0, 95.0)
     parting = beside(run("endurance", tmp_path, 17, fault), 330.0)

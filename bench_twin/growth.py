@@ -1,0 +1,121 @@
+"""What explains a stretch as it grows: replays of its growth, each from where the one before was off.
+
+The sum of steps (`bench_twin.forms.growing`) says about when something grew, and to which size. A replay in which it
+does that says what it is really like, also where nothing is linear in its size any more. What the replay does more than
+the steps is added to these, for all growths near it, and they say better where the next replay is to grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_twin.fitting import Fit
+from bench_twin.forms import Form, Forms, Shaped, Suspect, course_of, goes_along, left_by, places, suspect
+from bench_twin.innovations import Belief, Columns
+from bench_twin.pairs import Acting
+from bench_twin.replays import Replays, Secant, bounded, can_be, typical
+from bench_twin.slices import Work
+from diagnosis.contracts import Array, Hypothesis
+
+#: So many replays of one growth.
+_ROUNDS: Final = 10
+#: It is found when the next one would be so near, as a share of its size.
+_SAME: Final = 1e-3
+#: Steps of something that acted before are of so many times an ordinary size: it may have grown since.
+_LARGER: Final = 5.0
+
+
+class Growing(NamedTuple):
+    """A cause as it grows: its forms, and the best of these as a sum of steps."""
+
+    cause: Hypothesis
+    shapes: Mapping[str, float]
+    forms: Forms
+    best: Shaped
+
+
+class Growth:
+    """The causes that may have grown in a stretch that parted in bin ``since``; ``points`` are all there are."""
+
+    def __init__(
+        self,
+        columns: Columns,
+        belief: Belief,
+        fit: Fit,
+        replays: Replays,
+        points: Sequence[tuple[Hypothesis, Mapping[str, float]]],
+        since: int,
+    ) -> None:
+        self._columns, self._belief, self._fit = columns, belief, fit
+        self._replays, self._points, self._since = replays, points, since
+        self._tried: set[str] = set()
+
+    def explains(self, one: Growing) -> Work[Suspect | None]:
+        """Return a cause as it grew, if the stretch goes along with that."""
+        cause, shapes, forms, shaped = one
+        self._tried.add(cause.name)
+        bins, secant, size = len(self._columns.measured), Secant(), shaped.fit.size
+        replayed, alike = list[Shaped](), [shaped]
+        for _ in range(_ROUNDS):
+            size = bounded(cause, size)
+            begins, ends = shaped.begins, shaped.ends
+            added = self._replays.changing(cause, shapes, size * course_of(begins, ends, bins))
+            yield
+            if added is None:
+                break
+            replayed.append(forms.grown(begins, ends, size, added))
+            shaped, alike = forms.best(Form.GROWING, [replayed[-1]])
+            yield
+            near = abs(shaped.fit.size - size) < _SAME * abs(size)
+            if near and (shaped.begins, shaped.ends) == (begins, ends):
+                break
+            size = secant.after(size, shaped.fit.size)
+        if not replayed:
+            return None
+        best = min(replayed, key=left_by)
+        along = goes_along(self._columns, self._belief, best.fit.size * best.column, best.fit.left)
+        if not along or not can_be(cause, best.fit.size):
+            return None
+        return suspect(cause.name, Form.GROWING, best, [best, *alike], bins)
+
+    def among(self, causes: Sequence[Acting]) -> Work[list[Suspect]]:
+        """Return which causes explain the stretch as they grew, or what is easily mistaken for these."""
+        found: list[Suspect] = []
+        asked = list(causes)
+        for acting in asked:
+            if acting.cause.name in self._tried:
+                continue
+            self._tried.add(acting.cause.name)
+            growing = yield from self._growing(acting)
+            one = (yield from self.explains(growing)) if growing else None
+            if one is not None:
+                found.append(one)
+                asked += self.mistaken_for(one)  # which are tried next
+        return found
+
+    def mistaken_for(self, one: Suspect) -> list[Acting]:
+        """Return the causes that are easily mistaken for one that explains the stretch, as they ordinarily act."""
+        confusers = next(cause.confusers for cause, _ in self._points if cause.name == one.name)
+        return [
+            Acting(cause, shapes, typical(cause), 0)
+            for cause, shapes in self._points
+            if cause.name.partition(".")[0] in confusers
+        ]
+
+    def _growing(self, acting: Acting) -> Work[Growing | None]:
+        """Return how a cause grows that acted before, as a sum of steps."""
+        cause, shapes, size, _ = acting
+        asked = (cause, shapes, bounded(cause, float(np.copysign(_LARGER * typical(cause), size))))
+        bins, steps = len(self._columns.measured), dict[int, Array]()
+        for place in places(self._since, bins):
+            (column,) = self._replays.columns([asked], place)
+            yield
+            if column is not None:
+                steps[place] = column
+        forms = Forms(self._fit, cause, bins, steps, lambda _: {})
+        some = forms.coarse(Form.GROWING)
+        yield
+        return Growing(cause, shapes, forms, forms.best(Form.GROWING, some)[0]) if some else None
