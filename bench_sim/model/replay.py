@@ -322,8 +322,8 @@ def replay(
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
     relaxed rubber but for what that remembers of ``before``, ``start`` s after the bench was switched on: sensors drift
     from then on. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled
-    with what lies behind the readings. At its ``turns`` masses, energies and dash-pots stay; what comes late then
-    must have done so from the start, by however little. Other threads run meanwhile.
+    with what lies behind the readings. At its ``turns`` masses, energies and dash-pots stay, and what drifts does so
+    from then on; what comes late must have done so from the start, by however little. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -339,6 +339,7 @@ def replay(
     since = np.zeros(1, np.intp)
     if turns is not None:
         record, since = np.concatenate((record, turns.records)), np.concatenate((since, turns.samples))
+        _drift_from(np.asarray(start + motion.interval * since), record)
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))
@@ -357,3 +358,10 @@ def replay(
         np.empty((0, ALGEBRAICS)) if rows is None else rows,
     )
     return readings
+
+
+def _drift_from(times: NDArray[np.float64], records: Any) -> None:
+    """Let what drifts in ``records`` (m,), and a clock that runs slowly, do so from ``times`` (m,) s on."""
+    for rate, start in (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency")):
+        more = np.diff(records[rate], axis=0, prepend=records[rate][:1])
+        records[start] -= np.cumsum((times * more.T).T, axis=0)

@@ -122,6 +122,7 @@ def test_the_replay_reads_what_the_free_bench_read(free):
         {"auxiliary_volume": np.array([0.03, 0.07])},
         {"orifice_diameter": np.array([4e-3, 6e-3])},
         {"sensor_bias": 500.0 * (np.arange(SENSORS) == Sensor.LOAD_CELL_1)},
+        {"sensor_drift": 1e3 * (np.arange(SENSORS) == Sensor.LEFT_BELLOWS_PRESSURE)},
     ],
     ids=lambda turned: next(iter(turned)),
 )
