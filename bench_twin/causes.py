@@ -20,10 +20,10 @@ from bench_twin.forms import (
     POSSIBLE,
     Form,
     Forms,
+    Parted,
     Shaped,
     Steps,
     Suspect,
-    goes_along,
     interval,
     left_by,
     places,
@@ -110,13 +110,15 @@ def explanations(
             return Explained(pairs=(yield from look.pairs(firsts or look.at_present(looked))))
         ranked.sort(key=lambda one: one.left)
     alike = [one for one in ranked if one.left < ranked[0].left + _ALIKE]
-    singles = tuple(
-        _over([one for one in alike if one.name == name]) for name in dict.fromkeys(one.name for one in alike)
+    names = dict.fromkeys(one.name for one in alike)
+    worse: dict[str, Suspect] = {}
+    for other in ranked:
+        if other.name not in names:
+            worse.setdefault(other.name, other)
+    return Explained(
+        tuple(_over([one for one in alike if one.name == name]) for name in names),
+        worse=tuple(worse.values()),
     )
-    worse = {one.name: one for one in reversed(ranked)}
-    for single in singles:
-        del worse[single.name]
-    return Explained(singles, worse=tuple(reversed(worse.values())))
 
 
 def _over(ranked: Sequence[Suspect]) -> Suspect:
@@ -189,7 +191,7 @@ class _Look:
     def __init__(
         self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring, since: float
     ) -> None:
-        self._columns, self._belief, self._since = columns, belief, round(since / BIN)
+        self._columns, self._since = columns, round(since / BIN)
         self._fit = Fit(columns, belief)
         self._replays = Replays(run, simulator)
         self._points: list[tuple[Hypothesis, Mapping[str, float]]] = [
@@ -198,7 +200,8 @@ class _Look:
             for point in cause.grid
         ]
         self._shapes: dict[str, Mapping[str, float]] = {}  # of the causes that were looked at closely
-        self.growth = Growth(columns, belief, self._fit, self._replays, self._points, self._since)
+        self._parted = Parted(columns, belief, self._fit, self._replays, self._points)
+        self.growth = Growth(self._parted, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
         """Return what acts of all causes at all points of their grids, at so many times typical sizes, since a bin."""
@@ -281,7 +284,7 @@ class _Look:
         return steps
 
     def _goes_along(self, fit: Fitted, column: Array) -> bool:
-        return goes_along(self._columns, self._belief, fit.size * column, fit.left)
+        return self._parted.goes_along(fit.size * column, fit.left)
 
     def acting(self, known: Sequence[Suspect]) -> list[Acting]:
         """Return causes as they were known to act before."""
@@ -296,7 +299,7 @@ class _Look:
 
     def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
         """Return pairs of causes, one of ``firsts`` in each, that explain the stretch together, and the best so."""
-        search = Pairs(self._columns, self._belief, self._fit, self._replays, self._points)
+        search = Pairs(self._parted)
         found: list[tuple[Suspect, Suspect]] = []
         for first in firsts[:_FIRSTS]:
             found += yield from search.beside(first)

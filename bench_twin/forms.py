@@ -20,7 +20,7 @@ import numpy as np
 from bench_twin.detector import Alarm, Detector
 from bench_twin.fitting import Fit, Fitted
 from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
-from bench_twin.replays import can_be, typical
+from bench_twin.replays import Replays, can_be, typical
 from diagnosis.contracts import Array, Hypothesis
 
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
@@ -36,6 +36,28 @@ _SHARPER: Final = (20, 5)
 _FAR: Final = 2.0
 #: What grows takes so many bins at least; less is at once.
 _GROWS: Final = 40
+
+
+class Parted(NamedTuple):
+    """A stretch that parted: what was read and is believed, and what causes do to it."""
+
+    columns: Columns
+    belief: Belief
+    fit: Fit
+    replays: Replays
+    points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
+
+    def goes_along(self, added: Array, left: float) -> bool:
+        """Return whether the rig does not part from the twin to which causes add so much (n, c), and leave a χ²."""
+        if left > _FAR * np.count_nonzero(self.columns.samples):  # it surely parts, and to judge takes long
+            return False
+        return self.alarm_with(added) is None
+
+    def alarm_with(self, added: Array) -> Alarm | None:
+        """Return where the rig parts from the twin to which causes add so much (n, c); None if it does not."""
+        explained = self.columns._replace(simulated=self.columns.simulated + added)
+        white = judge(explained, self.belief, rough(self.columns)).white
+        return Detector(white.shape[1], BLOCK).look(white)
 
 
 class Form(StrEnum):
@@ -67,20 +89,6 @@ class Suspect(NamedTuple):
 Steps = Mapping[int, Array]
 
 
-def goes_along(columns: Columns, belief: Belief, added: Array, left: float) -> bool:
-    """Return whether a rig does not part from the twin to which causes add so much (n, c), which leave a χ²."""
-    if left > _FAR * np.count_nonzero(columns.samples):  # it surely parts, and to judge takes long
-        return False
-    return alarm_with(columns, belief, added) is None
-
-
-def alarm_with(columns: Columns, belief: Belief, added: Array) -> Alarm | None:
-    """Return where a rig parts from the twin to which causes add so much (n, c); None if it does not."""
-    explained = columns._replace(simulated=columns.simulated + added)
-    white = judge(explained, belief, rough(columns)).white
-    return Detector(white.shape[1], BLOCK).look(white)
-
-
 def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
     """Return the interval (k = 2) of a size over all fits that are possible."""
     every = list(fits)
@@ -90,13 +98,18 @@ def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
     )
 
 
+def share_grown(at: Array | float, begins: float, ends: float) -> Array:
+    """Return the share of its last size that something has ``at`` bins which grows evenly from one to another."""
+    return np.asarray(np.clip((np.asarray(at) - begins) / (ends - begins), 0.0, 1.0))
+
+
 def growing(steps: Steps, begins: float, ends: float) -> Array:
     """Return what a cause does (n, c) that grows evenly from bin ``begins`` to ``ends``, per unit of its last size."""
     places = sorted(steps)
     bins = np.arange(len(steps[places[0]]), dtype=np.float64) + 0.5
 
     def grown(at: Array | float) -> Array:
-        return np.clip((np.asarray(at) - begins) / (ends - begins), 0.0, 1.0)
+        return share_grown(at, begins, ends)
 
     edges = [*places, np.inf]
     total = np.zeros_like(steps[places[0]])
@@ -111,11 +124,6 @@ def growing(steps: Steps, begins: float, ends: float) -> Array:
         if weight.any():
             total += weight[:, None] * steps[place]
     return total
-
-
-def course_of(begins: float, ends: float, bins: int) -> Array:
-    """Return the share (n,) of its last size that something has in each bin which grows evenly from one to another."""
-    return np.asarray(np.clip((np.arange(bins) + 0.5 - begins) / (ends - begins), 0.0, 1.0))
 
 
 class Shaped(NamedTuple):

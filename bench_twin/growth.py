@@ -12,11 +12,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bench_twin.fitting import Fit
-from bench_twin.forms import Form, Forms, Shaped, Suspect, course_of, goes_along, left_by, places, suspect
-from bench_twin.innovations import Belief, Columns
+from bench_twin.forms import Form, Forms, Parted, Shaped, Suspect, left_by, places, share_grown, suspect
 from bench_twin.pairs import Acting
-from bench_twin.replays import Replays, Secant, bounded, can_be, typical
+from bench_twin.replays import Secant, bounded, can_be, typical
 from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis
 
@@ -38,31 +36,24 @@ class Growing(NamedTuple):
 
 
 class Growth:
-    """The causes that may have grown in a stretch that parted in bin ``since``; ``points`` are all there are."""
+    """The causes that may have grown in a stretch that parted in bin ``since``."""
 
-    def __init__(
-        self,
-        columns: Columns,
-        belief: Belief,
-        fit: Fit,
-        replays: Replays,
-        points: Sequence[tuple[Hypothesis, Mapping[str, float]]],
-        since: int,
-    ) -> None:
-        self._columns, self._belief, self._fit = columns, belief, fit
-        self._replays, self._points, self._since = replays, points, since
+    def __init__(self, parted: Parted, since: int) -> None:
+        self._parted, self._since = parted, since
+        self._bins = len(parted.columns.measured)
         self._tried: set[str] = set()
 
     def explains(self, one: Growing) -> Work[Suspect | None]:
         """Return a cause as it grew, if the stretch goes along with that."""
         cause, shapes, forms, shaped = one
         self._tried.add(cause.name)
-        bins, secant, size = len(self._columns.measured), Secant(), shaped.fit.size
+        secant, size = Secant(), shaped.fit.size
+        middles = np.asarray(np.arange(self._bins) + 0.5)
         replayed, alike = list[Shaped](), [shaped]
         for _ in range(_ROUNDS):
             size = bounded(cause, size)
             begins, ends = shaped.begins, shaped.ends
-            added = self._replays.changing(cause, shapes, size * course_of(begins, ends, bins))
+            added = self._parted.replays.changing(cause, shapes, size * share_grown(middles, begins, ends))
             yield
             if added is None:
                 break
@@ -76,10 +67,10 @@ class Growth:
         if not replayed:
             return None
         best = min(replayed, key=left_by)
-        along = goes_along(self._columns, self._belief, best.fit.size * best.column, best.fit.left)
+        along = self._parted.goes_along(best.fit.size * best.column, best.fit.left)
         if not along or not can_be(cause, best.fit.size):
             return None
-        return suspect(cause.name, Form.GROWING, best, [best, *alike], bins)
+        return suspect(cause.name, Form.GROWING, best, [best, *alike], self._bins)
 
     def among(self, causes: Sequence[Acting]) -> Work[list[Suspect]]:
         """Return which causes explain the stretch as they grew, or what is easily mistaken for these."""
@@ -98,10 +89,10 @@ class Growth:
 
     def mistaken_for(self, one: Suspect) -> list[Acting]:
         """Return the causes that are easily mistaken for one that explains the stretch, as they ordinarily act."""
-        confusers = next(cause.confusers for cause, _ in self._points if cause.name == one.name)
+        confusers = next(cause.confusers for cause, _ in self._parted.points if cause.name == one.name)
         return [
             Acting(cause, shapes, typical(cause), 0)
-            for cause, shapes in self._points
+            for cause, shapes in self._parted.points
             if cause.name.partition(".")[0] in confusers
         ]
 
@@ -109,13 +100,13 @@ class Growth:
         """Return how a cause grows that acted before, as a sum of steps."""
         cause, shapes, size, _ = acting
         asked = (cause, shapes, bounded(cause, float(np.copysign(_LARGER * typical(cause), size))))
-        bins, steps = len(self._columns.measured), dict[int, Array]()
-        for place in places(self._since, bins):
-            (column,) = self._replays.columns([asked], place)
+        steps: dict[int, Array] = {}
+        for place in places(self._since, self._bins):
+            (column,) = self._parted.replays.columns([asked], place)
             yield
             if column is not None:
                 steps[place] = column
-        forms = Forms(self._fit, cause, bins, steps, lambda _: {})
+        forms = Forms(self._parted.fit, cause, self._bins, steps, lambda _: {})
         some = forms.coarse(Form.GROWING)
         yield
         return Growing(cause, shapes, forms, forms.best(Form.GROWING, some)[0]) if some else None

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from bench_twin.fitting import Fit, Fitted
-from bench_twin.forms import POSSIBLE, Suspect, alarm_with, goes_along, interval
-from bench_twin.innovations import BIN, BINS, Belief, Columns
-from bench_twin.replays import Replays, bounded, can_be, typical
+from bench_twin.fitting import Fitted
+from bench_twin.forms import POSSIBLE, Parted, Suspect, interval
+from bench_twin.innovations import BIN, BINS
+from bench_twin.replays import bounded, can_be, typical
 from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis
 
@@ -61,23 +61,15 @@ def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
 
 
 class Pairs:
-    """The pairs of causes that may act in a stretch; ``points`` are all causes at all points of their grids."""
+    """The pairs of causes that may act in a stretch."""
 
-    def __init__(
-        self,
-        columns: Columns,
-        belief: Belief,
-        fit: Fit,
-        replays: Replays,
-        points: Sequence[tuple[Hypothesis, Mapping[str, float]]],
-    ) -> None:
-        self._columns, self._belief, self._fit = columns, belief, fit
-        self._replays, self._points = replays, points
-        self._last = len(columns.measured) - 2 * BINS
+    def __init__(self, parted: Parted) -> None:
+        self._parted = parted
+        self._last = len(parted.columns.measured) - 2 * BINS
 
     def beside(self, first: Acting) -> Work[list[tuple[Suspect, Suspect]]]:
         """Return pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
-        (column,) = self._replays.columns([(first.cause, first.shapes, first.size)], first.onset)
+        (column,) = self._parted.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
             return []
         onset = self._where_it_parts(first.size, column)
@@ -97,19 +89,21 @@ class Pairs:
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
         """Return since which bin the twin with a cause of a size parts; None if it does not."""
-        alarm = alarm_with(self._columns, self._belief, size * column)
+        alarm = self._parted.alarm_with(size * column)
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
         """Return what explains most beside the first cause, one point of each cause."""
         ranked: list[tuple[float, Acting]] = []
-        sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._points]
+        sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._parted.points]
         for at in {onset, first.onset}:
-            for (cause, shapes), other in zip(self._points, self._replays.columns(sizes, at), strict=True):
+            for (cause, shapes), other in zip(
+                self._parted.points, self._parted.replays.columns(sizes, at), strict=True
+            ):
                 yield
                 if other is None or cause.name == first.cause.name:
                     continue
-                _, fit = self._fit.together([column, other])
+                _, fit = self._parted.fit.together([column, other])
                 if can_be(cause, fit.size):
                     ranked.append((fit.left, Acting(cause, shapes, fit.size, at)))
         chosen: dict[str, Acting] = {}
@@ -134,7 +128,7 @@ class Pairs:
             if (column := self._one(moved)) is None:
                 continue
             both = (kept, column) if which else (column, kept)
-            fits = self._fit.together(both)
+            fits = self._parted.fit.together(both)
             pair = (keeper, moved) if which else (moved, keeper)
             if all(can_be(one.cause, fit.size) for one, fit in zip(pair, fits, strict=True)):
                 sized = tuple(one._replace(size=fit.size) for one, fit in zip(pair, fits, strict=True))
@@ -148,14 +142,14 @@ class Pairs:
         return best._replace(since=(other, mine) if which else (mine, other))
 
     def _one(self, acting: Acting) -> Array | None:
-        (column,) = self._replays.columns(
+        (column,) = self._parted.replays.columns(
             [(acting.cause, acting.shapes, bounded(acting.cause, acting.size))], acting.onset
         )
         return column
 
     def _convinces(self, two: _Two) -> bool:
         sure = all(abs(fit.size) > _SURE * fit.deviation for fit in two.fits)
-        return sure and goes_along(self._columns, self._belief, two.added, two.left)
+        return sure and self._parted.goes_along(two.added, two.left)
 
 
 def _suspects(two: _Two) -> tuple[Suspect, Suspect]:

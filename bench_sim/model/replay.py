@@ -32,7 +32,7 @@ from bench_sim.model.layout import (
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.rest import fill_chamber, hold_back, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.runge_kutta import runge_kutta, step_scheme
-from bench_sim.model.sensors import follow, read_exactly, true_values
+from bench_sim.model.sensors import DRIFTS, follow, read_exactly, true_values
 from bench_sim.model.spring import load_bellows, spring_algebra, stretch, tangent_of, volume
 from bench_sim.model.step_start import begin
 
@@ -362,6 +362,6 @@ def replay(
 
 def _drift_from(times: NDArray[np.float64], records: Any) -> None:
     """Let what drifts in ``records`` (m,), and a clock that runs slowly, do so from ``times`` (m,) s on."""
-    for rate, start in (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency")):
+    for rate, start in DRIFTS:
         more = np.diff(records[rate], axis=0, prepend=records[rate][:1])
         records[start] -= np.cumsum((times * more.T).T, axis=0)

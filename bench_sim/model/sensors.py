@@ -9,7 +9,7 @@ those span (0.25 s at 1 ms) is cut off there. Straight lines in the place of cub
 """
 
 from math import exp, floor
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.actuator import piston_displacement
 from bench_sim.model.algebraic import Algebraic
@@ -19,6 +19,8 @@ from bench_sim.model.noise import normal
 
 #: Which of the vertical cells carry more and which less where the platform is twisted.
 DIAGONAL = (1.0, -1.0, -1.0, 1.0)
+#: What a sensor is off by as time goes on: the rate, and what it is at time 0.
+DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency"))
 
 
 @compiled

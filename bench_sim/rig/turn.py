@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from bench_protocol.rates import TICK
 from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, State
-from bench_sim.model.sensors import arrives_late
+from bench_sim.model.sensors import DRIFTS, arrives_late
 from bench_sim.parameters.loading import ParameterError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
     """
     par, mem = plant.parameters, plant.memory
     found = {name: np.array(value) for name, value in values.items()}
-    for rate, start in (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency")):
+    for rate, start in DRIFTS:
         if rate in found:
             found[start] = found.get(start, np.array(par[start])) - mem.time * (found[rate] - par[rate])
     _take_dashpots(
