@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import stat
+import struct
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol import text as file_text
 
 if TYPE_CHECKING:
+    import zipfile
+
     import numpy as np
     import numpy.typing as npt
 
@@ -32,6 +36,13 @@ LINE_BYTES: Final = _MiB
 TABLE_BYTES: Final = 1024 * _MiB
 #: A file of samples or of frames in binary form, or frames as lines.
 SAMPLES_BYTES: Final = 4096 * _MiB
+#: All files of a zip archive (an FMU, a workbook) after unpacking, and how many there may be.
+UNPACKED_BYTES: Final = 512 * _MiB
+UNPACKED_FILES: Final = 10_000
+#: A file in an archive that is parsed as a whole, such as XML: a parser takes up to fifty times as much memory.
+PARSED_BYTES: Final = 16 * _MiB
+#: The directory of an archive, which is read before its files can be counted.
+_DIRECTORY_BYTES: Final = 4 * _MiB
 #: Columns of a table, channels of a file, signals of a DBC.
 COLUMNS: Final = 10_000
 ROWS: Final = 100_000_000
@@ -143,6 +154,52 @@ def check_dbc(path: Path) -> None:
                 f"has a text of {size(found.end() - found.start())} in line {line}; at most {size(QUOTED_BYTES)} are "
                 "read between quotation marks"
             )
+
+
+def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
+    """Open a zip archive, unless it is none or unpacks to too much: Unfit. OSError if it cannot be read.
+
+    Files named in ``parsed`` may have `PARSED_BYTES` each. `zipfile` unpacks no more of a file than its size here.
+    """
+    import zipfile
+
+    check_size(path, UNPACKED_BYTES)
+    _check_directory(path)
+    try:
+        archive = zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, ValueError, NotImplementedError, struct.error) as error:
+        raise Unfit(f"is no zip archive that can be read: {error}") from None
+    try:
+        files = archive.infolist()
+        total = sum(one.file_size for one in files)
+        if len(files) > UNPACKED_FILES:
+            raise Unfit(f"holds {len(files)} files; at most {UNPACKED_FILES} are unpacked")
+        if total > UNPACKED_BYTES:
+            raise Unfit(f"unpacks to {size(total)}; at most {size(UNPACKED_BYTES)} are unpacked")
+        for one in files:
+            if one.filename in parsed and one.file_size > PARSED_BYTES:
+                raise Unfit(
+                    f"holds {one.filename} with {size(one.file_size)}; at most {size(PARSED_BYTES)} of it are read"
+                )
+    except Unfit:
+        archive.close()
+        raise
+    return archive
+
+
+def _check_directory(path: Path) -> None:
+    """Refuse what is no zip archive, and an archive of which the directory alone is too long: Unfit."""
+    with path.open("rb") as file:
+        length = file.seek(0, 2)
+        file.seek(max(length - (1 << 16) - 42, 0))
+        tail = file.read()
+    place = tail.rfind(b"PK\5\6")
+    if place < 0 or place + 22 > len(tail):
+        raise Unfit("is no zip archive")
+    (directory,) = struct.unpack_from("<I", tail, place + 12)
+    # ZIP64, which has its sizes elsewhere, is for more than 65 535 files or 4 GiB.
+    if directory > _DIRECTORY_BYTES or tail[max(place - 20, 0) : place].startswith(b"PK\6\7"):
+        raise Unfit(f"lists more than {UNPACKED_FILES} files; at most so many are unpacked")
 
 
 def check_text_table(path: Path, delimiter: str | None = None) -> None:

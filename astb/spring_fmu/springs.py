@@ -11,7 +11,6 @@ import sys
 import tempfile
 import threading
 import weakref
-import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +29,7 @@ from bench_sim.model.layout import SIDES, Input
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PLANT_QUANTITIES, Lanes
 from bench_sim.rig.elsewhere import Failure
-from diagnosis.systems.fmu.description import read_fmu
+from diagnosis.systems.fmu.description import read_fmu, unpack_fmu
 
 _WORKER: Final = "astb.spring_fmu.worker"
 #: Parameters of the supply before the main valve.
@@ -102,11 +101,7 @@ class SpringFmu:
         self._processes: list[subprocess.Popen[bytes]] = []
         self._pipes: list[int] = []
         self.close = weakref.finalize(self, _end, self._processes, self._pipes, self._temporary)
-        try:
-            with zipfile.ZipFile(path) as archive:
-                archive.extractall(self._folder / "unpacked")
-        except (OSError, zipfile.BadZipFile, RuntimeError) as error:
-            raise SpringFmuError(f"{path} cannot be unpacked: {error}") from None
+        unpack_fmu(path, self._folder / "unpacked")
         feeds = first_feeds(Plant.depressurised(parameters))
         self.budget = self._try(self.plan, feeds)
         #: What should be known of it beforehand, in words: what it does not tell, and how long its steps take.

@@ -5,15 +5,18 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from bench_protocol import input_limits
+from bench_protocol.input_limits import PARSED_BYTES
 from diagnosis.contracts import DiagnosisError
 from diagnosis.finding import Finding
-from diagnosis.systems.fmu.description import read_fmu
+from diagnosis.systems.fmu.description import read_fmu, unpack_fmu
 from diagnosis.systems.fmu.simulator import FmuSimulator
 from diagnosis.systems.mapping import read_mapped
 from tests.fmu.asked import HERE, altered, build, page_files, save
@@ -97,10 +100,28 @@ def test_a_description_that_cannot_be_used_is_refused_with_what_would_be_right(
 
 def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
     (tmp_path / "no.fmu").write_text("nothing")
-    with pytest.raises(DiagnosisError, match="is no FMU: it is no zip archive"):
+    with pytest.raises(DiagnosisError, match="is no zip archive"):
         read_fmu(tmp_path / "no.fmu")
     with pytest.raises(DiagnosisError, match=r"gone.fmu: cannot be read: No such file"):
         read_fmu(tmp_path / "gone.fmu")
+
+
+@pytest.mark.parametrize("name", ["resources/data.bin", "modelDescription.xml"])
+def test_a_small_file_that_unpacks_to_much_is_refused(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(input_limits, "UNPACKED_BYTES", 2 * PARSED_BYTES)
+    with zipfile.ZipFile(tmp_path / "bomb.fmu", "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(1 if name == "modelDescription.xml" else 3):
+            archive.writestr(name if not number else f"{name}{number}", bytes(PARSED_BYTES + 1))
+    assert (tmp_path / "bomb.fmu").stat().st_size < 1 << 20
+    for use in (read_fmu, lambda path: unpack_fmu(path, tmp_path / "to")):
+        if use is read_fmu or name != "modelDescription.xml":
+            with pytest.raises(
+                DiagnosisError, match=r"bomb.fmu .*(unpacks to 48|modelDescription.xml with 16) MiB"
+            ):
+                use(tmp_path / "bomb.fmu")
+    assert not (tmp_path / "to").exists()
 
 
 def test_without_fmpy_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

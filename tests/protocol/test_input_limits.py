@@ -1,5 +1,9 @@
 """What is too much in a file of somebody else's is refused before it costs memory, and at the limit it is not."""
 
+import contextlib
+import struct
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +24,7 @@ from bench_protocol.input_limits import (
     check_shape,
     check_text_table,
     check_times,
+    open_archive,
     parse_toml,
     read_bounded,
     read_toml,
@@ -138,3 +143,40 @@ def test_numbers_are_finite_and_gaps_are_gaps():
     check_finite(np.array([1.0, np.nan]), "height")
     with pytest.raises(Unfit, match="has height = -inf in row 3; a finite number"):
         check_finite(np.array([1.0, np.nan, -np.inf]), "height")
+
+
+def archive(path: Path, files: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as made:
+        for name, content in files.items():
+            made.writestr(name, content)
+    return path
+
+
+def test_an_archive_is_bounded_before_it_is_unpacked(tmp_path, monkeypatch):
+    for name, limit in (("UNPACKED_BYTES", 4000), ("UNPACKED_FILES", 3), ("PARSED_BYTES", 2000)):
+        monkeypatch.setattr(input_limits, name, limit)
+    with open_archive(archive(tmp_path / "a", {"x": b"0" * 1000, "y": b"0" * 3000}), parsed={"x"}) as good:
+        assert [len(good.read(name)) for name in ("x", "y")] == [1000, 3000]
+    for files, told in (
+        ({"x": b"0" * 3000, "y": b"0" * 1001}, "unpacks to"),
+        (dict.fromkeys("abcd", b""), "4 files"),
+        ({"x": b"0" * 2001}, "holds x"),
+    ):
+        with pytest.raises(Unfit, match=told):
+            open_archive(archive(tmp_path / "b", files), parsed={"x"})
+
+
+@given(st.data())
+def test_a_damaged_archive_is_refused_or_keeps_its_bounds(tmp_path_factory, data):
+    """Whatever stands in its directory: a file has the size that was bounded, or is not unpacked."""
+    path = archive(tmp_path_factory.getbasetemp() / "damaged", {"x": b"0" * 1000, "y": b"ab" * 70})
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(0, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    with contextlib.suppress(Unfit), open_archive(path) as opened:
+        for one in opened.infolist():
+            with contextlib.suppress(
+                *(zipfile.BadZipFile, RuntimeError, EOFError, OSError, ValueError, zlib.error, struct.error)
+            ):
+                assert len(opened.read(one)) <= one.file_size

@@ -6,16 +6,18 @@ Its library is not loaded here: that is left to a process of its own (`diagnosis
 from __future__ import annotations
 
 import hashlib
-import zipfile
+import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 from bench_protocol.base_units import BASES, base_exponents, written
 from bench_protocol.extras import lacking
+from bench_protocol.input_limits import Unfit, open_archive
 from bench_protocol.units import UNITS
 from diagnosis.contracts import DiagnosisError
 
@@ -24,6 +26,7 @@ REALS: Final = frozenset({"Real", "Float64", "Float32"})
 WHOLE: Final = frozenset(
     {"Integer", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Enumeration"}
 )
+_DESCRIPTION: Final = "modelDescription.xml"
 _NUMBERS: Final = REALS | WHOLE | {"Boolean"}
 
 
@@ -116,15 +119,17 @@ def read_fmu(path: Path) -> Fmu:
     """
     fmpy = fmpy_or_refuse()
     try:
+        with open_archive(path, parsed={_DESCRIPTION}) as archive:
+            files = archive.namelist()
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise DiagnosisError(f"{path}: cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise DiagnosisError(
+            f"{path} is no FMU that can be read: it {error}; export the model once more"
+        ) from None
     try:
         said = fmpy.read_model_description(str(path), validate=False)
-        with zipfile.ZipFile(path) as archive:
-            files = archive.namelist()
-    except zipfile.BadZipFile:
-        raise DiagnosisError(f"{path} is no FMU: it is no zip archive; export the model once more") from None
     except Exception as error:  # whatever the reader stumbles over
         raise DiagnosisError(f"{path} is no FMU that can be read: {error}") from None
     major = str(said.fmiVersion).partition(".")[0]
@@ -161,6 +166,15 @@ def read_fmu(path: Path) -> Fmu:
         bool(able.canBeInstantiatedOnlyOncePerProcess),
         None if step is None else float(step),
     )
+
+
+def unpack_fmu(path: Path, folder: Path) -> None:
+    """Unpack the FMU in a file into a folder. DiagnosisError where that cannot be done."""
+    try:
+        with open_archive(path) as archive:
+            archive.extractall(folder)
+    except (OSError, ValueError, BadZipFile, RuntimeError, EOFError, zlib.error) as error:
+        raise DiagnosisError(f"{path} cannot be unpacked: {error}; export the model once more") from None
 
 
 def fmpy_or_refuse() -> Any:

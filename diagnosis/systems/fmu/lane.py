@@ -11,7 +11,6 @@ import sys
 import tempfile
 import threading
 import weakref
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import unpack
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.fmu.calls import Opened
-from diagnosis.systems.fmu.description import Fmu
+from diagnosis.systems.fmu.description import Fmu, unpack_fmu
 from diagnosis.systems.fmu.worker import DONE, INITIALISE, INSTANTIATE, STEP, Request
 
 #: An FMU that comes no further within this time, in s, hangs.
@@ -48,11 +47,7 @@ class Lanes:
         temporary = tempfile.TemporaryDirectory(prefix="astb-fmu-")
         self.folder = Path(temporary.name)
         weakref.finalize(self, _end, self._all, temporary)
-        try:
-            with zipfile.ZipFile(self.fmu.path) as archive:
-                archive.extractall(self.folder / "unpacked")
-        except (OSError, zipfile.BadZipFile, RuntimeError) as error:
-            raise DiagnosisError(f"{self.fmu.path} cannot be unpacked: {error}") from None
+        unpack_fmu(self.fmu.path, self.folder / "unpacked")
 
     def simulate(self, request: Request) -> NDArray[np.float64]:
         """Return the outputs (n, k) of a simulation. DiagnosisError says what the FMU refused, or where it crashed."""
