@@ -20,8 +20,8 @@ from bench_fmu.description import model_description
 from bench_fmu.object_code import write_object
 from bench_fmu.unit import Code, Kind, Unit
 from bench_protocol.rates import TICK
+from bench_protocol.realtime.sources import digest_of
 from bench_protocol.system import LINUX
-from bench_sim.model.compiled import digest_of
 
 #: Versions of FMI that there are.
 VERSIONS: Final = (2, 3)
@@ -81,10 +81,10 @@ def _licence() -> str:
 
 def _token(unit: Unit, fmi: int) -> str:
     """Return a GUID that is another one for other values, variables, laws or functions of FMI."""
-    package = files("bench_fmu")
-    sources = [one for folder in (".", "kernels", "models") for one in package.joinpath(folder).iterdir()]
-    digest = hashlib.sha256(digest_of(sources).encode())
-    for source in sorted(package.joinpath("c").iterdir(), key=lambda one: one.name):
+    digest = hashlib.sha256(
+        str(digest_of(__name__, unit.code.start.__module__, unit.code.advance.__module__)).encode()
+    )
+    for source in sorted(files("bench_fmu").joinpath("c").iterdir(), key=lambda one: one.name):
         digest.update(source.read_bytes())
     digest.update(unit.defaults.tobytes())
     told = [unit.code.name, fmi, *(f"{one.name} {one.start}" for one in unit.variables)]

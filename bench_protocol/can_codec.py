@@ -24,7 +24,7 @@ import numpy.typing as npt
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
 from bench_protocol.messages import Protection
-from bench_protocol.realtime.binding import bind, kept
+from bench_protocol.realtime.binding import bind, cached
 from bench_protocol.units import NS
 from bench_protocol.wires import Table
 
@@ -125,7 +125,7 @@ class FrameLayout:
         return cls(messages, fields, rows)
 
 
-@kept
+@cached
 def encode_into(
     values: Any,
     rows: Any,
@@ -171,7 +171,7 @@ def encode_into(
     return position
 
 
-@kept
+@cached
 def _word(record: Any) -> Any:
     """Return the data of a frame as one number, little-endian."""
     word = np.uint64(0)
@@ -180,7 +180,7 @@ def _word(record: Any) -> Any:
     return word
 
 
-@kept
+@cached
 def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
     """Check CRC and token of one command; one with a sound CRC that is not the holder's is a stranger's."""
     crc = record["data"][0]
@@ -202,7 +202,7 @@ def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
     return own
 
 
-@kept
+@cached
 def _accept(record: Any, message: Any, row: int, token: int, counters: Any, times: Any, tally: Any) -> bool:
     """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
     if message.protection == _NONE:
@@ -242,7 +242,7 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
     return True
 
 
-@kept
+@cached
 def decode_into(
     block: Any,
     message_rows: Any,

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.realtime.binding import bind, kept
+from bench_protocol.realtime.binding import bind, cached
 
 COUNTER_PERIOD: Final = 15
 POLYNOMIAL: Final = 0x1D
@@ -33,7 +33,7 @@ def _table() -> np.ndarray:
 _CRC: Final = _table()
 
 
-@kept
+@cached
 def crc8(data: np.ndarray, data_id: int) -> int:
     """Return the profile-1 CRC over ``data_id`` and ``data[1:]`` (uint8[8])."""
     crc = _CRC[data_id & 0xFF]
@@ -43,13 +43,13 @@ def crc8(data: np.ndarray, data_id: int) -> int:
     return crc
 
 
-@kept
+@cached
 def counter_step(received: int, last: int) -> int:
     """Return by how many the alive counter advanced, 0 for a repetition."""
     return (received - last) % COUNTER_PERIOD
 
 
-@kept
+@cached
 def token_mark(token: int) -> int:
     """Return by what the CRC of any frame changes when its data id is taken exclusive-or ``token``."""
     return crc8(np.zeros(8, np.uint8), token)

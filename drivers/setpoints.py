@@ -5,14 +5,12 @@ Python, once it has the mutex, may have to wait for the interpreter, and whateve
 
 import math
 from collections.abc import Callable
-from hashlib import sha256
-from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.realtime.binding import bind, cached, inlined, protocol_digest
+from bench_protocol.realtime.binding import bind, cached, inlined
 from bench_protocol.realtime.calls import lock_mutex, unlock_mutex
 
 RAMP: Final = np.dtype(
@@ -60,17 +58,9 @@ class Setpoints(NamedTuple):
         )
 
 
-def _digest() -> str:
-    own = files("drivers").joinpath("setpoints.py").read_bytes()
-    return sha256(own + protocol_digest().encode()).hexdigest()
-
-
-_DIGEST: Final = _digest()
-
-
 def entry(function: Callable[..., Any]) -> Any:
     """Compile ``function`` to run without the interpreter: whoever waits for a mutex keeps nobody else waiting."""
-    return cached(function, _DIGEST, nogil=True)
+    return cached(function, nogil=True)
 
 
 @inlined

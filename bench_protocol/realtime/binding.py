@@ -1,22 +1,19 @@
 """How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
 
-import hashlib
 import os
 import pickle
+import re
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Any, Final
 
 import numba
 import numpy as np
 
-from bench_protocol.rates import TICK_RATE
+from bench_protocol.realtime.sources import digest_of
 from bench_protocol.system.file_locks import hold
 
 #: Said once where an installation is not ours to write to, and the user has no folder for caches either.
@@ -26,6 +23,8 @@ NOT_KEPT: Final = (
 )
 #: Beside the cached functions of a package: who saves or loads one holds it locked.
 LOCK: Final = "astb.lock"
+#: The line on which a function begins, in numba's names of files.
+_LINE: Final = re.compile(r"-\d+(?=\.py\d)")
 #: What reading a cache raises that holds what is no longer there, or half of it.
 UNREADABLE: Final = (
     pickle.UnpicklingError,
@@ -38,8 +37,12 @@ UNREADABLE: Final = (
 )
 
 
-def kept(function: Callable[..., Any], **options: Any) -> Any:
-    """Return ``function`` compiled when it is first called, and cached for other processes, which take turns."""
+def cached(function: Callable[..., Any], **options: Any) -> Any:
+    """Return ``function`` compiled when it is first called, and kept for other processes while its sources stay.
+
+    numba's cache looks at the file of the outermost function only, and would use yesterday's orifice in today's
+    kernel. `digest_of` covers all sources. Files are named without the line on which a function begins.
+    """
     try:
         dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba finds neither a place beside the function nor one of the user's own
@@ -47,48 +50,22 @@ def kept(function: Callable[..., Any], **options: Any) -> Any:
         return numba.njit(**options)(function)
     if (cache_file := _cache_file(dispatcher)) is not None:
         take_turns(cache_file)
-    return dispatcher
-
-
-def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
-    """As `kept`, as long as ``digest`` stays.
-
-    numba's cache looks at the file of the outermost function only and would run yesterday's orifice in today's
-    kernel: ``digest`` is that of all sources which the function may contain.
-    """
-    dispatcher = kept(function, **options)
-    if (cache_file := _cache_file(dispatcher)) is not None:
-        cache_file._source_stamp = (cache_file._source_stamp, digest)
+        if (digest := digest_of(function.__module__)) is not None:
+            cache_file._source_stamp = digest
+            cache_file._index_name = _LINE.sub("", cache_file._index_name)
+            cache_file._index_path = _LINE.sub("", cache_file._index_path)
+            cache_file._data_name_pattern = _LINE.sub("", cache_file._data_name_pattern)
     return dispatcher
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays.
-
-    It is compiled anew when any source of the protocol changes.
-    """
-    return cached(function, protocol_digest(), forceinline=True, _nrt=False)
+    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
+    return cached(function, forceinline=True, _nrt=False)
 
 
 def folder_of(function: Any) -> str:
     """Return the folder in which a compiled function is kept; "" where it is not."""
     return str(getattr(_cache_file(function), "_cache_path", ""))
-
-
-def protocol_sources() -> list[Traversable]:
-    """Return all sources of the protocol that compiled functions of others contain, in a fixed order."""
-    package = files("bench_protocol")
-    found = [*package.iterdir(), *package.joinpath("realtime").iterdir()]
-    return sorted((one for one in found if one.name.endswith(".py")), key=lambda one: one.name)
-
-
-@cache
-def protocol_digest() -> str:
-    """Return what changes when one of these sources does, or the tick, which is compiled in."""
-    digest = hashlib.sha256(str(TICK_RATE).encode())
-    for source in protocol_sources():
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
 
 
 def _cache_file(dispatcher: Any) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.realtime.binding import cached, inlined, protocol_digest
+from bench_protocol.realtime.binding import cached, inlined
 from bench_protocol.realtime.calls import lock_yielding, unlock_yielding
 
 _WRITTEN: Final = 0
@@ -35,7 +35,7 @@ class Ring(NamedTuple):
 
 def _entry(function: Callable[..., Any]) -> Any:
     """Compile ``function`` to be called from Python, which keeps the interpreter as long as it need not wait."""
-    return cached(function, protocol_digest())
+    return cached(function)
 
 
 @inlined

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from bench_protocol.black_box import CHANNELS, NO_SAMPLE, SAMPLE_MAX, Incident, files_of
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
-from bench_sim.rig.compiled import compiled
+from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import Happened
 from bench_sim.rig.incident_story import EventTold, story
 

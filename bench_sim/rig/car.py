@@ -12,9 +12,9 @@ from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
 from bench_protocol.words import Program
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import SENSORS, Sensor
 from bench_sim.model.sensors import read_cells
-from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import CELLS, MEDIUM, TARGETS, Happened, Target
 from bench_sim.rig.faults.in_tick import disturb
 from bench_sim.rig.setpoints import DISPLACEMENTS, LONGEST_WAVE_STEP, REACH

@@ -15,8 +15,8 @@ from bench_protocol.frames import FRAME, Block
 from bench_protocol.realtime.ring import Ring, take
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Mode
-from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import LOST_TICKS, SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 

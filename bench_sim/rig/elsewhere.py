@@ -19,6 +19,7 @@ from bench_protocol.realtime.calls import (
     send_word,
 )
 from bench_sim.model.actuator import command_actuators
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
 from bench_sim.model.elsewhere import (
     COMPONENT,
     GET,
@@ -36,7 +37,6 @@ from bench_sim.model.elsewhere import (
 )
 from bench_sim.model.runge_kutta import integrate
 from bench_sim.model.sensors import follow, true_values
-from bench_sim.rig.compiled import compiled, compiled_entry, compiled_once
 
 
 class Failure(IntEnum):

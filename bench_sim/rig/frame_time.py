@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import Block
-from bench_sim.rig.compiled import compiled, compiled_entry
+from bench_sim.model.compiled import compiled, compiled_entry
 
 #: x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1
 _POLYNOMIAL: Final = 0x4599

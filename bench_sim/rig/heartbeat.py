@@ -4,7 +4,7 @@ from typing import Any
 
 from bench_protocol.canopen import HEARTBEAT_IDENTIFIER
 from bench_protocol.frames import LENGTH_MAX
-from bench_sim.rig.compiled import compiled
+from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TICK_NS, Happened
 
 

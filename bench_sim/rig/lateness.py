@@ -6,7 +6,7 @@ from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.realtime.pacing import Late
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
-from bench_sim.rig.compiled import compiled
+from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TICK_NS, Happened
 
 #: Under the policy ``fault``, the lateness that counts as a lost tick.

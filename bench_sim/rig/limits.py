@@ -12,7 +12,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kN, mm, ms
 from bench_protocol.wires import Table
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, SIDES, LimitKind, Program
-from bench_sim.rig.compiled import compiled
+from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import Happened
 
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.signals import Group
 from bench_protocol.units import bar, kN, mm, s
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Sensor
 from bench_sim.model.wiring import sensors_of
-from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import AirSupply
 
 #: Just less than what carries the bolster (0.23 bar): nothing moves when actuators with hardly a load let go.

@@ -11,7 +11,7 @@ from bench_protocol.rates import PACE, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, m, rad, s
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES
-from bench_sim.rig.compiled import compiled
+from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TARGETS
 
 

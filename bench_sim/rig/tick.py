@@ -35,6 +35,7 @@ from bench_protocol.words import (
     Program,
 )
 from bench_sim.model.algebraic import ALGEBRAICS
+from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.elsewhere import Elsewhere, Place
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
@@ -43,7 +44,6 @@ from bench_sim.model.sensors import read_sensors
 from bench_sim.rig.black_box import Tape, write_sample
 from bench_sim.rig.car import ride, tell_car
 from bench_sim.rig.commands import Incoming, take_waiting
-from bench_sim.rig.compiled import compiled, compiled_entry
 from bench_sim.rig.controls import (
     FAST,
     GONE_TICKS,

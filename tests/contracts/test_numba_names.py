@@ -21,13 +21,15 @@ PRIVATE = {
         "_cache_file",  # of its cache: reads and writes the files
         "_cache_path",  # where they lie
         "_source_stamp",  # what decides whether they are of today
+        "_index_name",  # the names of these files
+        "_index_path",
+        "_data_name_pattern",
         "get_overload",  # the compiled function for some types, called without a look at its arguments
     },
     "bench_protocol/realtime/addresses.py": {"numba.extending"},  # a call of an address
     "bench_sim/model/compiled.py": {"_nrt"},
     "drivers/cycle.py": {"get_overload"},
-    "tests/model/test_oracles.py": {"_cache", "_cache_file", "_source_stamp"},
-    "tests/protocol/test_compiled_cache.py": {"numba.core.caching"},
+    "tests/protocol/test_compiled_cache.py": {"numba.core.caching", "_cache", "_cache_file", "_source_stamp"},
 }
 #: Public by their name, and mentioned nowhere in numba's documentation.
 UNDOCUMENTED = {"get_overload"}
@@ -80,7 +82,7 @@ def private(tree: ast.Module) -> set[str]:
 
 def knows_numba(tree: ast.Module) -> bool:
     """Whether a file imports numba, or something from where its functions are compiled."""
-    homes = ("numba", "bench_protocol.realtime.binding", "bench_sim.model.compiled", "bench_sim.rig.compiled")
+    homes = ("numba", "bench_protocol.realtime.binding", "bench_sim.model.compiled")
     return any(
         (isinstance(node, ast.Import) and any(one.name.split(".")[0] == "numba" for one in node.names))
         or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith(homes))

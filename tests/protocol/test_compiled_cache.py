@@ -2,7 +2,10 @@
 
 import errno
 import fcntl
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import module_from_spec, spec_from_file_location
@@ -12,7 +15,8 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.realtime.binding import LOCK, cached, folder_of, kept, take_turns
+from bench_protocol.realtime.binding import LOCK, cached, folder_of, take_turns
+from bench_protocol.realtime.sources import digest_of
 
 WORKERS, FUNCTIONS = 4, 40
 
@@ -52,7 +56,7 @@ def test_cached_functions_take_turns(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def twice(x: float) -> float:
         return 2.0 * x
 
-    assert cached(twice, "digest")(3.0) == 6.0
+    assert cached(twice)(3.0) == 6.0
     assert len(list(tmp_path.rglob(LOCK))) == 1
 
 
@@ -111,7 +115,7 @@ def test_where_an_installation_cannot_be_written_to_the_users_own_folder_keeps(
     strange, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "mine"))
-    twice = kept(strange)
+    twice = cached(strange)
     assert twice(3.0) == 6.0
     assert Path(folder_of(twice)).is_relative_to(tmp_path / "mine")
     assert list(Path(folder_of(twice)).glob("*.nbc"))
@@ -122,5 +126,66 @@ def test_where_nothing_can_be_written_one_sentence_says_so_and_it_works_all_the_
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "strange.py"))
     with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* NUMBA_CACHE_DIR may name"):
-        twice = cached(strange, "digest")
+        twice = cached(strange)
     assert (twice(3.0), folder_of(twice)) == (6.0, "")
+
+
+#: A package with a kernel, a law that the kernel calls, and a module that nothing compiled imports.
+SOURCES = {
+    "__init__.py": "",
+    "law.py": "LIMIT = 2.0\n\ndef law(x):\n    return LIMIT * x\n",
+    "kernel.py": "from bench_fmu_like.law import law\n\ndef kernel(x):\n    return law(x)\n",
+    "packaging.py": "EXTRAS = 1\n",
+}
+#: A change of one file, and whether the kernel must be compiled again.
+CHANGES = {
+    "nothing": ("law.py", "", "", False),
+    "a value in the law": ("law.py", "2.0", "3.0", True),
+    "an operation in the law": ("law.py", "LIMIT * x", "LIMIT / x", True),
+    "a comment": ("law.py", "LIMIT =", "# reason\nLIMIT =", False),
+    "another comment": ("law.py", "return", "# reason\n    return", False),
+    "a module that is not imported": ("packaging.py", "1", "2", False),
+    "a new import": ("kernel.py", "\n\ndef", "\nfrom bench_fmu_like import packaging\n\ndef", True),
+}
+DOCSTRINGS = {
+    "a module": '"""{}"""\nLIMIT = 2.0\n',
+    "a function": 'def law(x):\n    """{}"""\n    return x\n',
+    "a class": 'class Law:\n    """{}"""\n\n    LIMIT = 2.0\n',
+    "a method": 'class Law:\n    def law(self):\n        """{}"""\n        return 1\n',
+}
+
+
+def _digest(folder: Path, sources: dict[str, str]) -> str:
+    """Return the digest of the kernel in a package with these ``sources``, seen by a new process."""
+    package = folder / "bench_fmu_like"
+    package.mkdir(exist_ok=True)
+    for name, text in sources.items():
+        (package / name).write_text(text)
+    script = (
+        "from bench_protocol.realtime import sources; sources.PACKAGES |= {'bench_fmu_like'}; "
+        "print(sources.digest_of('bench_fmu_like.kernel'))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, check=True)
+    return done.stdout.decode()
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_only_a_change_of_reached_code_compiles_again(tmp_path: Path, change: str) -> None:
+    file, old, new, again = CHANGES[change]
+    before = _digest(tmp_path, SOURCES)
+    assert (_digest(tmp_path, {file: SOURCES[file].replace(old, new)}) != before) == again
+
+
+@pytest.mark.parametrize("place", DOCSTRINGS)
+def test_a_docstring_does_not_compile_again(tmp_path: Path, place: str) -> None:
+    one, other = (_digest(tmp_path, SOURCES | {"law.py": DOCSTRINGS[place].format(k)}) for k in "ab")
+    assert one == other
+
+
+def test_the_model_is_kept_by_the_code_that_it_reaches() -> None:
+    """Whatever is compiled into the tick is imported where it is called."""
+    from bench_sim.model.kernel import advance_plant
+
+    if hasattr(advance_plant, "signatures"):
+        assert advance_plant._cache._cache_file._source_stamp == digest_of("bench_sim.model.kernel")

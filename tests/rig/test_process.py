@@ -17,8 +17,6 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import BenchState
 from bench_sim.model.layout import State
-from bench_sim.rig import tick
-from bench_sim.rig.compiled import OF_THE_TICK
 from bench_sim.rig.controls import FAST, TICK_NS
 from bench_sim.rig.lateness import count_lateness
 from bench_sim.rig.rig import Rig
@@ -199,13 +197,3 @@ def test_a_full_ring_loses_the_oldest_and_counts(make_rig) -> None:
 
 def test_virtual_time_does_not_wait() -> None:
     assert not Pacing.virtual().real
-
-
-def test_whatever_the_tick_contains_lets_it_be_compiled_anew() -> None:
-    """numba's cache looks at one file only: a module that is missing here would run as it was yesterday."""
-    ours = {
-        value.__module__.removeprefix("bench_sim.rig.").replace(".", "/")
-        for value in vars(tick).values()
-        if getattr(value, "__module__", "").startswith("bench_sim.rig.")
-    }
-    assert ours - {"tick", "compiled"} <= set(OF_THE_TICK)

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.rates import FAST_RATE, TICK
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import INPUTS
 from bench_sim.model.noise import normal, scramble
-from bench_sim.rig.compiled import compiled
 
 #: Readings that can be disturbed at once.
 DISTURBANCES_MAX: Final = 64
