@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from math import hypot, isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from bench_protocol.named_files import read_named
 from bench_protocol.signals import Group
 from bench_protocol.suggestion import meant
 from bench_protocol.table_signals import BY_GROUP, FURTHER
-from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.units import UNITS
 from bench_protocol.words import PROVENANCES, SIDES
 
 #: The package with the files of dimensions that come with the bench.
@@ -24,28 +24,41 @@ PACKAGE: Final = "dimensions"
 #: Those of the virtual bench.
 ORDINARY: Final = "astb"
 
-#: Table ``dimension``: what a rig has one of, with its SI unit.
-DIMENSIONS: Final = {
-    "bolster_mass": "kg",
-    "gravity": "m/s2",
-    "spring_half_spacing": "m",
-    "centre_height": "m",
-    "lateral_actuator_height": "m",
-    "accelerometer_height": "m",
-    "column_height": "m",
-    "stop_gap": "m",
-    "vertical_frame_stiffness": "N/m",
-    "vertical_frame_damping": "N*s/m",
-    "lateral_frame_stiffness": "N/m",
-    "lateral_frame_damping": "N*s/m",
-    "actuator_frequency": "Hz",
-    "actuator_damping": "1",
-    "actuator_speed": "m/s",
-    "vertical_force_max": "N",
-    "lateral_force_max": "N",
+
+class Span(NamedTuple):
+    """The SI unit of a dimension, and between which values it is plausible for a railway bench."""
+
+    si: str
+    low: float
+    high: float
+
+
+#: Table ``dimension``: what a rig has one of. Heights above a point may be negative. Gravity is that of the Earth.
+SPANS: Final = {
+    "bolster_mass": Span("kg", 10.0, 50e3),
+    "gravity": Span("m/s2", 9.76, 9.84),
+    "spring_half_spacing": Span("m", 0.2, 3.0),
+    "centre_height": Span("m", -2.0, 3.0),
+    "lateral_actuator_height": Span("m", -3.0, 3.0),
+    "accelerometer_height": Span("m", -3.0, 3.0),
+    "column_height": Span("m", 0.01, 1.5),
+    "stop_gap": Span("m", 1e-3, 0.3),
+    "vertical_frame_stiffness": Span("N/m", 1e5, 1e11),
+    "vertical_frame_damping": Span("N*s/m", 1.0, 1e8),
+    "lateral_frame_stiffness": Span("N/m", 1e5, 1e11),
+    "lateral_frame_damping": Span("N*s/m", 1.0, 1e8),
+    "actuator_frequency": Span("Hz", 0.5, 500.0),
+    "actuator_damping": Span("1", 0.01, 10.0),
+    "actuator_speed": Span("m/s", 1e-3, 10.0),
+    "vertical_force_max": Span("N", 100.0, 1e7),
+    "lateral_force_max": Span("N", 100.0, 1e7),
 }
-#: Those that may be negative: heights above a point may lie below it.
-_SIGNED: Final = ("centre_height", "lateral_actuator_height", "accelerometer_height")
+DIMENSIONS: Final = {name: one.si for name, one in SPANS.items()}
+_ACROSS: Final = Span("m", -3.0, 3.0)
+_PLACE: Final = Span("m", -5.0, 5.0)
+_DIRECTION: Final = Span("1", -1e6, 1e6)
+#: Thermometers are slow.
+_LAG: Final = Span("s", 0.0, 60.0)
 #: Table ``across``: how far to the left of the middle a laser or an actuator stands (m).
 ACROSS: Final = (*(f"{side}.height" for side in SIDES), *(f"vertical_{side}" for side in SIDES))
 #: Table ``load_cell``: where each cell stands, and which way the push on the bolster goes that reads positive.
@@ -153,7 +166,7 @@ def lag(signal: str) -> str:
 
 #: The table of the load cells, and what is told of each: its names and their SI unit.
 CELLS: Final = "load_cell"
-_OF_A_CELL: Final = {"place": (place, "m"), "direction": (direction, "1")}
+_OF_A_CELL: Final = {"place": (place, _PLACE), "direction": (direction, _DIRECTION)}
 #: All names that a file can state, with the SI unit.
 NAMES: Final[Mapping[str, str]] = {
     **DIMENSIONS,
@@ -188,9 +201,9 @@ def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
 def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:
     """Return what a file states, by name; ``wrong`` gets everything that cannot be, not the first of it alone."""
     tables = {
-        "dimension": {name: (name, si) for name, si in DIMENSIONS.items()},
-        "across": {one: (across(one), "m") for one in ACROSS},
-        "lag": {signal: (lag(signal), "s") for signal in LAGS},
+        "dimension": {name: (name, span) for name, span in SPANS.items()},
+        "across": {one: (across(one), _ACROSS) for one in ACROSS},
+        "lag": {signal: (lag(signal), _LAG) for signal in LAGS},
     }
     known: dict[str, Dimension] = {}
     wrong += [
@@ -209,8 +222,8 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
             if key not in names:
                 wrong.append(f"{where} is no dimension of a rig; {meant(key, names)}")
                 continue
-            name, si = names[key]
-            told = _misfit(where, entry, si, signed=table == "across" or key in _SIGNED)
+            name, span = names[key]
+            told = _misfit(where, entry, span)
             if told:
                 wrong.append(told)
             else:
@@ -236,8 +249,8 @@ def _known_cells(cells: Any, wrong: list[str]) -> dict[str, Dimension]:
             if what not in _OF_A_CELL:
                 wrong.append(f"{cell}.{what} is nothing of a load cell; {meant(what, _OF_A_CELL)}")
                 continue
-            names, si = _OF_A_CELL[what]
-            told = _three(f"{cell}.{what}", entry, si)
+            names, span = _OF_A_CELL[what]
+            told = _three(f"{cell}.{what}", entry, span)
             if told:
                 wrong.append(told)
                 continue
@@ -248,19 +261,19 @@ def _known_cells(cells: Any, wrong: list[str]) -> dict[str, Dimension]:
     return known
 
 
-def _three(where: str, entry: Any, si: str) -> str:
+def _three(where: str, entry: Any, span: Span) -> str:
     """Return what is wrong with an entry of three numbers, "" for nothing."""
     values = entry.get("value") if isinstance(entry, dict) else None
     if not isinstance(values, list) or len(values) != len(WAYS):
         return f"{where} = {entry!r}; its value is three numbers: ahead, to the left and up"
-    told = (_misfit(where, {**entry, "value": value}, si, signed=True) for value in values)
+    told = (_misfit(where, {**entry, "value": value}, span) for value in values)
     if misfit := next(filter(None, told), ""):
         return misfit
-    return f"{where} = {values} points nowhere" if si == "1" and not any(values) else ""
+    return f"{where} = {values} points nowhere" if span.si == "1" and not any(values) else ""
 
 
 def _dimension(entry: Mapping[str, Any]) -> Dimension:
-    factor = WRITTEN_UNITS[entry["unit"]].factor
+    factor = UNITS[entry["unit"]].factor
     return Dimension(
         entry["value"] * factor,
         entry.get("uncertainty", 0.0) * factor,
@@ -269,21 +282,33 @@ def _dimension(entry: Mapping[str, Any]) -> Dimension:
     )
 
 
-def _misfit(where: str, entry: Any, si: str, *, signed: bool) -> str:
+def _misfit(where: str, entry: Any, span: Span) -> str:
     """Return what is wrong with an entry, "" for nothing."""
+    si, low, high = span
     if not isinstance(entry, dict) or not {*_ENTRY} - {"uncertainty"} <= set(entry) <= set(_ENTRY):
         return f"{where} = {entry!r}; it needs value, unit, provenance and source, and takes an uncertainty"
-    value, unit = entry["value"], WRITTEN_UNITS.get(str(entry["unit"]))
+    value, unit = entry["value"], UNITS.get(str(entry["unit"]))
     if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
         return f"{where} = {value} {entry['unit']} is not in {fitting}"
     for name, number in (("value", value), ("uncertainty", entry.get("uncertainty", 0.0))):
         if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
             return f"{where}.{name} = {number!r} is no number"
-    if value <= 0 and not signed and si != "s":
-        return f"{where} = {value:g} {entry['unit']} is not above 0"
-    if (value < 0 and not signed) or entry.get("uncertainty", 0.0) < 0:
-        return f"{where}: neither a value of {value:g} nor an uncertainty below 0 can be"
+    if not low <= value * unit.factor <= high:
+        return f"{where} = {value:g} {entry['unit']} is not plausible: {_plausible(value, span)}"
+    if not 0 <= (off := entry.get("uncertainty", 0.0)) * unit.factor <= 0.5 * (high - low):
+        return f"{where}.uncertainty = {off:g} {entry['unit']} is not plausible: 0 to {0.5 * (high - low):g} {si} is"
     if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
         return f"{where} needs a provenance, one of {', '.join(PROVENANCES)}, and a source"
     return ""
+
+
+def _plausible(value: float, span: Span) -> str:
+    """Return the span in words, and in which other unit the ``value`` would lie in it."""
+    meant_in = [
+        name
+        for name, unit in UNITS.items()
+        if unit.si == span.si and span.low <= value * unit.factor <= span.high
+    ]
+    hint = f"; {value:g} {meant_in[0]} would be, if that is meant" if meant_in else ""
+    return f"{span.low:g} to {span.high:g} {span.si} is{hint}"

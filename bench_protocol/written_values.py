@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.units import FACTORS, UNITS, WRITTEN_UNITS
 
 _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*(\S*)\s*")
 
@@ -25,8 +25,8 @@ def read_written(what: str, text: Any, si: str) -> float:
     if match is None or isinstance(text, bool):
         raise NotAValue(f"{what} = {text!r} is not a number with its unit ({fitting})")
     unit = match[2] or "1"
-    base, factor, _ = WRITTEN_UNITS.get(unit, ("", 0.0, 0.0))
-    if base != si:
+    base, factor, _ = UNITS.get(unit, ("", 0.0, 0.0))
+    if base != si or unit not in FACTORS:
         raise NotAValue(f"{what} = {text!r} is not in {fitting}")
     number = float(match[1]) * factor
     if isinf(number):

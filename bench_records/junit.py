@@ -14,7 +14,7 @@ from bench_records.result import CheckVerdict, Outcome, Result
 # What XML 1.0 cannot hold, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
-_MET = {True: "met", False: "not met", None: "not told"}
+_MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:

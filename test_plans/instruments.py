@@ -17,7 +17,7 @@ from typing import Any, Final
 from bench_protocol.named_files import read_named
 from bench_protocol.suggestion import meant
 from bench_protocol.table import TABLE
-from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.units import UNITS
 from bench_protocol.words import PROVENANCES
 
 #: The package with the files of the instruments that come with the bench.
@@ -201,9 +201,9 @@ def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
 def _value(key: str, entry: Any, si: str) -> float:
     if not isinstance(entry, dict) or set(entry) != set(_ENTRY):
         raise _Unfit(f"{key} = {entry!r}; it needs {', '.join(_ENTRY)}")
-    value, unit = entry["value"], WRITTEN_UNITS.get(str(entry["unit"]))
+    value, unit = entry["value"], UNITS.get(str(entry["unit"]))
     if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
         raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
     if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
         raise _Unfit(f"{key} needs a provenance, one of {', '.join(PROVENANCES)}, and a source")

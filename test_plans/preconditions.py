@@ -25,6 +25,7 @@ SUPPLY_WITHIN: Final = 5 * s
 HEADROOM: Final = 1 * bar
 #: The hall in which limits are good: rubber and gas are what they were when the drawing was made.
 HALL: Final = (ICE + 10 * K, ICE + 35 * K)
+NO_DAY: Final = "virtual time has no date, so no due date is judged"
 COME_BACK: Final = 1 * minutes
 COLD_FROM_BEFORE: Final = (
     "gas that an earlier run let out is cold and needs some 5 min to warm up: wait, and start again"
@@ -125,21 +126,23 @@ def gas(low: float, high: float) -> Precondition:
 
 
 def calibrated(*signals: str) -> Precondition:
-    """The instruments of some signals, or all, have certificates that hold today; in virtual time none runs out."""
+    """The instruments of some signals, or all, have certificates that hold today; virtual time judges no dates."""
 
     def look(run: Run) -> ConditionResult:
         if not run.instruments.pieces:
             return ConditionResult(
                 False, "nobody has said which instruments this rig has; its file can name theirs"
             )
-        troubles = run.instruments.troubles(today(run), signals)
-        return ConditionResult(not troubles, "; ".join(troubles) or "all calibrations hold")
+        day = today(run)
+        troubles = run.instruments.troubles(day, signals)
+        fine = "all calibrations hold" if day else f"all have certificates; {NO_DAY}"
+        return ConditionResult(not troubles, "; ".join(troubles) or fine)
 
     return Precondition("calibrated instruments", look)
 
 
 def not_overdue() -> Precondition:
-    """No instrument is overdue for its calibration; a rig whose instruments nobody knows cannot tell."""
+    """No instrument is overdue for its calibration; not judged in virtual time, or if no instruments are described."""
 
     def look(run: Run) -> ConditionResult:
         pieces, day = run.instruments.pieces.values(), today(run)
@@ -147,6 +150,8 @@ def not_overdue() -> Precondition:
             return ConditionResult(
                 None, "nobody has said which instruments this rig has; its file can name theirs"
             )
+        if day is None:
+            return ConditionResult(None, NO_DAY)
         over = [piece.trouble(day) for piece in pieces if piece.overdue(day)]
         found = "; ".join(over) + "; a new calibration would be right" if over else "none is overdue"
         return ConditionResult(not over, found)

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
-from bench_protocol.units import WRITTEN_UNITS, bar, kN, mm, mrad
+from bench_protocol.units import UNITS, bar, kN, mm, mrad
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
@@ -359,16 +359,16 @@ def _entry(key: str, raw: Any, shapes: Collection[set[str]]) -> Mapping[str, Any
 def _si(key: str, raw: Any) -> str:
     """Return the SI unit of the quantity that an entry is stated in."""
     unit = _entry(key, raw, _BANDS)["unit"]
-    if unit not in WRITTEN_UNITS:
-        raise _Unfit(f"{key} is in {unit!r}, which is no unit; there are {', '.join(WRITTEN_UNITS)}")
-    return WRITTEN_UNITS[unit].si
+    if unit not in UNITS:
+        raise _Unfit(f"{key} is in {unit!r}, which is no unit; there are {', '.join(UNITS)}")
+    return UNITS[unit].si
 
 
 def _factor(key: str, entry: Mapping[str, Any], si: str) -> float:
     """Return the SI value of one of the entry's units, which has to be a unit of ``si``."""
-    unit = WRITTEN_UNITS.get(entry["unit"])
+    unit = UNITS.get(entry["unit"])
     if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
         value = next(entry[part] for part in ("value", "expected", *_ENDS) if part in entry)
         raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
     return unit.factor

@@ -1,19 +1,33 @@
-"""What a rig cannot do for want of signals: plans that would not start, and what aw0 and aw3 could not measure."""
+"""Plans that a rig cannot run because it lacks signals or dimensions, and what aw0 and aw3 could not measure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from acceptance.checking.report import Missing
 from bench_protocol.words import SIDES
 from test_plans.discovery import plans
 from test_plans.steps import carrying
 from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
 
 
-def plans_without(absent: Mapping[str, str]) -> dict[str, str]:
-    """Return the plans that need one of the signals ``absent``, each with what it lacks."""
-    found = {name: _lacking(plan.needs, absent) for name, plan in plans().items()}
-    return {name: lacking for name, lacking in found.items() if lacking}
+def plans_by_need() -> dict[str, set[str]]:
+    """Return the names of the plans that cannot begin without it, by signal or dimension."""
+    found: dict[str, set[str]] = {}
+    for name, plan in plans().items():
+        for need in plan.needs:
+            found.setdefault(need, set()).add(name)
+    return found
+
+
+def missing(absent: Iterable[str]) -> list[Missing]:
+    """Return what is ``absent`` and needed, each name once, grouped by the plans that it blocks; most plans first."""
+    needed, groups = plans_by_need(), dict[tuple[str, ...], list[str]]()
+    for name in dict.fromkeys(absent):
+        if blocked := needed.get(name):
+            groups.setdefault(tuple(sorted(blocked)), []).append(name)
+    ordered = sorted(groups.items(), key=lambda one: -len(one[0]))
+    return [Missing(names=names, plans=list(blocked)) for blocked, names in ordered]
 
 
 def checks_without(absent: Mapping[str, str]) -> dict[str, str]:

@@ -8,16 +8,18 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from acceptance.checking.consequences import checks_without, plans_without
+from acceptance.checking.consequences import checks_without, missing
 from acceptance.checking.report import CheckReport, ConnectionLine, Plausibility, SignalLine
 from acceptance.checking.rest import doubts
 from astb.listening import Listening
+from bench_protocol.dimensions import NAMES, Dimensions
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
 from drivers.errors import BenchError
 from drivers.receiver import Capture
 from drivers.wiring.sequences import READ
+from test_plans.discovery import plans
 
 #: How long a rig is listened to, and how long it may be silent first.
 LISTEN: Final = 2 * s
@@ -33,9 +35,12 @@ _EXPECTED: Final = (
 )
 
 
-def examine(listening: Listening, rig: str = "") -> CheckReport:
-    """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves."""
-    return _Examination(listening).report(rig)
+def examine(listening: Listening, rig: str = "", dimensions: Dimensions | None = None) -> CheckReport:
+    """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves.
+
+    Dimensions that plans need and ``dimensions`` does not state are missing, as absent signals are.
+    """
+    return _Examination(listening).report(rig, dimensions)
 
 
 class _Examination:
@@ -45,8 +50,8 @@ class _Examination:
         self._receiver, self.clock = listening.receiver, listening.clock
         self.wiring, self.table = listening.wiring, listening.table
 
-    def report(self, rig: str) -> CheckReport:
-        wiring = self.wiring
+    def report(self, rig: str, dimensions: Dimensions | None) -> CheckReport:
+        wiring, stated = self.wiring, NAMES if dimensions is None else dimensions.known
         played = wiring.played
         told = [one for one in self.table.of_kind(*READ) if one.name not in (*wiring.absent, *played)]
         coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
@@ -85,7 +90,8 @@ class _Examination:
             remembered=[
                 one.name for one in self.table.of_kind(Kind.SETTING) if one.name in wiring.remembered
             ],
-            plans=plans_without(wiring.absent),
+            plans=len(plans()),
+            missing=missing([*wiring.absent, *(name for name in NAMES if name not in stated)]),
             checks=checks_without(wiring.absent),
         )
 

@@ -38,6 +38,13 @@ class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
     right: str = ""
 
 
+class Missing(msgspec.Struct, frozen=True, kw_only=True):
+    """Signals or dimensions that the same plans lack."""
+
+    names: list[str]
+    plans: list[str]
+
+
 class ConnectionLine(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was noticed of a connection to the rig."""
 
@@ -56,9 +63,31 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     signals: list[SignalLine]
     connections: list[ConnectionLine] = []  #: what was noticed of the transports
     remembered: list[str] = []  #: settings that no point reads back
-    plans: dict[str, str] = {}  #: plans that cannot run, and what they lack
+    plans: int = 0  #: how many plans there are
+    missing: list[Missing] = []  #: what keeps plans from beginning
     checks: dict[str, str] = {}  #: what aw0 and aw3 then cannot measure, and what that lacks
     moves: list[MoveLine] = []
+
+    @property
+    def blocked(self) -> list[str]:
+        """The plans that cannot run, by name."""
+        return sorted({plan for one in self.missing for plan in one.plans})
+
+    @property
+    def summary(self) -> list[str]:
+        """What matters most, in a few lines: plans that can run, what they lack, what is doubtful."""
+        lines = [f"{self.plans - len(self.blocked)} of {self.plans} plans can run"]
+        for one in self.missing:
+            everything = len(one.plans) == self.plans
+            who = (
+                f"all {self.plans} plans" if everything else f"{len(one.plans)} plans: {', '.join(one.plans)}"
+            )
+            lines.append(f"missing: {', '.join(one.names)} (needed by {who})")
+        if self.doubtful:
+            lines.append(f"{len(self.doubtful)} doubtful: {', '.join(self.doubtful)}")
+        elif not self.missing:
+            lines.append("all fine")
+        return lines
 
     @property
     def doubtful(self) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import click
 from msgspec.structs import replace
 
-from astb.exit_codes import FAIL, PASS, blocked, misuse
+from astb.exit_codes import FAIL, INCOMPLETE, PASS, blocked, misuse
 from astb.rig_file import RigFileError, find_rig
 from astb.tables import open_console, open_table, styled
 from drivers.errors import BenchError, WiringError
@@ -35,7 +35,7 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
 
     TARGET is a rig file, or a name of `astb rigs`. Without --allow-motion it only listens and reads: nothing moves, and
     whoever commands the rig goes on. Ends with 0 if all is fine, 1 if something is doubtful, 2 for misuse, 3 if no rig
-    answers.
+    answers, 4 if nothing is doubtful but plans cannot run.
     """
 
     def say(text: str) -> None:
@@ -56,19 +56,19 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
         click.echo(report.to_json(), nl=False)
     else:
         _show(report)
-    raise click.exceptions.Exit(FAIL if report.doubtful else PASS)
+    raise click.exceptions.Exit(FAIL if report.doubtful else INCOMPLETE if report.missing else PASS)
 
 
 def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckReport":
     from acceptance.checking.examining import WITHIN, examine
     from astb.listening import Listening
-    from astb.session import open_session
+    from astb.session import dimensions_of, open_session
 
     with (
         open_session(rig, path, say=say) as session,
         Listening(session.bench.wiring, session.clock, WITHIN) as one,
     ):
-        return examine(one, rig.name)
+        return examine(one, rig.name, dimensions_of(rig, path))
 
 
 def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveLine]":
@@ -83,6 +83,8 @@ def _show(report: "CheckReport") -> None:
     style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
     console = open_console()
     console.print(styled(report.rig, "bold") + f", {report.state}; identity: {report.identity}")
+    for line in report.summary:
+        console.print(styled(line, "bold"))
     for line in report.capabilities:
         console.print(f"  {line}")
     wide = console.width >= _WIDE
@@ -106,13 +108,7 @@ def _show(report: "CheckReport") -> None:
         for move in report.moves:
             moves.add_row(styled(move.verdict, style[move.verdict]), move.what, move.found, move.right)
         console.print(moves)
-    for title, lacking in (
-        ("cannot run", report.plans),
-        ("cannot be measured in aw0 and aw3", report.checks),
-    ):
-        for what, names in lacking.items():
-            console.print(f"{what} {title}: no {names}")
+    for what, names in report.checks.items():
+        console.print(f"{what} cannot be measured in aw0 and aw3: no {names}")
     if report.remembered:
         console.print(f"only remembered, as last written: {', '.join(report.remembered)}")
-    said = f"{len(report.doubtful)} doubtful: {', '.join(report.doubtful)}" if report.doubtful else "all fine"
-    console.print(said)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from acceptance.checking.consequences import plans_by_need
 from acceptance.skeleton.matching import Match, match
 from acceptance.skeleton.points import Point, dbc_points
 from acceptance.skeleton.register_list import Counting, read_register_list
@@ -15,7 +16,6 @@ from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
 from bench_protocol.words import SWITCH
-from test_plans.discovery import plans
 
 _SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
 #: What drivers and plans ask for, in the order of the file; all else is ours alone, or optional.
@@ -142,11 +142,8 @@ def matches(points: Sequence[Point]) -> tuple[dict[str, Match], dict[str, Match]
 
 def _needed_by() -> dict[str, str]:
     """Return, by signal, that plans do not start without it."""
-    found: dict[str, int] = {}
-    for plan in plans().values():
-        for name in filter(TABLE.index.__contains__, plan.needs):
-            found[name] = found.get(name, 0) + 1
-    return {name: f"{count} plans need it" for name, count in found.items()}
+    found = plans_by_need().items()
+    return {name: f"{len(needing)} plans need it" for name, needing in found if name in TABLE.index}
 
 
 def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acceptance.checking.report import CheckReport
+from acceptance.checking.report import CheckReport, Missing
 from acceptance.commands import check_rig
 from astb.display import ProgressDisplay
 from astb.tables import open_console, open_table, styled
@@ -63,7 +63,8 @@ def _rest(name):
         "signals": [],
         "connections": [],
         "moves": [],
-        "plans": {name: name},
+        "plans": 1,
+        "missing": [Missing(names=[name], plans=[name])],
         "checks": {},
         "capabilities": [name],
     }

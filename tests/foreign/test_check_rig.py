@@ -13,6 +13,7 @@ from acceptance.checking.report import Plausibility
 from astb.cli import commands
 from astb.listening import Listening
 from astb.rig_in_memory import RigInMemory
+from bench_protocol.dimensions import Dimensions
 from bench_protocol.table import TABLE
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
@@ -21,6 +22,7 @@ from drivers.errors import LinkLost
 from drivers.wiring.described import open_described
 from drivers.wiring.description import read_description
 from drivers.wiring.own import own_wiring
+from test_plans.discovery import plans
 from tests.foreign import wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
@@ -191,6 +193,26 @@ def test_the_command_prints_a_table_and_json():
     assert (result.exit_code, "all fine" in result.output) == (0, True), result.output
     result = CliRunner().invoke(commands, ["check-rig", "virtual", "--json"])
     assert json.loads(result.stdout)["state"] == "DISABLED"
+
+
+def test_a_rig_on_which_no_plan_can_run_says_so_first_and_ends_with_4(tmp_path):
+    """Each missing name stands once, with all plans that it blocks."""
+    virtual = VirtualPlc()
+    description = wired(virtual, tmp_path, (r'^"left.height" = .*$', '"left.height" = { absent = "stolen" }'))
+    report = report_of(virtual, description)
+    assert report.plans == len(plans())
+    assert report.blocked == sorted(name for name, one in plans().items() if "left.height" in one.needs)
+    named = [name for one in report.missing for name in one.names]
+    assert len(named) == len(set(named)) and "left.height" in named
+    assert report.summary[0] == f"{report.plans - len(report.blocked)} of {report.plans} plans can run"
+    assert "all fine" not in report.summary
+
+
+def test_the_command_ends_with_4_where_dimensions_keep_plans_from_beginning(monkeypatch):
+    monkeypatch.setattr("astb.session.dimensions_of", lambda *_: Dimensions())
+    result = CliRunner().invoke(commands, ["check-rig", "virtual"])
+    assert (result.exit_code, "all fine" in result.output) == (4, False), result.output
+    assert result.output.index("plans can run") < result.output.index("load_cell.1")
 
 
 def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):

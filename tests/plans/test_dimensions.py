@@ -13,6 +13,7 @@ from astb.menu import experiments
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import (
     NAMES,
+    SPANS,
     UNKNOWN,
     Dimensions,
     DimensionsError,
@@ -77,11 +78,11 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
         ),
         (
             {r"^bolster_mass = \{ value = 1200.0": "bolster_mass = { value = -3"},
-            ["bolster_mass = -3 kg is not above 0"],
+            ["bolster_mass = -3 kg is not plausible"],
         ),
         (
             {r"uncertainty = 1.0,": "uncertainty = -1.0,"},
-            ["dimension.bolster_mass: neither", "an uncertainty below 0"],
+            ["dimension.bolster_mass.uncertainty = -1 kg is not plausible"],
         ),
         ({r"\[across\]": "[acros]"}, ["acros is no key of a file of dimensions; did you mean 'across'?"]),
         (
@@ -107,6 +108,31 @@ def test_what_cannot_be_is_refused_all_of_it_at_once(tmp_path, changes, told):
         read_dimensions("mine.toml", tmp_path)
     for words in ("mine.toml", *told):
         assert words in str(error.value)
+
+
+@pytest.mark.parametrize("name", SPANS)
+def test_a_dimension_that_no_bench_can_have_is_refused_with_what_is_plausible(name, tmp_path):
+    span = SPANS[name]
+    text = 'provenance = "measured", source = "tape"'
+    for value in (span.low, span.high, 0.5 * (span.low + span.high)):
+        (tmp_path / "mine.toml").write_text(
+            f'[dimension]\n{name} = {{ value = {value!r}, unit = "{span.si}", {text} }}\n'
+        )
+        assert read_dimensions("mine.toml", tmp_path).known[name].value == value
+    for value in (1.001 * span.high, 1000 * span.high, span.low - 0.001 * span.high):
+        (tmp_path / "mine.toml").write_text(
+            f'[dimension]\n{name} = {{ value = {value!r}, unit = "{span.si}", {text} }}\n'
+        )
+        with pytest.raises(DimensionsError, match=rf"dimension\.{name} = .* is not plausible"):
+            read_dimensions("mine.toml", tmp_path)
+
+
+def test_a_spacing_in_the_wrong_unit_is_refused_with_the_right_one(tmp_path):
+    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    wrong = text.replace("spring_half_spacing = { value = 1.0, ", "spring_half_spacing = { value = 1230.0, ")
+    (tmp_path / "mine.toml").write_text(wrong, encoding="utf-8")
+    with pytest.raises(DimensionsError, match=r"1230 m is not plausible: 0\.2 to 3 m is; 1230 mm would be"):
+        read_dimensions("mine.toml", tmp_path)
 
 
 def test_what_nobody_states_has_no_default():

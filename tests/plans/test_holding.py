@@ -65,8 +65,8 @@ PIECE = Piece("left.height", Instrument("laser", "triangulation laser"), "L-7", 
         (pre.gas(283.15, 308.15), "20.0 °C"),
         (pre.load_cases("AW0", "AW3"), "astb.toml has AW0, AW3"),
         (pre.rested(10 * minutes), "since it was made"),
-        (pre.calibrated(), "all calibrations hold"),
-        (pre.calibrated("left.height"), "all calibrations hold"),
+        (pre.calibrated(), "no due date is judged"),
+        (pre.calibrated("left.height"), "all have certificates"),
     ],
 )
 def test_a_plan_whose_preconditions_are_met_runs_and_the_report_says_what_was_found(ran, condition, found):
@@ -273,6 +273,11 @@ def test_an_overdue_instrument_blocks_and_one_of_which_nobody_knows_anything_doe
     over = ran(requires=[pre.not_overdue()], instruments=Instruments("ours.toml", "", {"left.height": PIECE}))
     assert over.result.verdict is Outcome.BLOCKED
     assert "was due on 2026-03-01; a new calibration would be right" in over.result.reason
+    monkeypatch.setattr(pre, "today", lambda run: None)
+    undated = ran(
+        requires=[pre.not_overdue()], instruments=Instruments("ours.toml", "", {"left.height": PIECE})
+    )
+    assert [one.met for one in undated.result.preconditions] == [None]
 
 
 def test_a_calibration_without_a_due_date_holds_a_year_and_one_without_any_date_is_doubted():

@@ -9,7 +9,7 @@ import pytest
 
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table_signals import BY_GROUP
-from bench_protocol.units import bar, kN, mm, ms
+from bench_protocol.units import UNITS, bar, kN, mm, ms
 from bench_records.conformity import conformity, coverage_factor, cumulative, decimals, guard_factor
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
@@ -273,10 +273,23 @@ def test_the_simulated_sensors_are_what_the_data_sheets_of_the_virtual_bench_say
         assert abs(entries["sensor_gain"].value[k]) <= one.gain
 
 
+@pytest.mark.parametrize("unit", [name for name, one in UNITS.items() if one.si == "Pa"])
+def test_an_instrument_may_be_described_in_any_unit_of_its_quantity(tmp_path, unit):
+    path = tmp_path / "ours.toml"
+    path.write_text(f"""
+[instrument.gauge]
+offset = {{ value = 2.0, unit = "{unit}", provenance = "data sheet", source = "x" }}
+[signal]
+"left.bellows_pressure" = {{ instrument = "gauge" }}
+""")
+    offset = read_instruments(path).pieces["left.bellows_pressure"].instrument.offset
+    assert offset == 2.0 * UNITS[unit].factor
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (('unit = "mm"', 'unit = "bar"'), "instrument.laser.offset = 0.05 bar is not in m or mm"),
+        (('unit = "mm"', 'unit = "bar"'), "instrument.laser.offset = 0.05 bar is not in m or "),
         (('"left.height"', '"left.hight"'), "did you mean 'left.height'?"),
         (('instrument = "laser"', 'instrument = "lazer"'), "did you mean 'laser'?"),
         (("offset", "ofset"), "instrument.laser.ofset is no key"),
