@@ -1,4 +1,4 @@
-"""The one place that knows pymodbus, which renames its interface in nearly every release.
+"""With `modbus_line` the one place that knows pymodbus, which renames its interface in nearly every release.
 
 A ``ModbusPort`` reads and writes numbers and says in words what went wrong. Behind it is pymodbus' synchronous
 client, on a socket or a serial line (``open_modbus``, ``open_serial``) or on a function that answers requests
@@ -8,20 +8,17 @@ client, on a socket or a serial line (``open_modbus``, ``open_serial``) or on a 
 import contextlib
 import logging
 import math
-import select
-import socket
 import struct
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.exceptions import ConnectionException, ModbusException
-from pymodbus.framer import FramerSocket, FramerType
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
 from pymodbus.pdu import ExceptionResponse, FileRecord, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
-from bench_protocol.clock import RealClock
 from bench_protocol.modbus import (
     BITS_READ_MAX,
     BITS_WRITE_MAX,
@@ -31,144 +28,14 @@ from bench_protocol.modbus import (
     REGISTERS_READ_WRITE_MAX,
     REGISTERS_WRITE_MAX,
 )
-from bench_protocol.units import NS, ms
 from drivers.errors import LinkLost, Refused
-from drivers.modbus_words import HEADER, SerialLine, in_registers, instead, request_in_words
+from drivers.modbus_line import SharedClient
+from drivers.modbus_words import SerialLine, in_registers, request_in_words
 
 # Whatever pymodbus logs as an error is raised here as an exception; without this it is also printed.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
-Client = ModbusTcpClient | ModbusSerialClient
-
 _EXTENDED_ACCESS: Final = 3
-SEE_TO_IT: Final = "; see that it runs and can be reached"
-#: How often a device that closes after each answer is seen to do so until it is not waited for any more.
-_HABIT: Final = 2
-_PAUSE: Final = round(20 * ms * NS)
-
-
-class SharedClient:
-    """A pymodbus client and its connection, for one port or several that take turns.
-
-    ``each``: the connection is opened for each request; so it is too with a device that is seen to close it after each
-    answer. ``echo``: what gives back another unit or transaction is no answer.
-    """
-
-    def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:
-        self.client, self.where, self.each = client, where, each
-        self.lock = threading.Lock()
-        self.closings = 0  #: how often the device closed the connection after an answer
-        self._framed = isinstance(client.framer, FramerSocket)
-        self._echo = echo or not self._framed
-        self._request = self._came = b""
-        self._answers = 0  # on this connection
-        self._in_a_row = 0
-        self._there = False
-        self._users: set[int] = set()
-        client.transaction.trace_packet = self._packet
-
-    def join(self, port: "ModbusPort") -> None:
-        """Let ``port`` be one of those that keep the connection open."""
-        self._users.add(id(port))
-
-    def leave(self, port: "ModbusPort") -> None:
-        """Close the connection, if no other port is on it."""
-        self._users.discard(id(port))
-        if not self._users:
-            with self.lock:
-                self.hang_up()
-
-    @property
-    def used(self) -> bool:
-        """Whether a port is on it."""
-        return bool(self._users)
-
-    def execute(self, request: Callable[[], ModbusPDU], *, repeatable: bool) -> ModbusPDU:
-        """Return the reply; whoever calls has the lock. A ``repeatable`` one is asked again after a device hung up."""
-        self._came = b""
-        self._look()
-        fresh = not self._answers
-        self._connect()
-        try:
-            reply = request()
-        except (ConnectionException, ConnectionError):  # the end, or a reset where it was not read to the end
-            if fresh or not (repeatable or self.closings):
-                raise
-            self._note_closing()
-            self.hang_up()
-            self._connect()
-            reply = request()
-        if not reply.isError() and reply.function_code != self._request[7 if self._framed else 1]:
-            raise ModbusException("another function")
-        self._answers += 1
-        if self.each:
-            self.hang_up()
-        return reply
-
-    def reason(self, error: Exception) -> str:
-        """Return in words why there was no reply."""
-        if isinstance(error, ConnectionException | ConnectionError):
-            if not self._there:
-                return "no connection; is the rig running?"
-            if self._answers:
-                return 'the device closed the connection; after each answer? Then connection = "each"'
-            return (
-                "the device takes the connection and closes it before it answers; it may have room for one only, "
-                "which somebody else has"
-            )
-        if isinstance(error, OSError):
-            return error.strerror or "the connection broke"
-        came = instead(self._request, self._came, framed=self._framed)
-        if isinstance(error, ModbusException) and "No response received" not in str(error):
-            return f"what the device sent is no answer to it{came}"
-        within = self.client.comm_params.timeout_connect
-        return f"the device does not answer in {within:g} s{came or SEE_TO_IT}"
-
-    def hang_up(self) -> None:
-        """Close the connection; the next request opens it again. A late answer then is not taken for the next one."""
-        self.client.close()
-        self._answers = 0
-
-    def _packet(self, sending: bool, data: bytes) -> bytes:
-        """See what goes and comes; whatever answers where there is no echo is taken for the answer."""
-        if sending:
-            self._request = data
-        else:
-            self._came = data
-            if not self._echo and len(data) >= HEADER.size:
-                return self._request[:2] + data[2:6] + self._request[6:7] + data[7:]
-        return data
-
-    def _look(self) -> None:
-        """Notice whether the device has hung up since its last answer, or said more than it was asked."""
-        found = self.client.socket
-        if not isinstance(found, socket.socket):
-            return
-        if not select.select([found], [], [], 0)[0]:
-            self._in_a_row = self._in_a_row if self._answers < _HABIT else 0
-            return
-        try:
-            ended = found.recv(1, socket.MSG_PEEK) == b""
-        except OSError:
-            ended = True
-        if ended:
-            self._note_closing()
-        self.hang_up()
-
-    def _note_closing(self) -> None:
-        self.closings += 1 if self._answers else 0
-        self._in_a_row = self._in_a_row + 1 if self._answers == 1 else 0
-        self.each = self.each or self._in_a_row >= _HABIT
-
-    def _connect(self) -> None:
-        """Connect if need be; one that has just hung up, or has not noticed that we did, is given time."""
-        self._there, clock = False, RealClock()
-        deadline = clock.now() + round((self.client.comm_params.timeout_connect or 0.0) * NS)
-        while not self.client.connect():
-            if not (self.each or self.closings) or clock.now() >= deadline:
-                raise ConnectionException("nobody there")
-            clock.sleep_until(clock.now() + _PAUSE)
-        self._there = True
 
 
 class ModbusPort:
@@ -183,6 +50,7 @@ class ModbusPort:
         self._client: Any = line.client
         self._where = line.where
         self.meaning: Mapping[int, str] = MEANING  #: of the codes with which the device refuses
+        self.discarded = 0  #: answers that belong to no pending request, mostly because they came too late
         self._asking = 0  # the thread that waits for an answer
         self._postponed: list[Callable[[], None]] = []
         #: The TCP ports from which requests have gone out: a connection that broke is opened again from another.
@@ -293,18 +161,29 @@ class ModbusPort:
     def _range(self, verb: str, address: int, count: int, count_max: int) -> str:
         return request_in_words(verb, address, count, count_max, self._where)
 
-    def _ask(self, what: str, request: Callable[[], ModbusPDU], *, repeatable: bool = False) -> ModbusPDU:
+    def _ask(
+        self,
+        what: str,
+        request: Callable[[], ModbusPDU],
+        mismatch: Callable[[ModbusPDU], str] | None = None,
+    ) -> ModbusPDU:
+        """Return the reply. ``mismatch`` returns why a reply does not belong to a reading, which may be repeated."""
         with self.line.lock:
             self.line.join(self)
             self._asking = threading.get_ident()
+            discarded = self.line.discarded
             try:
-                reply = self.line.execute(request, repeatable=repeatable)
+                reply = self.line.execute(request, repeatable=mismatch is not None)
+                if mismatch is not None and not reply.isError() and (reason := mismatch(reply)):
+                    self.line.lose()
+                    raise LinkLost(f"{what} failed: {reason}")
             except (ModbusException, OSError) as error:
                 reason = self.line.reason(error)
-                self.line.hang_up()
+                self.line.lose()
                 raise LinkLost(f"{what} failed: {reason}") from None
             finally:
                 self._asking = 0
+                self.discarded += self.line.discarded - discarded
                 self._note_port()
         while self._postponed:
             self._postponed.pop()()
@@ -323,16 +202,19 @@ class ModbusPort:
                 self.local_ports.add(int(sock.getsockname()[1]))
 
     def _bits(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[bool]:
-        bits = getattr(self._ask(what, request, repeatable=True), "bits", [])[:count]
-        if len(bits) != count:
-            raise LinkLost(f"{what} failed: the device sent {len(bits)} bits instead of {count}")
-        return list(bits)
+        def mismatch(reply: ModbusPDU) -> str:
+            sent = len(getattr(reply, "bits", []))
+            fits = sent == -(-count // 8) * 8 if self.line.unnumbered else sent >= count
+            return "" if fits else f"the device sent {sent} bits instead of {count}"
+
+        return list(self._ask(what, request, mismatch).bits[:count])
 
     def _counted(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[int]:
-        registers = getattr(self._ask(what, request, repeatable=True), "registers", [])
-        if len(registers) != count:
-            raise LinkLost(f"{what} failed: the device sent {len(registers)} registers instead of {count}")
-        return list(registers)
+        def mismatch(reply: ModbusPDU) -> str:
+            sent = len(getattr(reply, "registers", []))
+            return "" if sent == count else f"the device sent {sent} registers instead of {count}"
+
+        return list(self._ask(what, request, mismatch).registers)
 
 
 _shared: dict[object, SharedClient] = {}

@@ -30,7 +30,7 @@ CLOCK = "One clock: only bench_protocol.clock imports time"
 PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
 RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know sockets"
 CAN = "python-can belongs to the drivers"
-MODBUS = "pymodbus belongs to drivers.modbus_port"
+MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
 DASK = "dask belongs to the campaigns"
 OPCUA = "asyncua belongs to drivers.wiring.opcua.transport"
 

@@ -40,6 +40,7 @@ class Device:
         0
     )  #: an exception for a request, by its place
     delay: float = 0.0  #: s, how long an answer takes
+    late: Callable[[int], float] = lambda count: 0.0  #: s, how much longer its so-manieth answer takes
     words: dict[str, list[int]] = field(
         default_factory=lambda: {table: [0] * 1000 for table in ("input", "holding")}
     )
@@ -72,7 +73,7 @@ class Device:
     def _answer(self, pdu: bytes) -> bytes:
         function, (address, count) = pdu[0], struct.unpack_from(">HH", pdu, 1)
         self.log.append((function, address, 1 if function in (5, 6) else count))
-        time.sleep(self.delay)
+        time.sleep(self.delay + self.late(len(self.log)))
         code = self._refusal(function, address, 1 if function in (5, 6) else count)
         if code is not None:
             return bytes([function | 0x80, code]) if code else b""
@@ -119,12 +120,21 @@ class Server:
     """Serves a device on 127.0.0.1: Modbus/TCP, or with ``rtu`` the frames of a serial line over TCP.
 
     ``hangs_up``: the connection ends after each answer. ``one``: a second connection is closed at once.
+    ``gateway``: what the device sends goes to whoever is connected then, whether or not he asked.
     """
 
     def __init__(
-        self, device: Device, *, rtu: bool = False, hangs_up: bool = False, one: bool = False
+        self,
+        device: Device,
+        *,
+        rtu: bool = False,
+        hangs_up: bool = False,
+        one: bool = False,
+        gateway: bool = False,
     ) -> None:
         self._device, self._rtu, self._hangs_up, self._one = device, rtu, hangs_up, one
+        self._gateway = gateway
+        self._latest: socket.socket | None = None
         self._door = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._door.getsockname()[1])
         self.connections = self.open = 0
@@ -138,6 +148,7 @@ class Server:
             if not select.select([self._door], [], [], 0.05)[0]:
                 continue
             client, _ = self._door.accept()
+            self._latest = client
             self.connections += 1
             if self._one and self.open:
                 client.close()
@@ -156,7 +167,8 @@ class Server:
                     break
                 with self._lock:
                     reply = self._device.rtu(request) if self._rtu else self._device.tcp(request)
-                client.sendall(reply)
+                with contextlib.suppress(OSError):
+                    (self._latest if self._gateway and self._latest else client).sendall(reply)
                 if self._hangs_up and reply:
                     break
         self.open -= 1

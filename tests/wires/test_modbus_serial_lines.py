@@ -1,5 +1,8 @@
 """Modbus over serial lines: frames of RTU over TCP, two devices on one line, and lines that cannot be."""
 
+import contextlib
+from collections.abc import Callable
+
 import pytest
 
 from bench_protocol.clock import RealClock
@@ -32,6 +35,42 @@ def test_frames_of_a_serial_line_over_tcp() -> None:
             rtu(host="127.0.0.1", port=server.port, unit=8, timeout="100 ms").connect(
                 RealClock(), pytest.fail, within=1.0
             )
+
+
+@pytest.mark.parametrize("medium", ["line", "raw stream", "numbered"])
+@pytest.mark.parametrize(
+    "late", [1.3, *(pytest.param(late, marks=pytest.mark.slow) for late in (1.9, 2.4, 3.5))]
+)
+def test_a_late_answer_is_never_taken_for_another_one(
+    medium: str, late: float, eventually: Callable[..., object]
+) -> None:
+    """One request, one answer, and nothing in it but a number of registers: every fourth comes after its time-out."""
+    pytest.importorskip("serial")
+    timeout = 0.06
+    far = device(late=lambda count: late * timeout if count > 8 and count % 4 == 0 else 0.0)
+    truth = {f"at_{at}": 1000.0 + at for at in (100, 200, 300)}
+    for name, value in truth.items():
+        far.words["input"][int(name[3:])] = int(value)
+    points = {
+        name: {"table": "input", "address": int(name[3:]), "type": "uint16", "group": "fast"}
+        for name in truth
+    }
+    keys = {"timeout": "60 ms", "patience": "5 s", "groups": {"fast": {"every": "5 ms"}}, "points": points}
+    with contextlib.ExitStack() as stack:
+        if medium == "line":
+            keys["line"] = stack.enter_context(on_a_line(far))
+        else:
+            server = stack.enter_context(served(far, rtu=medium != "numbered", gateway=True))
+            keys |= {"host": "127.0.0.1", "port": server.port}
+            keys["kind"] = "modbus" if medium == "numbered" else "modbus_rtu"
+        transport = rtu(**keys)
+        heard: list[dict] = []
+        transport.subscribe(lambda at, points: heard.append(dict(points)))
+        stack.callback(transport.close)
+        transport.connect(RealClock(), pytest.fail, within=1.0)
+        eventually(lambda: transport.counts["discarded"] >= 3 and len(heard) > 20, within=20.0)
+        assert any("late answers were discarded" in one.text for one in transport.remarks())
+    assert [(name, value) for one in heard for name, value in one.items() if value != truth[name]] == []
 
 
 @pytest.mark.parametrize("echo", [False, True])

@@ -48,6 +48,10 @@
 Addresses are 0-based. All that one request of a group brings has one time, the middle of the request. A point without a
 group is read when asked. A device that is busy now and then keeps its readings until they are stale. One that goes on
 refusing set-points ends the run, with its reason.
+
+Answers of Modbus/TCP are matched by their transaction number. Frames of a serial line have none, also over TCP. After
+a request without an answer such a line is left silent for one more time-out and read empty. The next reading is then
+asked for twice, and its first answer discarded. Discarded answers are counted.
 """
 
 from __future__ import annotations
@@ -122,7 +126,8 @@ class ModbusTransport:
                 )
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
         #: Requests: all, the polls among them, and those without an answer, refused, met by a busy device.
-        self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0}
+        #: And answers that were discarded, because they came too late for their request.
+        self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0, "discarded": 0}
         self._rounds: dict[str, float] = {}  # s, how long it takes to read a group
         self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
         self._writing = threading.RLock()
@@ -375,6 +380,8 @@ class ModbusTransport:
                 if self._listener.busy and self._listener.silence() >= self._patience:
                     self._listener.lose(str(error))
                 raise
+            finally:
+                self.counts["discarded"] = self._port.discarded
             self._listener.touch()
             return reply
 
@@ -387,6 +394,10 @@ class ModbusTransport:
             for what, words in _COUNTED.items()
             if counts[what]
         ]
+        if self._port is not None and counts["discarded"]:
+            late = self._port.line.latest
+            hint = f"; one came {late:.2g} s after its request, timeout = {self._timeout:g} s" if late else ""
+            found.append(Remark(f"{counts['discarded']} late answers were discarded{hint}", True))
         if self._port is not None and self._port.line.closings and self._keys.connection != "each":
             found.append(
                 Remark('the device closes the connection after an answer: connection = "each"', False)

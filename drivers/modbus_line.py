@@ -1,0 +1,263 @@
+"""A pymodbus client that several ports share, and how an answer is matched to its request.
+
+Answers of Modbus/TCP carry the number of their request. Frames of a serial line carry none: an answer that comes after
+its time-out looks like the answer to the next request. After a lost answer such a line is therefore left silent and
+read empty, and the first answer after it is discarded.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from collections.abc import Callable
+from typing import Final
+
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import ModbusPDU
+
+from bench_protocol.clock import RealClock
+from bench_protocol.units import NS, ms
+from drivers.modbus_words import HEADER, instead
+
+Client = ModbusTcpClient | ModbusSerialClient
+
+SEE_TO_IT: Final = "; see that it runs and can be reached"
+#: How often a device that closes after each answer is seen to do so until it is not waited for any more.
+_HABIT: Final = 2
+_PAUSE: Final = round(20 * ms * NS)
+_LOOK: Final = round(1 * ms * NS)
+#: Functions whose answers repeat the address of the request.
+_WRITING: Final = frozenset({5, 6, 15, 16})
+#: How long a line is left silent after a request whose answer is lost, in time-outs.
+_SILENT: Final = 2.0
+#: How long a line must be silent after a late answer: so many times what the slowest answer so far took, and at least.
+_SLOWEST, _GAP_MIN = 2.0, 20 * ms
+
+
+class SharedClient:
+    """A pymodbus client and its connection, for one port or several that take turns.
+
+    ``each``: the connection is opened for each request; so it is too with a device that is seen to close it after each
+    answer. ``echo``: what gives back another unit or transaction is no answer.
+    Whoever calls `execute`, `lose` or `hang_up` has the lock.
+    """
+
+    def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:
+        self.client, self.where, self.each = client, where, each
+        self._clock = RealClock()
+        self.lock = threading.Lock()
+        self.closings = 0  #: how often the device closed the connection after an answer
+        self.discarded = 0  #: answers that belong to no pending request
+        self.latest = 0.0  #: s from a request until its answer, of the latest one that was discarded
+        self._framed = isinstance(client.framer, FramerSocket)
+        self._echo = echo or not self._framed
+        self._request = self._came = b""
+        self._sent = 0  # ns, when
+        self._lost = 0  # ns, when the first request that got no answer was sent; 0 for none
+        self._silent_until = 0  # ns
+        self._slowest = 0.0  # s, of the answers that came in time
+        self._answers = 0  # on this connection
+        self._in_a_row = 0
+        self._there = False
+        self._users: set[int] = set()
+        client.transaction.trace_packet = self._packet
+
+    def join(self, port: object) -> None:
+        """Let ``port`` be one of those that keep the connection open."""
+        self._users.add(id(port))
+
+    def leave(self, port: object) -> None:
+        """Close the connection, if no other port is on it."""
+        self._users.discard(id(port))
+        if not self._users:
+            with self.lock:
+                self.hang_up()
+
+    @property
+    def used(self) -> bool:
+        """Whether a port is on it."""
+        return bool(self._users)
+
+    @property
+    def unnumbered(self) -> bool:
+        """Whether nothing in an answer tells to which request it belongs."""
+        return not self._framed
+
+    def execute(self, request: Callable[[], ModbusPDU], *, repeatable: bool) -> ModbusPDU:
+        """Return the reply. A ``repeatable`` request is sent again after a device hung up, and after a lost answer."""
+        doubtful = self._settle()
+        self._came = b""
+        self._look()
+        fresh = not self._answers
+        self._connect()
+        try:
+            reply = request()
+            if doubtful and repeatable:
+                self._read_empty(self._gap())
+                reply = request()
+        except (ConnectionException, ConnectionError):  # the end, or a reset where it was not read to the end
+            if fresh or not (repeatable or self.closings):
+                raise
+            self._note_closing()
+            self.hang_up()
+            self._connect()
+            reply = request()
+        self._check(reply)
+        self._lost = 0
+        self._slowest = max(self._slowest, (self._clock.now() - self._sent) / NS)
+        self._answers += 1
+        if self.each:
+            self.hang_up()
+        return reply
+
+    def _check(self, reply: ModbusPDU) -> None:
+        """Raise ModbusException for a reply to another request."""
+        pdu = self._request[7 if self._framed else 1 :]
+        asked = pdu[0]
+        if reply.function_code & 0x7F != asked:
+            raise ModbusException("another function")
+        echoes = self.unnumbered and asked in _WRITING and not reply.isError()
+        if echoes and getattr(reply, "address", None) != int.from_bytes(pdu[1:3], "big"):
+            raise ModbusException("another address")
+
+    def lose(self) -> None:
+        """Note that a request got no answer: one that comes late must not be taken for the next one."""
+        if self._framed:
+            self.hang_up()
+            return
+        self._lost = self._lost or self._sent
+        # Where something came, it was most likely the answer, damaged.
+        wait = self._gap() if self._came else _SILENT * self._timeout()
+        start = self._clock.now() if self._came else self._sent
+        self._silent_until = start + round(wait * NS)
+
+    def _settle(self) -> bool:
+        """Leave a line silent after a lost answer and read it empty; return whether an answer was lost."""
+        if not self._lost:
+            return False
+        left = (self._silent_until - self._clock.now()) / NS
+        self._read_empty(max(left, 0.0))
+        self.hang_up()
+        return True
+
+    def _read_empty(self, within: float) -> None:
+        """Discard what comes within so many s, and then until the line is silent, or for as long again."""
+        came = False
+        until = self._clock.now() + round(within * NS)
+        end = until + round((within + self._gap()) * NS)
+        try:
+            while self._receive(min(until, end)):
+                came, until = True, self._clock.now() + round(self._gap() * NS)
+                self.latest = max(self.latest, (self._clock.now() - (self._lost or self._sent)) / NS)
+        except OSError:  # a gateway that hung up may still have an answer for whoever comes next
+            self.client.close()
+            self._clock.sleep_until(min(until, end))
+        self.discarded += came
+
+    def _receive(self, until: int) -> bytes:
+        """Return what comes until a time (ns), b"" for nothing; OSError if the connection has ended."""
+        found = self.client.socket
+        if found is None:
+            self._clock.sleep_until(until)
+            return b""
+        if isinstance(found, socket.socket):
+            left = max(0.0, (until - self._clock.now()) / NS)
+            if not select.select([found], [], [], left)[0]:
+                return b""
+            if data := found.recv(4096):
+                return data
+            raise ConnectionResetError
+        while not found.in_waiting:
+            if self._clock.now() >= until:
+                return b""
+            self._clock.sleep_until(min(until, self._clock.now() + _LOOK))
+        return bytes(found.read(found.in_waiting))
+
+    def _gap(self) -> float:
+        return max(_SLOWEST * self._slowest, _GAP_MIN)
+
+    def _timeout(self) -> float:
+        return self.client.comm_params.timeout_connect or 0.0
+
+    def reason(self, error: Exception) -> str:
+        """Return in words why there was no reply."""
+        if isinstance(error, ConnectionException | ConnectionError):
+            if not self._there:
+                return "no connection; is the rig running?"
+            if self._answers:
+                return 'the device closed the connection; after each answer? Then connection = "each"'
+            return (
+                "the device takes the connection and closes it before it answers; it may have room for one only, "
+                "which somebody else has"
+            )
+        if isinstance(error, OSError):
+            return error.strerror or "the connection broke"
+        came = instead(self._request, self._came, framed=self._framed)
+        if isinstance(error, ModbusException) and "No response received" not in str(error):
+            return f"what the device sent is no answer to it{came}"
+        return f"the device does not answer in {self._timeout():g} s{came or SEE_TO_IT}"
+
+    def hang_up(self) -> None:
+        """Close the connection; the next request opens it again."""
+        self.client.close()
+        self._answers = 0
+
+    def _packet(self, sending: bool, data: bytes) -> bytes:
+        """See what goes and comes; whatever answers where there is no echo is taken for the answer."""
+        if sending:
+            self._request, self._sent = data, self._clock.now()
+        else:
+            self._came = data
+            self._count_others(data)
+            if not self._echo and len(data) >= HEADER.size:
+                return self._request[:2] + data[2:6] + self._request[6:7] + data[7:]
+        return data
+
+    def _count_others(self, data: bytes) -> None:
+        """Count whole answers of Modbus/TCP to other requests, as a gateway delivers them after their time-out."""
+        at = 0
+        while self._framed and self._echo and len(data) >= at + HEADER.size:
+            number, _, length, _ = HEADER.unpack_from(data, at)
+            at += HEADER.size - 1 + length
+            self.discarded += at <= len(data) and self._request[:2] != number.to_bytes(2, "big")
+
+    def _look(self) -> None:
+        """Notice whether the device has hung up since its last answer, or sent more than it was asked for."""
+        found = self.client.socket
+        if not isinstance(found, socket.socket):
+            if found is not None and found.in_waiting:
+                self._read_empty(0.0)
+            return
+        if not select.select([found], [], [], 0)[0]:
+            self._in_a_row = self._in_a_row if self._answers < _HABIT else 0
+            return
+        try:
+            ended = found.recv(1, socket.MSG_PEEK) == b""
+        except OSError:
+            ended = True
+        if ended:
+            self._note_closing()
+        elif self.unnumbered:
+            self._read_empty(0.0)
+            return
+        else:
+            self.discarded += 1
+        self.hang_up()
+
+    def _note_closing(self) -> None:
+        self.closings += 1 if self._answers else 0
+        self._in_a_row = self._in_a_row + 1 if self._answers == 1 else 0
+        self.each = self.each or self._in_a_row >= _HABIT
+
+    def _connect(self) -> None:
+        """Connect if need be; one that has just hung up, or has not noticed that we did, is given time."""
+        self._there = False
+        deadline = self._clock.now() + round(self._timeout() * NS)
+        while not self.client.connect():
+            if not (self.each or self.closings) or self._clock.now() >= deadline:
+                raise ConnectionException("nobody there")
+            self._clock.sleep_until(self._clock.now() + _PAUSE)
+        self._there = True
