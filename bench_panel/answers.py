@@ -4,10 +4,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import msgspec
-from starlette.concurrency import run_in_threadpool
+from anyio import CapacityLimiter, to_thread
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
+from bench_panel.access import Access
 from bench_records.layout import RecordError
 
 #: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
@@ -17,12 +18,25 @@ ALONE: Final = (
 )
 
 
+class Threads:
+    """Threads that compute views: a few for clients with the token, fewer for all others."""
+
+    def __init__(self, access: Access) -> None:
+        self._access = access
+        self._known, self._others = CapacityLimiter(8), CapacityLimiter(2)
+
+    def of(self, request: Request) -> CapacityLimiter:
+        """Return the limit for this client."""
+        return self._known if self._access.may_command(request) else self._others
+
+
 def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
     """Return the endpoint that answers in a thread: text is a page, anything else JSON."""
 
     async def endpoint(request: Request) -> Response:
         try:
-            found = await run_in_threadpool(answer, request)
+            limiter = request.app.state.threads.of(request)
+            found = await to_thread.run_sync(answer, request, limiter=limiter)
         except RecordError as error:
             return PlainTextResponse(f"{error}\n", 404)
         except (KeyError, ValueError) as error:

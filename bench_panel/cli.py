@@ -17,9 +17,10 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
+    from bench_panel.access import Access
+
 
 _LOCAL: Final = "127.0.0.1"
-_AT_ONCE: Final = 200  # connections, pages included
 
 
 @click.command("panel")
@@ -79,6 +80,7 @@ def panel_command(
         stack.callback(watch.close)
         _serve(
             application(parts, host=host, names=names),
+            access,
             sockets,
             lambda: _tell(host, port, access.token, names),
         )
@@ -86,26 +88,11 @@ def panel_command(
             click.echo("the run goes on; `astb panel` finds it again")
 
 
-def _serve(app: "ASGIApp", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
+def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
     """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
-    import uvicorn
+    from bench_panel.connections import Server
 
-    from bench_panel.pages import Pages
-    from bench_panel.stream import PING
-
-    config = uvicorn.Config(
-        app,
-        ws=Pages,
-        log_level="warning",
-        access_log=False,
-        ws_per_message_deflate=False,
-        ws_max_size=64 * 1024,
-        limit_concurrency=_AT_ONCE,
-        ws_ping_interval=PING,
-        ws_ping_timeout=PING,
-        timeout_graceful_shutdown=1,
-    )
-    server = uvicorn.Server(config)
+    server = Server(app, access)
 
     def end(by: str) -> None:
         server.should_exit = True

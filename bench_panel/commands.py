@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import msgspec
 from anyio import CapacityLimiter, to_thread
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
@@ -50,11 +50,7 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 async def json_body(request: Request) -> dict[str, Any]:
     """Return what a request says. NotAllowed if it is too much, or no JSON object."""
-    body = b""
-    async for part in request.stream():  # who does not say how much comes may send as much as he likes
-        body += part
-        if len(body) > _BODY_MAX:
-            raise NotAllowed("too much to read", 413)
+    body = await read_body(request, _BODY_MAX, "too much to read")
     try:
         told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except (msgspec.MsgspecError, UnicodeError) as error:
@@ -64,6 +60,19 @@ async def json_body(request: Request) -> dict[str, Any]:
     if _depth(told) > _DEPTH_MAX:
         raise NotAllowed("nested too deep", 400)
     return told
+
+
+async def read_body(request: Request, most: int, too_much: str) -> bytes:
+    """Return the body of a request; its length is not always known before. NotAllowed above ``most`` bytes."""
+    body = bytearray()
+    try:
+        async for part in request.stream():
+            body += part
+            if len(body) > most:
+                raise NotAllowed(too_much, 413)
+    except ClientDisconnect:
+        raise NotAllowed("the connection ended before the request was complete", 400) from None
+    return bytes(body)
 
 
 def _depth(value: object) -> int:

@@ -15,7 +15,7 @@ from starlette.routing import Route
 
 from bench_panel.access import NotAllowed
 from bench_panel.answers import answered
-from bench_panel.commands import json_answer, refusal
+from bench_panel.commands import json_answer, read_body, refusal
 from bench_records.layout import RecordError
 from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
 
@@ -75,7 +75,9 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
             _refuse(told)
             directory = await to_thread.run_sync(known, told["run"])
             async with places:
-                content = await _body(request, FILE_MAX if told["file"] else 0)
+                most = FILE_MAX if told["file"] else 0
+                too_much = f"a file has {most // 1_000_000} MB at most" if most else "this file has no name"
+                content = await read_body(request, most, too_much)
                 file = Path(told["file"]) if told["file"] else None
                 await to_thread.run_sync(add_note, directory, told["text"], told["by"], file, content)
         except NotAllowed as error:
@@ -102,17 +104,6 @@ def _refuse(told: dict[str, str]) -> None:
         raise NotAllowed(
             f"{told['file']!r} is no name for a file; letters, digits, blanks and . , ( ) + - _ do", 400
         )
-
-
-async def _body(request: Request, most: int) -> bytes:
-    """Return what comes. NotAllowed if it is more than ``most`` bytes: who does not say how much comes may send any."""
-    body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > most:
-            what = f"a file has {most // 1_000_000} MB at most" if most else "this file has no name"
-            raise NotAllowed(what, 413)
-    return bytes(body)
 
 
 def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:

@@ -15,7 +15,7 @@ from starlette.types import ASGIApp
 import bench_records
 from astb.rig_limits import ASSUMED
 from bench_panel.access import Doorkeeper, NotAllowed
-from bench_panel.answers import answered
+from bench_panel.answers import Threads, answered
 from bench_panel.commands import command, json_answer, json_body, settings_of, text_of
 from bench_panel.parts import Parts
 from bench_panel.runs import CannotDo
@@ -66,9 +66,11 @@ def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Star
         Mount("/assets", StaticFiles(directory=_ASSETS)),
         Mount("/page", StaticFiles(directory=_PAGE)),
     ]
-    return Starlette(
+    app = Starlette(
         routes=routes, middleware=[Middleware(Doorkeeper, host=host, names=names), Middleware(_Fresh)]
     )
+    app.state.threads = Threads(parts.access)
+    return app
 
 
 async def _page(request: Request) -> Response:

@@ -21,21 +21,15 @@ from bench_panel.access import Access
 from bench_panel.envelope import Scale
 from bench_panel.runs import Runs
 from bench_panel.watch import Watch
-from bench_protocol.units import hours, ms, s
+from bench_protocol.units import hours, ms
 
 PERIOD: Final = 66 * ms
 STATUS_EVERY: Final = 3  # pictures
 #: Stretches that are sent again, for samples that come late.
 _AGAIN: Final = 150 * ms
-#: A page that does not answer is asked every `PING` s, and given up after twice that.
-PING: Final = 5 * s
 HEAD: Final = struct.Struct("<IIIIdd")
 _TRACES_MAX: Final = 12
-
-
-#: Pages at once, and characters of what a page calls itself.
-_PAGES_MAX: Final = 64
-_NAME_MAX: Final = 64
+_NAME_MAX: Final = 64  # characters of what a page calls itself
 
 
 def _short(error: Exception) -> str:
@@ -87,12 +81,14 @@ class Stream:
     def __init__(self, watch: Watch, runs: Runs, access: Access) -> None:
         self._watch, self._runs, self._access = watch, runs, access
         self._pages: dict[int, str] = {}
+        # One picture at a time for the pages with the token, and one for the others; see `_picture`.
+        self._turns = {may: asyncio.Lock() for may in (True, False)}
 
     async def serve(self, socket: WebSocket) -> None:
         """Serve one page until it leaves."""
         await socket.accept()
-        if len(self._pages) >= _PAGES_MAX:
-            return await socket.close(1013, f"{_PAGES_MAX} pages are open already")
+        if no_place := socket.scope.get("state", {}).get("no_place"):
+            return await socket.close(1013, no_place)
         page = socket.query_params.get("page", "")[:_NAME_MAX]
         self._pages[id(socket)] = page
         traces: list[Trace] = []
@@ -122,11 +118,22 @@ class Stream:
                 if count % STATUS_EVERY == 0:
                     await socket.send_text(self._status(socket, page))
                 for trace in tuple(traces):
-                    if picture := trace.picture():
+                    if picture := await self._picture(socket, trace):
                         await socket.send_bytes(picture)
-                    await asyncio.sleep(0)  # an hour of thirty signals takes 50 ms: a stop goes in between
                 count += 1
                 await asyncio.sleep(PERIOD)
+
+    async def _picture(self, socket: WebSocket, trace: Trace) -> bytes:
+        """Return the next picture of a trace, when it is its turn.
+
+        An hour of thirty signals takes 50 ms. Pictures use at most half of the time, so that a stop is not delayed.
+        """
+        async with self._turns[self._access.may_command(socket)]:
+            now = asyncio.get_running_loop().time
+            began = now()
+            picture = trace.picture()
+            await asyncio.sleep(now() - began)
+        return picture
 
     def _status(self, socket: WebSocket, page: str) -> str:
         may = self._access.may_command(socket)

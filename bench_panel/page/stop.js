@@ -2,8 +2,11 @@
 
 "use strict";
 
+const KEEP_OPEN = 20000; // ms
 window.astb = { entered: enter(), stopped: "", order };
 document.addEventListener("click", ({ target }) => target.closest("#estop") && stop());
+// A stop on an open connection reaches the server at once, even while many others try to connect.
+setInterval(() => fetch("/", { method: "HEAD" }).catch(() => {}), KEEP_OPEN);
 
 /** Exchange the token of the address for a cookie, and let it not stand there for others to read. */
 async function enter() {

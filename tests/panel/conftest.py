@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import uvicorn
 
 from astb.live.door import NoRun
 from astb.rig_file import RigFile, Simulation
 from bench_panel import runs as runs_module
 from bench_panel.access import Access
+from bench_panel.connections import Server
 from bench_panel.parts import Parts
 from bench_panel.runs import Runs
 from bench_panel.server import application
@@ -277,10 +277,7 @@ def fed(parts: Parts, end: threading.Event) -> None:
 def served(parts):
     """The panel on a real socket, with thirty signals."""
     listening = socket.create_server(("127.0.0.1", 0))
-    config = uvicorn.Config(
-        application(parts, host="127.0.0.1"), log_level="error", ws_per_message_deflate=False, lifespan="off"
-    )
-    server, end = uvicorn.Server(config), threading.Event()
+    server, end = Server(application(parts, host="127.0.0.1"), parts.access), threading.Event()
     threads = [
         threading.Thread(target=server.run, kwargs={"sockets": [listening]}),
         threading.Thread(target=fed, args=(parts, end)),

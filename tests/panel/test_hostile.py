@@ -10,7 +10,6 @@ from contextlib import suppress
 
 import msgspec
 import pytest
-import uvicorn
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.routing import Route
@@ -18,7 +17,7 @@ from websockets.sync.client import connect
 
 from bench_panel.access import _ALL, _EACH, _LONGEST, NotAllowed, Patience
 from bench_panel.cli import _tell
-from bench_panel.pages import Pages
+from bench_panel.connections import Server
 from bench_panel.server import application
 from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
@@ -143,8 +142,7 @@ def test_what_is_no_utf8_closes_a_page_and_fills_no_terminal(parts):
     handler = logging.StreamHandler(heard)
     logging.getLogger("uvicorn.error").addHandler(handler)
     listening = socket.create_server(("127.0.0.1", 0))
-    config = uvicorn.Config(application(parts, host="127.0.0.1"), log_config=None, ws=Pages, lifespan="off")
-    server = uvicorn.Server(config)
+    server = Server(application(parts, host="127.0.0.1"), parts.access)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
     thread.start()
     try:
