@@ -185,6 +185,7 @@ def _timing(result: Result) -> dict[str, Any] | None:
     return {
         "figures": figures,
         "late": timing.late,
+        "disturbed": timing.disturbed,
         "measured": timing.max is not None or bool(timing.counts),
         "drawing": lateness("lateness", timing) if timing.counts and timing.edges else "",
     }

@@ -278,11 +278,13 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     """How punctual the rig's ticks were; times in seconds.
 
     ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the edge before; the last count has no upper edge.
-    In virtual time nothing is late: the lists are empty and the figures absent.
+    In virtual time nothing is late: the lists are empty and the figures absent. ``disturbed``: late ticks by the name of
+    the check that was measured meanwhile.
     """
 
     ticks: int
     late: int
+    disturbed: dict[str, int] = {}
     period: float | None = None
     p50: float | None = None
     p99: float | None = None

@@ -128,7 +128,7 @@ def _carried_out(
         strangers = bench.strangers()
         for told in filter(None, (left, strangers)):
             run.say(told)
-        punctuality = timing(before, lateness(bench))
+        punctuality = timing(before, lateness(bench), run.disturbed)
         incident = incident_since(bench, known)
     run.progress(1.0)
     bench.last_run = run.now

@@ -30,8 +30,13 @@ def lateness(bench: Bench) -> dict[str, float] | None:
     return None if any(map(math.isnan, told.values())) else told
 
 
-def timing(before: dict[str, float] | None, after: dict[str, float] | None) -> Timing | None:
-    """The punctuality during the run: differences of counters; quantiles are the upper edges of their bins."""
+def timing(
+    before: dict[str, float] | None, after: dict[str, float] | None, disturbed: dict[str, int]
+) -> Timing | None:
+    """The punctuality during the run: differences of counters; quantiles are the upper edges of their bins.
+
+    ``disturbed``: late ticks by the name of the check that was measured meanwhile.
+    """
     if before is None or after is None:
         return None
     counts = [round(after[one.signal] - before[one.signal]) for one in LATENESS_BINS]
@@ -40,12 +45,13 @@ def timing(before: dict[str, float] | None, after: dict[str, float] | None) -> T
     if ticks < 0 or late < 0 or min(counts) < 0:
         return None  # the rig was started anew, or its counters went round
     if not any(counts):
-        return Timing(ticks=ticks, late=late, period=TICK)
+        return Timing(ticks=ticks, late=late, disturbed=disturbed, period=TICK)
     worst = after["rig.lateness_max"]
     quantile: Callable[[float], float] = lambda q: min((*_EDGES, worst)[_bin(counts, q)], worst)  # noqa: E731
     return Timing(
         ticks=ticks,
         late=late,
+        disturbed=disturbed,
         period=TICK,
         p50=quantile(0.50),
         p99=quantile(0.99),

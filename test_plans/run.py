@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from test_plans.loads import Band
 
 
+#: What the rig counts: ticks that began more than one period after their deadline.
+LATE_TICKS: Final = "rig.late_ticks"
 #: Why a plain number has no uncertainty.
 PLAIN: Final = "the plan does not say"
 
@@ -130,8 +133,12 @@ class Run:
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
+    disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks while a check was measured
     _told: str = ""
     _open: list[str] = field(default_factory=list)
+    #: Late ticks that the rig had counted when each open phase began, and when the last phase began.
+    _late_at_begin: list[float] = field(default_factory=list)
+    _late_at_last: float = math.nan
     start: int = field(init=False)  #: ns of the bench's clock
     rig: Description = field(init=False)  #: its dimensions by name (SI)
 
@@ -165,6 +172,9 @@ class Run:
         if since is not None and any(begun >= since for begun, _ in self.held):
             self.lack([name], "the run was held while it was measured")
             return False
+        if late := self._late_ticks_since_begin():
+            self.disturbed[str(name)] = late
+            note = "; ".join(filter(None, (note, f"late ticks during the measurement: {late}")))
         found = value if isinstance(value, Measured) else Measured(value, unknown=PLAIN)
         if margin is None:
             margin = 0.0 if isinstance(found, Exact) else MARGIN
@@ -300,6 +310,8 @@ class Run:
     def phase(self, name: str) -> Iterator[None]:
         """Name a stretch of the run; phases may lie inside one another."""
         self._open.append(name)
+        self._late_at_last = self.bench.readings.glimpse(LATE_TICKS)
+        self._late_at_begin.append(self._late_at_last)
         self._edge(name, "begin")
         self.watcher.phase(tuple(self._open), begins=True)
         if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._told:
@@ -312,7 +324,16 @@ class Run:
         finally:
             self._edge(name, "end")
             self._open.pop()
+            self._late_at_begin.pop()
             self.watcher.phase(tuple(self._open), begins=False)
+
+    def _late_ticks_since_begin(self) -> int:
+        """Return the late ticks since the open phase began, or the last one; 0 if the rig does not count them."""
+        begin = self._late_at_begin[-1] if self._late_at_begin else self._late_at_last
+        if math.isnan(begin):
+            return 0
+        late = self.bench.readings.glimpse(LATE_TICKS) - begin
+        return max(round(late), 0) if math.isfinite(late) else 0
 
     def _edge(self, name: str, edge: str) -> None:
         self.phases.append(RecordedEvent(self.now, "phase", name, {"edge": edge}))

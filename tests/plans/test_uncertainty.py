@@ -331,6 +331,27 @@ def test_a_checks_probability_decides_between_pass_marginal_and_fail():
     )
 
 
+def test_a_check_that_was_measured_while_ticks_were_late_is_marked():
+    late = {"rig.late_ticks": 5.0}
+    bench = SimpleNamespace(
+        clock=VirtualClock(),
+        wiring=SimpleNamespace(rig="fake"),
+        readings=SimpleNamespace(glimpse=late.__getitem__),
+    )
+    run = Run(bench, SimpleNamespace(event=lambda *args, **data: None))
+    run.check("before any phase", 1.0, "bar", low=0.0)
+    with run.phase("quiet"):
+        run.check("quiet", 1.0, "bar", low=0.0)
+    with run.phase("disturbed"):
+        late["rig.late_ticks"] += 7
+        run.check("inside", 1.0, "bar", low=0.0)
+    run.check("after", 1.0, "bar", low=0.0, note="of this phase")
+    with run.phase("quiet again"):
+        run.check("quiet again", 1.0, "bar", low=0.0)
+    assert run.disturbed == {"inside": 7, "after": 7}
+    assert [bool(one.note) for one in run.checks] == [False, False, True, True, False]
+
+
 # -- time stamps -------------------------------------------------------------------------------------------------------
 
 
