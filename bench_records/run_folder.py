@@ -43,7 +43,7 @@ def open_run(directory: Path) -> RunFolder:
         result = read_result(directory)
         return RunFolder(result, facts_of(directory), result.verdict.value)
     if is_held(directory):
-        facts = read_head(directory / STREAM)
+        facts = _head_facts(directory)
         return RunFolder(_unfinished(facts, "the run goes on", [], directory), facts, Unfinished.RUNNING)
     record = read(directory)
     facts = {name: value for name, value in record.meta.items() if name not in _BESIDE}
@@ -70,12 +70,15 @@ def facts_of(directory: Path) -> dict[str, Any]:
     """
     with suppress(OSError, ValueError, RecordError, RecursionError):
         if (directory / STREAM).exists():
-            return {
-                key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM
-            }
+            return _head_facts(directory)
         meta = msgspec.json.decode(read_bounded(directory / META, RESULT_BYTES), type=dict[str, Any])
         return {name: value for name, value in meta.items() if name not in _BESIDE}
     return {}
+
+
+def _head_facts(directory: Path) -> dict[str, Any]:
+    """Return what the head of the stream says of a run's origin."""
+    return {key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM}
 
 
 def _unfinished(

@@ -139,7 +139,12 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     facts = open_table("what was different", "", "A", "B", whole=("",))
     for fact in found.facts:
         facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)
-    console.print(facts if found.facts else "the records tell of no difference")
+    console.print(facts if found.facts else "The records show no difference in rig, specimen or parameters.")
+    for run, verdict in zip("AB", found.verdicts, strict=True):
+        if verdict in set(Unfinished):
+            console.print(f"{run} is {verdict}: it has no result; only what was kept until now is compared")
+    if not found.checks:
+        console.print("Neither run has a check.")
     results = open_table("results", "check", "A", "B", "B − A", "± U", "")
     phase = None
     for row in map(comparison_row, found.checks):
@@ -150,7 +155,8 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
         remark = styled(row.remark, tone)
         results.add_row(row.name, row.a, row.b, row.change, row.uncertainty, remark)
-    console.print(results)
+    if found.checks:
+        console.print(results)
     for pair in found.curves:
         if pair.apart is not None:
             name = ": ".join(filter(None, (pair.group, pair.name)))

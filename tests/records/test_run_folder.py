@@ -96,6 +96,7 @@ def test_the_head_of_a_run_is_there_before_anything_happened(tmp_path: Path) -> 
 
 def test_a_run_that_goes_on_is_told_as_such_and_left_alone(going_on: Recorder, tmp_path: Path) -> None:
     index = RunIndex(tmp_path)
+    assert open_run(going_on.directory).facts.keys() <= FACTS.keys()
     (run,) = index.runs()
     assert (run.verdict, run.title, run.operator) == ("running", FACTS["title"], "A. Tester")
     for touch in (read, recover):
