@@ -278,8 +278,8 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     """How punctual the rig's ticks were; times in seconds.
 
     ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the edge before; the last count has no upper edge.
-    In virtual time nothing is late: the lists are empty and the figures absent. ``disturbed``: late ticks by the name of
-    the check that was measured meanwhile.
+    In virtual time nothing is late: the lists are empty and the figures absent. ``disturbed``: late ticks by the name
+    of the check that was measured meanwhile.
     """
 
     ticks: int

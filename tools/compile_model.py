@@ -5,11 +5,13 @@ without a rig as long again. Nothing waits for it later: not a rig that has to k
 two processes of tests, each of which would compile the same. Two processes share the work.
 """
 
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Final
 
 import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 #: Samples each second and in all, of motions that rest, shake and rest again.
 RATE: Final = 200.0
@@ -63,7 +65,25 @@ def compile_plant() -> None:
     impose(plant, [ImposedMotion(VERTICAL, 1e-3, 1.0)], STEP)
 
 
+def main() -> None:
+    """Compile the parts in two processes, and show how far it is: a line for each part, a clock on a terminal."""
+    parts = {
+        "what a diagnosis replays": compile_diagnosis,
+        "the rig's tick": compile_rig,
+        "the bench alone": compile_plant,
+    }
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with (
+        ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes,
+        Progress(*columns, console=Console(stderr=True)) as progress,
+    ):
+        bar = progress.add_task("compiling", total=len(parts))
+        names = {processes.submit(part): name for name, part in parts.items()}
+        for done in as_completed(names):
+            done.result()
+            progress.advance(bar)
+            progress.console.print(f"compiled: {names[done]}")
+
+
 if __name__ == "__main__":
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
-        for part in [processes.submit(one) for one in (compile_diagnosis, compile_rig, compile_plant)]:
-            part.result()
+    main()

@@ -2,7 +2,7 @@
 
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 
@@ -11,7 +11,7 @@ from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
 from bench_protocol.suggestion import meant
 from bench_records.checksums import broken_files
-from bench_records.comparison import compare_runs
+from bench_records.comparison import CheckPair, compare_runs
 from bench_records.index import RunIndex
 from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trends
 from bench_records.layout import RecordError
@@ -143,20 +143,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     for run, verdict in zip("AB", found.verdicts, strict=True):
         if verdict in set(Unfinished):
             console.print(f"{run} is {verdict}: it has no result; only what was kept until now is compared")
-    if not found.checks:
-        console.print("Neither run has a check.")
-    results = open_table("results", "check", "A", "B", "B − A", "± U", "")
-    phase = None
-    for row in map(comparison_row, found.checks):
-        if row.phase != phase:
-            phase = row.phase
-            results.add_section()
-            results.add_row(styled(phase or "no phase", "bold"))
-        tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
-        remark = styled(row.remark, tone)
-        results.add_row(row.name, row.a, row.b, row.change, row.uncertainty, remark)
-    if found.checks:
-        console.print(results)
+    console.print(_results(found.checks) if found.checks else "Neither run has a check.")
     for pair in found.curves:
         if pair.apart is not None:
             name = ": ".join(filter(None, (pair.group, pair.name)))
@@ -165,6 +152,21 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         console.print(f"curve {lonely}")
     if page:
         console.print(f"page: {page}")
+
+
+def _results(checks: list[CheckPair]) -> Any:
+    """Return the table of the checks of two runs, by phase."""
+    results = open_table("results", "check", "A", "B", "B − A", "± U", "")
+    phase = None
+    for row in map(comparison_row, checks):
+        if row.phase != phase:
+            phase = row.phase
+            results.add_section()
+            results.add_row(styled(phase or "no phase", "bold"))
+        tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
+        remark = styled(row.remark, tone)
+        results.add_row(row.name, row.a, row.b, row.change, row.uncertainty, remark)
+    return results
 
 
 @click.command("trend")

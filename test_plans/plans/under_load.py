@@ -12,7 +12,7 @@ def _under_load(run: Run, load: str) -> None:
     """{load}: the {car} car, {preload} on each spring.
 
     The bolster is lifted, the springs are filled, and the leveling valves bring them to their design height under the
-    preload of the {car} car. When the gas has cooled down from filling, the bench measures:
+    preload of the {car} car. When the gas temperature is steady, the bench measures:
 
     * load, height and pressure of each spring at rest on its leveling valve;
     * with height and pressure held: lateral stiffness and damping of the pair, a slow triangle and sines of 0.5 to
