@@ -32,7 +32,7 @@ RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know soc
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
 DASK = "dask belongs to the campaigns"
-OPCUA = "asyncua belongs to drivers.wiring.opcua.transport"
+OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
 #: What is packaged and holds no module.
 FILES_ONLY = {"demos", "dimensions", "instruments", "rigs", "specimens", "wirings"}

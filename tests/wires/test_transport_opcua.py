@@ -116,6 +116,17 @@ class Cell:
 
         asyncio.run_coroutine_threadsafe(close(), self._loop).result(5)
 
+    @property
+    def subscriptions(self) -> dict:
+        return self._server.iserver.subscription_service.subscriptions
+
+    def drop_subscriptions(self) -> None:
+        """Forget all subscriptions without a word; the sessions live on, and reading goes on."""
+        service = self._server.iserver.subscription_service
+        asyncio.run_coroutine_threadsafe(
+            service.delete_subscriptions(list(self.subscriptions)), self._loop
+        ).result(5)
+
     def stop(self) -> None:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._over.set)
@@ -194,6 +205,66 @@ def test_what_does_not_change_stays_fresh_while_the_server_answers(cell: Cell, c
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.3e9
 
 
+def test_a_subscription_that_the_server_drops_is_noticed_and_renewed(
+    cell: Cell, connected: Callable, eventually: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its session lives and answers all the while: what was read before must not count as fresh."""
+    transport = connected(cell)
+    eventually(lambda: any("height" in points for _, points in transport.heard), within=20.0)
+    service = cell._server.iserver.subscription_service
+    create = service.create_subscription
+    monkeypatch.setattr(service, "create_subscription", None)  # nobody can subscribe
+    dropped = transport._clock.now()
+    cell.drop_subscriptions()
+    cell.set("Height", 777)
+    time.sleep(0.4)
+    assert transport.read(["height"]) == {"height": 0.777}
+    after = [at for at, points in transport.heard if points.get("height") == 12.34 and at > dropped + 2e8]
+    assert after == [], "a value of before is not handed on as one of now"
+    monkeypatch.setattr(service, "create_subscription", create)
+    eventually(lambda: any(points.get("height") == 0.777 for _, points in transport.heard), within=20.0)
+    cell.set("Height", 778)
+    eventually(lambda: any(points.get("height") == 0.778 for _, points in transport.heard), within=20.0)
+    assert len(cell.subscriptions) == 1
+    (remark,) = [one for one in transport.remarks() if "dropped the subscription 1 times" in one.text]
+    assert remark.doubtful
+
+
+def test_a_subscription_that_cannot_be_renewed_is_a_lost_connection(
+    cell: Cell, eventually: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost: list[str] = []
+    transport = OpcUaTransport("cell", {**CELL, "url": cell.url})
+    transport.connect(RealClock(), lost.append, within=2.0)
+    monkeypatch.setattr(cell._server.iserver, "max_subscriptions", 0)
+    cell.drop_subscriptions()
+    eventually(lambda: lost, within=20.0)
+    assert "BadTooManySubscriptions" in lost[0]
+    transport.close()
+
+
+@pytest.mark.parametrize("revised", ["interval", "keep-alive"])
+def test_values_that_are_confirmed_too_rarely_are_refused_with_the_key_that_helps(
+    cell: Cell, connected: Callable, monkeypatch: pytest.MonkeyPatch, revised: str
+) -> None:
+    service = cell._server.iserver.subscription_service
+    create = service.create_subscription
+
+    async def slower(params, *rest, **keys):
+        if revised == "interval":
+            params.RequestedPublishingInterval *= 10
+        else:
+            params.RequestedMaxKeepAliveCount *= 10
+        return await create(params, *rest, **keys)
+
+    monkeypatch.setattr(service, "create_subscription", slower)
+    with pytest.raises(MapMismatch, match=r'every 0.2 s at best.* stale after 0.15 s; stale = "0.6 s"'):
+        connected(cell, stale="150 ms")
+    transport = connected(cell, stale="600 ms")
+    assert transport.period == pytest.approx(0.2)
+    assert any("every 0.2 s, less often than every = 0.02 s" in one.text for one in transport.remarks())
+
+
 def test_numbers_that_do_not_fit_and_what_the_server_refuses(cell: Cell, connected: Callable) -> None:
     transport = connected(cell)
     for points, words in (
@@ -234,7 +305,7 @@ def test_what_the_server_does_not_tell_by_itself(
         return [*told[:-1], ua.StatusCode(ua.StatusCodes.BadTooManyMonitoredItems)]
 
     monkeypatch.setattr(Subscription, "subscribe_data_change", last_one_refused)
-    with pytest.raises(Refused, match=r"does not tell of beat \(BadTooManyMonitoredItems\) by itself"):
+    with pytest.raises(Refused, match=r"does not report beat \(BadTooManyMonitoredItems\) by itself"):
         connected(cell)
 
 

@@ -19,8 +19,9 @@
     serial = { node = "ns=2;s=Serial", subscribe = false }      # read when asked; text(name) reads a text
 
 What can never come (no such node, a text, an array without its index) is said on connecting. An element is written with
-the others of its array as the server has them then. A server tells only what changes. As long as it answers, what it
-has not told anew is as it was, and is handed on. A value whose status is not good is NaN. Times are those of arrival.
+the others of its array as the server has them then. A server reports only what changes. Each of its notifications and
+keep-alives confirms the values that it does not contain, which are handed on with that time. Without them the values
+become stale, and the transport subscribes again. A value whose status is not good is NaN. Times are those of arrival.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import contextlib
 import logging
 import math
 import threading
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -40,10 +41,11 @@ from bench_protocol.clock import Clock
 from bench_protocol.extras import installed, lacking
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
-from drivers.wiring.contract import OnLost, OnPoints, Refusal
+from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
+from drivers.wiring.opcua.reports import Reports
 from drivers.wiring.opcua.values import NEVER, NodeKeys, said_of
 
 if TYPE_CHECKING:
@@ -118,18 +120,19 @@ class OpcUaTransport:
         self._loop: EventLoop | None = None
         self._client: Client | None = None
         self._clock: Clock | None = None
-        self._news: list[tuple[int, str, float]] = []
-        self._known: dict[str, float] = {}
-        self._news_lock, self._closing = threading.Lock(), threading.Lock()
+        self._closing = threading.Lock()
         self._writing = threading.RLock()
         self._cycles = 0
+        self._reports: Reports | None = None
 
     # -- what there is -------------------------------------------------------------------------------------------
 
     @property
     def period(self) -> float:
         """How often points come by themselves (s); 0 if all are read when asked."""
-        return self._every if any(point.subscribe for point in self._points.values()) else 0.0
+        if not any(point.subscribe for point in self._points.values()):
+            return 0.0
+        return self._every if self._reports is None else self._reports.period
 
     def require(self, name: str, *, writable: bool = False) -> None:
         """WiringError unless there is a point of that name; whether it can be written only the server knows."""
@@ -148,7 +151,7 @@ class OpcUaTransport:
         """Connect and subscribe. LinkLost if nobody answers, MapMismatch if the server lacks one of the nodes."""
         from asyncua import Client
 
-        self._clock, self._known, self._news = clock, {}, []
+        self._clock, self._reports = clock, None
         self._found = dict(self._ids)
         self._buffer, self._grant = WriteBuffer(), Grant()
         self._loop = EventLoop(self._where)
@@ -162,7 +165,8 @@ class OpcUaTransport:
             self._resolve(self._client)
             self._look_for_all()
             if self.period:
-                self._run(self._subscribe(self._client), "subscribing", within)
+                self._reports = self._new_reports(clock)
+                self._run(self._reports.begin(self._client), "subscribing", within)
         except BenchError:
             self.close()
             raise
@@ -196,21 +200,12 @@ class OpcUaTransport:
         if never:
             raise MapMismatch(f"{self._where} has no value for {'; '.join(never)}")
 
-    async def _subscribe(self, client: Client) -> None:
+    def _new_reports(self, clock: Clock) -> Reports:
         names: dict[ua.NodeId, list[str]] = {}
         for name, point in self._points.items():
             if point.subscribe:
                 names.setdefault(self._found[name], []).append(name)
-        subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._receive))
-        nodes = [client.get_node(node) for node in names]
-        told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
-        refused = [
-            f"{', '.join(several)} ({one.name})"
-            for several, one in zip(names.values(), told, strict=True)
-            if not isinstance(one, int)
-        ]
-        if refused:
-            raise Refused(f"{self._where} does not tell of {', '.join(refused)} by itself", 0)
+        return Reports(self._where, names, self._every, self._stale, clock.now, self._number)
 
     def subscribe(self, receive: OnPoints) -> None:
         """Call ``receive(time, points)`` with what the server tells from now on, every period."""
@@ -341,36 +336,32 @@ class OpcUaTransport:
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 
-    def _receive(self, name: str, value: ua.DataValue) -> None:
-        """Note what the server tells, in the thread of the loop."""
-        assert self._clock is not None
-        with self._news_lock:
-            self._news.append((self._clock.now(), name, self._number(name, value)))
-
     def _cycle(self) -> None:
-        """Write what is streamed, hand on what is new, and, if the server answers, what is as it was."""
+        """Write what is streamed, hand on what is new and what the server has confirmed."""
         assert self._clock is not None
         try:
             if values := self._buffer.drain():
                 self._buffer.refusal = self._in_background(values, self._buffer.refusal)
-            with self._news_lock:
-                news, self._news = self._news, []
-            for time, name, value in news:
-                self._known[name] = value
-                self._listener.receive(time, {name: value})
-            now = self._clock.now()
+            if self._reports is not None:
+                for time, points in self._reports.drain():
+                    self._listener.receive(time, points)
             self._ask_state()
-            told = {name for _, name, _ in news}
-            self._listener.receive(now, {one: known for one, known in self._known.items() if one not in told})
+            if self._reports is not None and self._reports.dropped:
+                self._renew(self._reports)
         except LinkLost:
             pass
 
-    def _ask_state(self) -> None:
-        from asyncua import ua
+    def _renew(self, reports: Reports) -> None:
+        """Subscribe again; a server that answers, but reports nothing for longer than patience lasts, is lost."""
+        try:
+            self._run(reports.renew(self._connected()), "subscribing again", self._timeout)
+        except BenchError as error:
+            if reports.silence > reports.allowed + self._patience:
+                self._listener.lose(f"{self._where} reports no values any more: {error}")
 
-        node = ua.NodeId(ua.ObjectIds.Server_ServerStatus_State)
-        ask = self._connected().uaclient.read_attributes
-        self._run(ask([node], ua.AttributeIds.Value), "asking for the server's state", self._timeout)
+    def _ask_state(self) -> None:
+        state = self._connected().nodes.server_state
+        self._run(state.read_value(), "asking for the server's state", self._timeout)
 
     def _count(self) -> None:
         assert self._alive is not None and self._clock is not None
@@ -384,6 +375,10 @@ class OpcUaTransport:
     def refusal(self) -> Refusal | None:
         """Since when the server refuses set-points, and with which words; None while it takes them."""
         return self._buffer.refusal
+
+    def remarks(self) -> list[Remark]:
+        """Return what the server does otherwise than one might think, and whether anything is lost by it."""
+        return [] if self._reports is None else self._reports.remarks()
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
         """Write ``values``; return what the server has against them."""
@@ -418,21 +413,6 @@ class OpcUaTransport:
             raise LinkLost(reason) from None
         self._listener.touch()
         return result
-
-
-class _Handler:
-    """Hears a subscription, in the thread of the loop."""
-
-    def __init__(
-        self, names: Mapping[ua.NodeId, Sequence[str]], receive: Callable[[str, ua.DataValue], None]
-    ) -> None:
-        self._names, self._receive = names, receive
-
-    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
-        """Take the new value of a node, with its status."""
-        del value
-        for name in self._names[node.nodeid]:
-            self._receive(name, data.monitored_item.Value)
 
 
 def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:

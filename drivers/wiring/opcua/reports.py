@@ -1,0 +1,163 @@
+"""What a server reports by itself, and whether it still does: an answer to a question does not show that."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol.units import NS
+from drivers.errors import MapMismatch, Refused
+from drivers.wiring.contract import Remark
+
+if TYPE_CHECKING:
+    from asyncua import Client, ua
+
+    from drivers.wiring.opcua.subscription import WatchedSubscription
+
+#: How many notifications or keep-alives may be missing until a subscription counts as dropped.
+_MISSING_MAX: Final = 3
+
+
+class Reports:
+    """The values of a subscription, each with the time at which the server sent or confirmed it.
+
+    ``names`` are the points by node, ``number`` decodes what the server reports of one. Changes come in the thread of
+    the event loop; all else is called by one thread.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        names: Mapping[ua.NodeId, Sequence[str]],
+        every: float,
+        stale: float,
+        now: Callable[[], int],
+        number: Callable[[str, ua.DataValue], float],
+    ) -> None:
+        self._where, self._names, self._every, self._stale = where, names, every, stale
+        self._now, self._number = now, number
+        self._lock = threading.Lock()
+        self._news: list[tuple[int, str, float]] = []
+        self._known: dict[str, float] = {}
+        self._published = self._confirmed = (
+            now()
+        )  # ns, of the last notification, and of the last one handed on
+        self._subscription: WatchedSubscription | None = None
+        self._ended = False  # the server says so
+        self._drops, self._missing = (
+            0,
+            0.0,
+        )  # subscriptions that the server dropped; s without one, altogether
+
+    async def begin(self, client: Client) -> None:
+        """Subscribe. Refused if the server does not report a point, MapMismatch if it does so too rarely."""
+        from drivers.wiring.opcua.subscription import WatchedSubscription
+
+        subscription = WatchedSubscription(client, self._every, self, self._publish)
+        await subscription.create()
+        try:
+            await self._fill(subscription, client)
+        except BaseException:
+            await _delete(subscription)
+            raise
+        self._subscription, self._ended = subscription, False
+        self._publish(subscription)
+
+    async def _fill(self, subscription: WatchedSubscription, client: Client) -> None:
+        nodes = [client.get_node(node) for node in self._names]
+        told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
+        refused = [
+            f"{', '.join(several)} ({one.name})"
+            for several, one in zip(self._names.values(), told, strict=True)
+            if not isinstance(one, int)
+        ]
+        if refused:
+            raise Refused(f"{self._where} does not report {', '.join(refused)} by itself", 0)
+        slowest = max(subscription.period, subscription.sampling)
+        if slowest > self._stale:
+            raise MapMismatch(
+                f"{self._where} confirms its values every {slowest:g} s at best, and they count as stale after "
+                f'{self._stale:g} s; stale = "{_MISSING_MAX * slowest:g} s" would be right'
+            )
+
+    @property
+    def period(self) -> float:
+        """How often the server confirms values (s), by its own revised intervals."""
+        one = self._subscription
+        return self._every if one is None else max(self._every, one.period, one.sampling)
+
+    def drain(self) -> list[tuple[int, dict[str, float]]]:
+        """Return what has come since the last call, in order; unchanged values have the time of their confirmation."""
+        with self._lock:
+            news, self._news = self._news, []
+            published = self._published
+        found = [(time, {name: value}) for time, name, value in news]
+        self._known.update({name: value for _, name, value in news})
+        if published > self._confirmed:
+            self._confirmed = published
+            rest = self._known.keys() - {name for _, name, _ in news}
+            found.append((published, {name: self._known[name] for name in rest}))
+        return found
+
+    @property
+    def allowed(self) -> float:
+        """How long (s) a subscription may be silent until it counts as dropped."""
+        return max(self._stale, _MISSING_MAX * self.period)
+
+    @property
+    def silence(self) -> float:
+        """How long ago (s) the server last published."""
+        return (self._now() - self._published) / NS
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the server has ended the subscription, as it says itself or as its silence shows."""
+        return self._ended or self.silence > self.allowed
+
+    async def renew(self, client: Client) -> None:
+        """Subscribe again in the place of a subscription that was dropped."""
+        silence = self.silence
+        if self._subscription is not None:  # the server may still know it
+            await _delete(self._subscription)
+        with self._lock:
+            self._known.clear()
+            self._news.clear()
+        await self.begin(client)
+        self._drops, self._missing = self._drops + 1, self._missing + silence
+
+    def remarks(self) -> list[Remark]:
+        """Return what the server does otherwise than one might think, and whether anything is lost by it."""
+        found = []
+        if self._drops:
+            said = f"the server dropped the subscription {self._drops} times; no values came for {self._missing:.2g} s"
+            found.append(Remark(said, True))
+        if self.period > self._every:
+            said = f"the server confirms its values every {self.period:g} s, less often than every = {self._every:g} s"
+            found.append(Remark(said, False))
+        return found
+
+    # -- what asyncua calls ---------------------------------------------------------------------------------------
+
+    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+        """Take the new value of a node, with its status."""
+        del value
+        with self._lock:
+            for name in self._names[node.nodeid]:
+                self._news.append((self._now(), name, self._number(name, data.monitored_item.Value)))
+
+    def status_change_notification(self, change: Any) -> None:
+        """Note that the server has ended the subscription, and says so."""
+        self._ended = not change.Status.is_good()
+
+    def _publish(self, subscription: WatchedSubscription) -> None:
+        if subscription is self._subscription:
+            with self._lock:
+                self._published = self._now()
+
+
+async def _delete(subscription: WatchedSubscription) -> None:
+    """Delete a subscription, if the server knows it."""
+    with contextlib.suppress(Exception):
+        await subscription.delete()
