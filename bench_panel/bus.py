@@ -21,6 +21,7 @@ from starlette.routing import Route
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, s
 from drivers.errors import BenchError
+from drivers.stamps import StampClock
 
 if TYPE_CHECKING:
     from bench_panel.parts import Parts
@@ -101,6 +102,7 @@ class Bus:
 
     def receive(self, block: Block) -> None:
         """Count the frames of ``block``, and keep the longest gap between two of one identifier."""
+        block = self._stamps.times(block, self._watch.clock)
         for identifier in np.unique(block["id"]).tolist():
             times = block["time"][block["id"] == identifier]
             if identifier not in self._counts and len(self._counts) >= _IDENTIFIERS_MAX:
@@ -117,6 +119,7 @@ class Bus:
 
     def _clear(self) -> None:
         self._lost = False
+        self._stamps = StampClock()
         self._counts: dict[int, int] = {}
         self._last: dict[int, int] = {}
         self._gaps: dict[int, int] = {}

@@ -35,7 +35,7 @@ from drivers.stamps import (
     SO_TIMESTAMPNS,
     TIMESTAMPING,
     Clock,
-    HardwareClock,
+    StampClock,
     of_notes,
 )
 from drivers.wire import Wire
@@ -127,7 +127,7 @@ class _MessageReceiver:
 
     def __init__(self, bus: can.BusABC, fd: Fd | None = None, stamped_by: Clock = "system") -> None:
         self._bus, self._fd, self.stamped_by = bus, fd, stamped_by
-        self._hardware = HardwareClock() if stamped_by == "hardware" else None
+        self._hardware = StampClock(drifts=True) if stamped_by == "hardware" else None
 
     def receive(self, timeout: float) -> Block:
         messages: list[can.Message] = []
@@ -180,7 +180,7 @@ class _SocketCanReceiver:
         self.wire: Wire | None = Wire.on(sock.fileno(), lines=False) if fd is None else None
         self.stamped_by: Clock = "system"
         self._bus, self._socket, self._fd = bus, sock, fd
-        self._hardware = HardwareClock()
+        self._hardware = StampClock(drifts=True)
         _enlarge(sock)
         # From now on every frame brings the kernel's count of those it had no room for.
         sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)

@@ -1,7 +1,10 @@
-"""When frames came: time stamps of the kernel and of the interface's own clock, which is brought to that of the day."""
+"""When frames came: the time stamps of the kernel and of the interface, and their conversion to another clock."""
 
 import struct
 from typing import Final, Literal
+
+from bench_protocol.clock import Clock as BenchClock
+from bench_protocol.frames import Block
 
 Clock = Literal["hardware", "system"]
 
@@ -14,8 +17,14 @@ _TIMESPEC: Final = struct.Struct("@ll")
 _NS: Final = 1_000_000_000
 #: What two clocks may drift apart by in a second, ns: a crystal is good for 100 millionths.
 _DRIFT: Final = 1e-4
-#: A stamp so far from where it is expected is of a clock that was set, ns.
-_LEAP: Final = _NS
+#: Stamps of one bus may be out of order by this (ns): a hub stamps what clients send when it arrives, and the frames
+#: of the rig with the time of their tick.
+_DISORDER: Final = _NS // 50
+#: If no frame in this time (ns), of so many at least, has a lag near the offset, the offset is too small.
+_WINDOW: Final = _NS
+_FRAMES: Final = 10
+#: An offset that is wrong by less (ns) is near enough.
+_NEAR: Final = _NS // 2000
 
 #: Interfaces of python-can whose stamps are those of the adapter. Of the others the operating system's are taken.
 HARDWARE_STAMPS: Final = frozenset(
@@ -41,24 +50,58 @@ def _nanoseconds(note: bytes, place: int) -> int:
     return int(seconds * _NS + rest)
 
 
-class HardwareClock:
-    """Brings stamps of an interface's clock, which begins anywhere and drifts, to the time of the day.
+class StampClock:
+    """Converts time stamps of another clock to our clock. The other clock begins anywhere, drifts, and may be set.
 
-    No frame comes before it was on the bus, so the least lag that was seen is what lies between the clocks; it may
-    grow by as much as they drift apart.
+    No frame arrives before its stamp. Thus the smallest lag that was seen is the offset between the two clocks. A stamp
+    that is older than the one before shows that the other clock was set back, and so does a lag that stays too large.
+    A stamp in the future shows that it was set forward. No clock is compared with the time of day.
+
+    An offset that is wrong by less than `_NEAR` is kept, so that even stamps stay even. With ``drifts`` it follows the
+    drift of the other clock instead: for the hardware of an interface, whose stamps are exact to microseconds.
     """
 
-    def __init__(self) -> None:
-        self._apart: int | None = None  # ns, from the hardware's clock to that of the day
-        self._last = 0
+    def __init__(self, *, drifts: bool = False) -> None:
+        self._drift, self._slack = (_DRIFT, 0) if drifts else (0.0, _NEAR)
+        self.steps = 0  #: how often the other clock was set, by more than stamps may be out of order
+        self._offset: int | None = None  # ns, from the other clock to ours
+        self._newest = 0
+        self._begin, self._frames, self._least = 0, 0, 0  # of the window: arrival, frames, smallest lag
 
     def time(self, stamp: int, arrived: int) -> int:
-        """Return the time of the day (ns) of a hardware ``stamp`` that ``arrived`` then."""
+        """Return the time of our clock (ns) of a ``stamp`` that arrived at the time ``arrived`` of our clock."""
         lag = arrived - stamp
-        if self._apart is None or abs(lag - self._apart) > _LEAP or stamp < self._last - _LEAP:
-            self._apart = lag
+        if self._offset is None:
+            self._begin_at(lag, stamp, arrived)
+        elif stamp < self._newest - _DISORDER:
+            self.steps += 1
+            self._begin_at(lag, stamp, arrived)
         else:
-            passed = max(0, stamp - self._last)
-            self._apart = min(lag, self._apart + round(_DRIFT * passed))
-        self._last = max(stamp, self._last) if stamp > self._last - _LEAP else stamp
-        return stamp + self._apart
+            self.steps += lag < self._offset - _DISORDER
+            expected = self._offset + round(self._drift * max(0, stamp - self._newest))
+            self._offset = lag if lag < expected - self._slack else expected
+            self._newest = max(self._newest, stamp)
+            self._look_at_window(lag, arrived)
+        return stamp + self._offset
+
+    def times(self, block: Block, clock: BenchClock) -> Block:
+        """Return a copy of ``block``, which arrives now, with times of ``clock``."""
+        arrived, dated = clock.now(), block.copy()
+        dated["time"] = [self.time(stamp, arrived) for stamp in block["time"].tolist()]
+        return dated
+
+    def _begin_at(self, lag: int, stamp: int, arrived: int) -> None:
+        self._offset, self._newest = lag, stamp
+        self._begin, self._frames, self._least = arrived, 1, lag
+
+    def _look_at_window(self, lag: int, arrived: int) -> None:
+        assert self._offset is not None
+        self._frames += 1
+        self._least = min(self._least, lag)
+        if arrived - self._begin < _WINDOW or self._frames < _FRAMES:
+            return
+        if self._least > self._offset + _DISORDER:
+            self._offset = self._least
+        elif self._least > self._offset + _NEAR:  # a drift, or a reader that is always late: no jump for that
+            self._offset += round(_DRIFT * _WINDOW)
+        self._begin, self._frames, self._least = arrived, 0, lag

@@ -23,9 +23,13 @@ GAP_FLOOR: Final = 50 * ms
 def listen(access: RawAccess) -> list[Notebook]:
     """Return what is found on a bus where nobody commands."""
     before = access.listener.frames().size
+    steps = access.listener.steps
     access.wait(LISTEN)
     frames = access.listener.frames()[before:]
-    return [_times(frames), _protection(frames), _contents(access, frames)]
+    times = _times(frames)
+    steps = access.listener.steps - steps
+    times.note("steps of the clock of time stamps", steps == 0, f"{steps}", "0")
+    return [times, _protection(frames), _contents(access, frames)]
 
 
 def _times(frames: Block) -> Notebook:

@@ -12,13 +12,14 @@ import numpy as np
 from astb.rig_in_memory import RigInMemory
 from astb.session import answers, build_rig, started
 from bench_protocol.can_codec import Decoder
-from bench_protocol.clock import Clock, RealClock, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, VirtualClock
 from bench_protocol.frames import Block, join
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
 from drivers.can_port import open_can
 from drivers.errors import LinkLost
+from drivers.stamps import StampClock
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -101,14 +102,16 @@ class ModbusConnection:
 class Listener:
     """Somebody on the bus who keeps every frame."""
 
-    def __init__(self, port: "CanPort", epoch: int) -> None:
-        self.port, self.epoch = port, epoch
+    def __init__(self, port: "CanPort", clock: Clock) -> None:
+        self.port, self._clock = port, clock
+        # In virtual time stamps have the clock of the bench.
+        self._stamps = None if isinstance(clock, VirtualClock) else StampClock()
         self._blocks: list[Block] = []
         self._decoder = Decoder(TABLE, from_rig=True)
         port.subscribe(self._hear)
 
     def _hear(self, block: Block) -> None:
-        self._blocks.append(block.copy())
+        self._blocks.append(self._stamps.times(block, self._clock) if self._stamps else block.copy())
         self._decoder.decode(block)
 
     def latest(self, name: str) -> float:
@@ -121,13 +124,14 @@ class Listener:
         value = self.latest("rig.state")
         return STATES[int(value)] if 0 <= value < len(STATES) else "unknown"
 
+    @property
+    def steps(self) -> int:
+        """How often the clock of the time stamps was set."""
+        return self._stamps.steps if self._stamps else 0
+
     def frames(self) -> Block:
         """Return all frames so far, with times of the bench's clock (ns)."""
-        block = join(list(self._blocks))
-        if self.epoch and block.size:
-            block = block.copy()
-            block["time"] -= self.epoch
-        return block
+        return join(list(self._blocks))
 
     def series(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return times (ns) and values (SI) of all samples of a signal."""
@@ -154,11 +158,10 @@ class RawAccess:
         can: Callable[[], "CanPort"],
         connect: Callable[[], Cable],
         *,
-        epoch: int = 0,
         unit: int = 1,
     ) -> None:
         self.clock, self._unit = clock, unit
-        self.listener = Listener(can(), epoch)
+        self.listener = Listener(can(), clock)
         self._connect = connect
 
     def modbus(self) -> ModbusConnection:
@@ -196,7 +199,6 @@ def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> It
             if rig.simulation and not answers(rig):
                 stack.enter_context(started(rig.simulation, path, None, say))
             clock = RealClock()
-            epoch = wall_time_ns() - clock.now()
 
             def lines() -> Cable:
                 return _socket_cable(stack, rig.modbus.host, rig.modbus.port)
@@ -205,7 +207,6 @@ def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> It
                 clock,
                 lambda: open_can(rig.can.bus, host=rig.can.host, port=rig.can.port),
                 lines,
-                epoch=epoch,
                 unit=rig.modbus.unit,
             )
         stack.callback(access.listener.port.close)

@@ -94,14 +94,20 @@ def _modbus_server(rig: Rig) -> ModbusTcpServer:
 
 def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None, CanHub | None]:
     """Return the bus of ``rig`` with its server: a SocketCAN ``interface`` if there is one, else the hub."""
-    bus = CanBus(rig.receive, RealClock(), wall_time_ns)
+    clock, started = RealClock(), wall_time_ns()
+
+    def now() -> int:
+        """Return the time for stamps: a step of the system clock must not part them from those of the rig's frames."""
+        return started + clock.now()
+
+    bus = CanBus(rig.receive, clock, now)
 
     def peer_lost(peer: str) -> None:
         bus.forget(peer)
         rig.peer_lost(peer)
 
     wire = SocketCan(interface, bus.take) if interface else None
-    hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry, holds=rig.lease.holds)
+    hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry, now=now, holds=rig.lease.holds)
     if server := wire or hub:
         bus.connect(server)
     return bus, wire, hub

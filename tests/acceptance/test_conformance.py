@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from acceptance.conformance.listening import listen
 from acceptance.conformance.raw_access import Cable, RawAccess
 from acceptance.conformance.report import Observation, Outcome, Report, ReportError, differences, read_report
 from acceptance.conformance.suite import examine
@@ -163,6 +164,36 @@ def test_a_rig_that_falls_silent_is_told_and_the_rest_is_asked_all_the_same():
     assert findings["to the end"].outcome is Outcome.WRONG
     assert "no answer" in findings["to the end"].found
     assert findings["SpringLeft, rate"].outcome is Outcome.RIGHT
+
+
+class Wall:
+    """The virtual clock, as a clock that the rig does not have, so that stamps are converted; frames come as in real time."""
+
+    def __init__(self, clock):
+        self._clock, self.now, self.every = clock, clock.now, clock.every
+
+    def sleep_until(self, deadline):
+        for instant in range(self.now(), deadline + 1, 10**6):
+            self._clock.sleep_until(instant)
+
+
+@pytest.mark.parametrize("step", [0, -(10**9), 10**9, -31_557_600 * 10**9, 31_557_600 * 10**9])
+def test_a_rig_whose_clock_is_set_is_found_out(step):
+    def stepped(block: Block) -> Block:
+        return with_times(block, block["time"] + 10**18 + step * (block["time"] > 2 * 10**9))
+
+    memory = Stand(frames=stepped).memory
+    access = RawAccess(Wall(memory.clock), memory.can, lambda: pytest.fail("nothing is asked"))
+    access.wait(0.5)
+    times = listen(access)[0].findings
+    wrong = {one.what for one in times if one.outcome is Outcome.WRONG}
+    assert wrong == ({"steps of the clock of time stamps"} if step else set())
+
+
+def with_times(block: Block, times) -> Block:
+    block = block.copy()
+    block["time"] = times
+    return block
 
 
 def test_two_rigs_are_compared(sound, tmp_path):

@@ -16,6 +16,7 @@ from drivers.errors import Misuse, Stale
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
+from drivers.stamps import StampClock
 from drivers.wiring.astb.can import AstbListener
 from drivers.wiring.own import own_wiring
 
@@ -26,10 +27,10 @@ MS = 1_000_000
 class Heard(Receiver):
     """A receiver of our wiring, with the listener that hears frames for it."""
 
-    def __init__(self, clock, epoch=0):
+    def __init__(self, clock, stamps=None):
         silent = InMemoryModbus(lambda request: b"")
         super().__init__(own_wiring(InMemoryCan(lambda block: None), silent), clock)
-        listener = AstbListener(TABLE, clock, epoch, self.receive)
+        listener = AstbListener(TABLE, clock, stamps, self.receive)
         self.accept, self.tally = listener.receive, listener.tally
 
 
@@ -69,24 +70,60 @@ def test_echoed_commands_are_not_readings():
     assert receiver.tally()["unknown"] == len(commands)
 
 
-def test_epoch_moves_stamps_to_the_clock_and_leaves_the_block_alone():
+def test_stamps_of_another_clock_are_converted_and_the_block_stays():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     epoch = 1_700_000_000_000_000_000
-    receiver = Heard(clock, epoch)
+    receiver = Heard(clock, StampClock())
     clock.sleep_until(50 * MS)
-    block = spring(encoder, epoch + 40 * MS, 3 * mm)
+    block = join([spring(encoder, epoch + at * MS, 3 * mm) for at in (10, 20)])
     with Capture(receiver, ["left.height"]) as capture:
         receiver.accept(block)
+        receiver.accept(spring(encoder, epoch + 20 * MS))
         capture.start = 0
-    assert block["time"][0] == epoch + 40 * MS
-    assert capture.times("left.height") == pytest.approx([0.040])
-    assert receiver.latest(HEIGHT) == (pytest.approx(3 * mm), 50 * MS)  # the age counts from the arrival
+    assert block["time"].tolist() == [epoch + 10 * MS, epoch + 20 * MS]
+    assert capture.times("left.height")[-1] == pytest.approx(0.050)
+    assert receiver.latest(HEIGHT)[1] == 50 * MS  # the age counts from the arrival
+
+
+YEAR = 31_557_600_000 * MS
+STEPS = st.one_of(
+    st.integers(-20, 20).map(lambda steps: steps * MS),
+    st.integers(-YEAR, YEAR),
+    st.sampled_from([sign * size for sign in (1, -1) for size in (1 * MS, 1000 * MS, 3_600_000 * MS, YEAR)]),
+)
+
+
+@pytest.mark.parametrize("stories", [20, pytest.param(5000, marks=pytest.mark.slow)])
+def test_every_capture_has_its_samples_however_the_clock_of_the_rig_is_set(stories):
+    @settings(max_examples=stories, deadline=None)
+    @given(epoch=st.integers(0, 100 * YEAR), steps=st.dictionaries(st.integers(0, 100), STEPS, max_size=4))
+    def follow(epoch, steps):
+        clock, encoder = VirtualClock(), Encoder(TABLE)
+        receiver = Heard(clock, StampClock())
+        # What looks like stamps out of order: these readings are early by as much.
+        undetected = sum(-step for step in steps.values() if -25 * MS <= step < 0)
+        for k in range(1, 101):
+            if k % 50 == 1:
+                capture = Capture(receiver, ["left.height"]).__enter__()
+            epoch += steps.get(k, 0)
+            block = spring(encoder, epoch + k * 5 * MS)
+            clock.sleep_until(k * 5 * MS + 100_000)
+            receiver.accept(block)
+            assert receiver.latest(HEIGHT)[1] == clock.now()
+            if k % 50 == 0:
+                times = capture.times("left.height")
+                assert 49 - undetected / (5 * MS) <= times.size <= 50
+                assert (np.diff(times) >= 0).all()
+                assert times[-1] <= 0.251
+                capture.__exit__(None, None, None)
+
+    follow()
 
 
 def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     for offset in (-(3600 * 1000) * MS, 3600 * 1000 * MS):  # the other machine's clock is an hour off
-        receiver = Heard(clock, epoch=10**18)
+        receiver = Heard(clock, StampClock())
         receiver.accept(spring(encoder, 10**18 + offset))
         assert receiver.latest(HEIGHT)[1] == clock.now()
 

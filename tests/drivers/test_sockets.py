@@ -25,7 +25,7 @@ HEIGHT = TABLE.index["left.height"]
 def live(make_world):
     """A scripted peer on its own sockets in real time, and a connected bench."""
     peer, lock, clock = make_world().peer, threading.RLock(), RealClock()
-    start = wall_time_ns() - clock.now()
+    peer.epoch = wall_time_ns()
 
     def receive(block, name):
         with lock:
@@ -42,7 +42,7 @@ def live(make_world):
             with lock:
                 peer.values["left.height"] = (clock.now() // 5_000_000 % 100) * mm
                 block = peer.advance(clock.now())
-            block["time"] += start
+            block["time"] += peer.epoch
             hub.publish(block)
 
         ticking = clock.every(5_000_000, tick)
@@ -58,8 +58,9 @@ def live(make_world):
 def test_nothing_is_lost_while_the_plan_computes(live):
     peer, _, bench = live
     heard = []
-    bench.receiver.sink = lambda times, rows, values: heard.append((times, rows))
     bench.arm()
+    bench.wait(0.5 * s)  # until the offset of the stamps is known
+    bench.receiver.sink = lambda times, rows, values: heard.append((times, rows))
     with bench.capture("left.height") as capture:
         end = bench.now + 0.8
         while bench.now < end:
@@ -92,3 +93,19 @@ def test_closing_leaves_no_thread_behind(live):
     assert bench.now - before < 1
     names = [thread.name for thread in threading.enumerate()]
     assert not [name for name in names if name.startswith(("receiver", "every 20"))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [0.001, -3600.0, 31_557_600.0])
+def test_a_plan_measures_on_while_the_clock_of_the_rig_is_set(live, before):
+    """The clock of one side is set before the measurement, between two and during one."""
+    peer, _, bench = live
+    for step in (before, 1.0, -1.0, 0.001, -0.001, 3600.0, -31_557_600.0):
+        peer.epoch += round(step * NS)
+        mean = bench.averages("left.height", over=0.3 * s)
+        assert mean["left.height"] == pytest.approx(50 * mm, abs=50 * mm)
+        with bench.capture("left.height") as capture:
+            bench.wait(0.1 * s)
+            peer.epoch += round(step * NS)
+            bench.wait(0.1 * s)
+        assert capture.times("left.height").size > 30

@@ -1,4 +1,4 @@
-"""Stamps of an interface's own clock: read from the ancillary data, and brought to the time of the day."""
+"""Time stamps: read from the ancillary data, and converted from any clock, which may be set meanwhile."""
 
 import itertools
 import random
@@ -8,11 +8,13 @@ from types import SimpleNamespace
 
 import can
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers import can_port
 from drivers.can_fd import Fd
 from drivers.can_port import PythonCanPort
-from drivers.stamps import SO_TIMESTAMPING, SO_TIMESTAMPNS, UNCERTAINTY, HardwareClock, of_notes
+from drivers.stamps import SO_TIMESTAMPING, SO_TIMESTAMPNS, UNCERTAINTY, StampClock, of_notes
 
 US, S = 1_000, 1_000_000_000
 DAY = 1_760_000_000 * S
@@ -36,7 +38,7 @@ def test_the_third_of_three_times_is_that_of_the_hardware():
 @pytest.mark.parametrize("drift", [-80e-6, 0.0, 80e-6])
 def test_times_of_the_hardware_are_as_far_apart_as_on_the_bus(drift):
     """It began 40 days ago, drifts, and the system sees the frames up to 3 ms late."""
-    clock, chance = HardwareClock(), random.Random(1)
+    clock, chance = StampClock(drifts=True), random.Random(1)
     found, true = [], []
     for k in range(4000):
         at = k * 2_500 * US
@@ -50,10 +52,48 @@ def test_times_of_the_hardware_are_as_far_apart_as_on_the_bus(drift):
 
 
 def test_a_clock_that_is_set_anew_is_followed():
-    clock = HardwareClock()
+    clock = StampClock()
     assert clock.time(5 * S, DAY) == DAY
     assert clock.time(1 * S, DAY + 1000) == DAY + 1000
     assert clock.time(90 * S, DAY + 2000) == DAY + 2000
+
+
+MS, YEAR = 1_000_000, 31_557_600 * S
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    before=st.integers(-100 * YEAR, 100 * YEAR),
+    size=st.sampled_from([1 * MS, 15 * MS, 100 * MS, S, 60 * S, 3600 * S, YEAR]),
+    sign=st.sampled_from([1, -1]),
+    at=st.integers(1, 1500),
+    stall=st.integers(0, 400),
+    seed=st.integers(0, 2**32),
+    drifts=st.booleans(),
+)
+def test_a_step_of_the_other_clock_moves_no_reading(before, size, sign, at, stall, seed, drifts):
+    """Before, between and during, from 1 ms to 1 a; the reader may also stand still, so that frames wait for it."""
+    clock, chance, gap = StampClock(drifts=drifts), random.Random(seed), 5 * MS
+    for k in range(1900):
+        sent = k * gap
+        arrived = sent + 50 * US + min(round(chance.expovariate(1 / (100 * US))), 3 * MS)
+        if at + 300 <= k < at + 300 + stall:
+            arrived = (at + 300 + stall) * gap
+        stamp = DAY + before + sent + (sign * size if k >= at else 0)
+        error = clock.time(stamp, arrived) - sent
+        undetected = sign < 0 and size <= 20 * MS and k >= at  # it is made up for at the pace of a drift
+        assert error <= arrived - sent + MS, "no reading is of the future"
+        if k != at:
+            assert error <= 4 * MS
+        assert error >= (-size if undetected else -1 * MS)
+    assert clock.steps == (size > 20 * MS)
+
+
+def test_a_stamp_in_the_future_by_mistake_is_forgotten_with_the_next():
+    clock = StampClock()
+    clock.time(DAY, 0)
+    clock.time(DAY + YEAR, 5 * MS)
+    assert clock.time(DAY + 10 * MS, 10 * MS) == 10 * MS
 
 
 class FakeSocket:
@@ -74,7 +114,7 @@ class FakeSocket:
 def receiver(sock: FakeSocket, fd: Fd | None = None) -> can_port._SocketCanReceiver:
     one = object.__new__(can_port._SocketCanReceiver)
     one.overflows, one.stamped_by, one._fd = 0, "system", fd
-    one._socket, one._hardware = sock, HardwareClock()
+    one._socket, one._hardware = sock, StampClock(drifts=True)
     one._poll = SimpleNamespace(poll=lambda timeout: True)
     return one
 

@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import RealClock, Task, hurry
-from bench_protocol.frames import Block, copied
+from bench_protocol.frames import Block
 from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
+from drivers.stamps import StampClock
 from drivers.wiring.contract import CyclicStream, Floats, Ints, OnSamples
 
 if TYPE_CHECKING:
@@ -51,18 +52,24 @@ def stale_limits(table: Table) -> Ints:
 class AstbListener:
     """Decodes what our rig sends, and calls ``receive`` with the samples.
 
-    ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
-    stamps come from somebody else's clock, so the age of a reading counts from its arrival instead. ``absent`` are
-    signals that this rig has elsewhere: the rows of our table that stand in their place are ignored.
+    ``stamps`` converts the time stamps of the frames to times of ``clock``; None where they have that clock already.
+    With ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals that this rig has elsewhere:
+    the rows of our table that stand in their place are ignored.
     """
 
     def __init__(
-        self, table: Table, clock: Clock, epoch: int, receive: OnSamples, absent: Collection[str] = ()
+        self,
+        table: Table,
+        clock: Clock,
+        stamps: StampClock | None,
+        receive: OnSamples,
+        absent: Collection[str] = (),
     ) -> None:
         from bench_protocol.can_codec import Decoder, Samples
 
         self._samples = Samples
-        self._clock, self._epoch, self._receive = clock, epoch, receive
+        self._clock, self._stamps, self._receive = clock, stamps, receive
+        self._newest = 0  # ns, of the samples
         self._decoder = Decoder(table, from_rig=True)
         self._map_hash_row = table.index["rig.map_hash"]
         self._lock = threading.Lock()
@@ -74,17 +81,19 @@ class AstbListener:
 
     def receive(self, block: Block) -> None:
         """Take a block of frames in order of arrival."""
-        if self._epoch:
-            block = copied(block)
-            block["time"] -= self._epoch
         with self._lock:
+            if self._stamps is not None:
+                block = self._stamps.times(block, self._clock)
             samples = self._decoder.decode(block)
         if self._rows_here is not None:
             chosen = self._rows_here[samples.signals]
             samples = self._samples(samples.times[chosen], samples.signals[chosen], samples.values[chosen])
         if samples.times.size:
-            fresh = self._clock.now() if self._epoch else samples.times
-            self._receive(samples.times, samples.signals, samples.values, fresh)
+            times, fresh = samples.times, samples.times
+            if self._stamps is not None:  # a better offset must not let the times of a signal go back
+                times = np.maximum.accumulate(np.maximum(times, self._newest))
+                self._newest, fresh = int(times[-1]), self._clock.now()
+            self._receive(times, samples.signals, samples.values, fresh)
 
     @property
     def map_hash(self) -> float:

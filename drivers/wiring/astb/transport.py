@@ -18,11 +18,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from bench_protocol.clock import Clock, VirtualClock, wall_time_ns
+from bench_protocol.clock import Clock, VirtualClock
 from bench_protocol.messages import TOKEN
 from bench_protocol.rates import PACE
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, NotCommander
+from drivers.stamps import StampClock
 from drivers.wiring.astb.can import AstbListener, AstbOutlet, stale_limits
 from drivers.wiring.astb.keys import AstbKeys
 from drivers.wiring.astb.modbus import AstbRegisters, other_map
@@ -146,10 +147,8 @@ class AstbTransport:
 
     def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
         """Let samples come from now on, but for the signals ``silent``."""
-        # In memory frames are stamped in virtual time, on a real bus with the time of the day.
-        virtual = isinstance(self._clock, VirtualClock)
-        epoch = 0 if virtual else wall_time_ns() - self._clock.now()
-        self._listener = AstbListener(self._table, self._clock, epoch, receive, silent)
+        stamps = None if isinstance(self._clock, VirtualClock) else StampClock()
+        self._listener = AstbListener(self._table, self._clock, stamps, receive, silent)
         self.can.on_lost(lambda reason: self._lost(_bus_lost(reason)))
         self.can.subscribe(self._listener.receive)
 

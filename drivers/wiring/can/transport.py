@@ -53,14 +53,16 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from bench_protocol import j1939
-from bench_protocol.clock import Clock, wall_time_ns
+from bench_protocol.clock import Clock, VirtualClock
 from bench_protocol.frames import LENGTH_MAX, frame, join, payload
-from bench_protocol.units import NS, ms, s
+from bench_protocol.units import NS, ms
 from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.can_port import open_bus, open_can
 from drivers.errors import LinkLost, WiringError
-from drivers.stamps import UNCERTAINTY
+from drivers.stamps import UNCERTAINTY, StampClock
 from drivers.wiring.can.keys import CanKeys
 from drivers.wiring.can.message import Message
 from drivers.wiring.can.messages import read_messages
@@ -74,10 +76,6 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
 
 _LOOK: Final = round(5 * ms * NS)
-#: Time stamps beyond are of the day; in memory they are of the bench's clock.
-_OF_THE_DAY: Final = 10**17
-#: A time stamp further behind is of somebody else's clock.
-_LAG_MAX: Final = round(1 * s * NS)
 
 
 class CanTransport:
@@ -125,7 +123,7 @@ class CanTransport:
         self._lock = threading.RLock()
         self._port: CanPort | None = None
         self._clock: Clock | None = None
-        self._epoch = 0
+        self._stamps: StampClock | None = None  # in virtual time stamps have the clock of the bench
         self._turns: dict[str, int] = {}
 
     def _check_burst(self, place: str, first: str) -> None:
@@ -244,7 +242,7 @@ class CanTransport:
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Join the bus and wait for the rig's first message; LinkLost if none comes ``within`` s."""
         self._clock, self._grant = clock, Grant()
-        self._epoch = wall_time_ns() - clock.now()
+        self._stamps = None if isinstance(clock, VirtualClock) else StampClock()
         self._latest, self._times = {}, {}
         self._reception.begin()
         for message in self._messages.values():
@@ -292,8 +290,12 @@ class CanTransport:
     # -- receiving -------------------------------------------------------------------------------------------------
 
     def _receive(self, block: Block) -> None:
+        if self._stamps is not None:
+            assert self._clock is not None
+            block = self._stamps.times(block, self._clock)
+            block["time"] = np.minimum(block["time"], self._clock.now())
         for record in block:
-            time = self._time(int(record["time"]))
+            time = int(record["time"])
             message = self._reception.message(int(record["id"]), bool(record["extended"]), time)
             if message is not None:
                 self._decode(message, payload(record), self._sampled(message, time))
@@ -308,14 +310,6 @@ class CanTransport:
         if self._keys.burst_begins in (None, message.name):
             self._burst_began = time
         return time
-
-    def _time(self, stamp: int) -> int:
-        """Return the bench's time of a stamp: of the day if a real bus gave it, else the bench's own."""
-        if stamp < _OF_THE_DAY:
-            return stamp
-        assert self._clock is not None
-        now, time = self._clock.now(), stamp - self._epoch
-        return min(now, time) if now - time < _LAG_MAX else now
 
     def _decode(self, message: Message, data: bytes, time: int) -> None:
         note = partial(self._reception.note, message)
