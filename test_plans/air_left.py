@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import isnan, nan
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.units import bar
+from bench_protocol.units import bar, s
 from bench_protocol.words import SIDES
+from drivers.air import PRESSURE_FALLS
 from drivers.errors import BenchError
 from test_plans.analysis.readings import CHAMBERS
 
@@ -21,6 +22,8 @@ RESIDUAL_PRESSURE: Final = 0.2 * bar
 LIFTS: Final = 0.23 * bar
 #: What no two sound transducers of one pressure differ by.
 ZEROS_APART: Final = 0.1 * bar
+#: Air that flows through open valves moves a pressure by more than `PRESSURE_FALLS` in that time.
+WATCHED: Final = 5 * s
 #: How a sentence begins that warns a person.
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
 #: What becomes of the air, by what the bench does with it in its present state.
@@ -52,10 +55,23 @@ def springs_are_empty(bench: Bench) -> bool:
 def zeros_off(bench: Bench) -> str:
     """Return in words which transducers are off: they read air in a chamber whose neighbour, joined with it, has none.
 
-    To be asked where air has long been let off, so that both chambers have one pressure; "" where no neighbour speaks
-    against a reading, or a spring is not known to be empty for another reason.
+    Chambers have one pressure only at rest. While air flows, and also if no neighbour contradicts a reading, the result
+    is "". It waits for `WATCHED` if two readings differ.
     """
-    known = _know(bench)
+    before = _know(bench)
+    if not _contradictions(before):
+        return ""
+    bench.wait(WATCHED)
+    after = _know(bench)
+    for side, of_side in after.pressures.items():
+        was = before.pressures[side]
+        if any(abs(pressure - was.get(name, nan)) > PRESSURE_FALLS for name, pressure in of_side.items()):
+            return ""
+    return _contradictions(after)
+
+
+def _contradictions(known: _Known) -> str:
+    """Return in words which pressures of joined chambers differ by more than two sound transducers do."""
     found = []
     for of_side in known.pressures.values():
         lowest = min(of_side, key=lambda name: of_side[name], default="")

@@ -13,6 +13,8 @@ from bench_protocol.units import NS, ms, s
 
 #: How long the bus is listened to.
 LISTEN: Final = 3 * s
+#: In this time the offset of the time stamps is measured.
+SETTLE: Final = 0.5 * s
 #: By how much a rate may be off, of the rate.
 RATE_BAND: Final = 0.02
 #: A reading is stale after three periods, 100 ms at least: no gap may come near to that.
@@ -22,6 +24,7 @@ GAP_FLOOR: Final = 50 * ms
 
 def listen(access: RawAccess) -> list[Notebook]:
     """Return what is found on a bus where nobody commands."""
+    access.wait(SETTLE)
     before = access.listener.frames().size
     steps = access.listener.steps
     access.wait(LISTEN)

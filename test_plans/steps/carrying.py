@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from bench_protocol.rates import DISABLE_AFTER
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
-from drivers.air import PRESSURE_FALLS
 from drivers.errors import BenchTimeout, NotAvailable, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty, zeros_off
 from test_plans.analysis.geometry import WEIGHT
-from test_plans.analysis.readings import CHAMBERS, HEIGHTS, PRESSURES
+from test_plans.analysis.readings import CHAMBERS, HEIGHTS
 from test_plans.loads import Load
 from test_plans.preconditions import HEADROOM
 
 if TYPE_CHECKING:
-    from drivers.bench import Bench
     from test_plans.run import Run
 
 T = TypeVar("T")
@@ -66,8 +64,6 @@ SHIM: Final = 0.5 * kN
 VENT_WITHIN: Final = 3 * minutes
 NOT_EMPTY: Final = "the springs are not known to be empty"
 LOOK_AGAIN: Final = 0.5 * s
-#: Air that goes out through open valves falls by more than noise in that time.
-WATCHED: Final = 5 * s
 #: Twice what the safe position takes with 7 bar.
 LET_OFF_WITHIN: Final = DISABLE_AFTER + 20 * s
 
@@ -130,18 +126,8 @@ def depressurise(run: Run) -> None:
                         within=LET_OFF_WITHIN,
                         what="both springs without air",
                     )
-        if not springs_are_empty(bench) and not (zeros_off(bench) and _nothing_falls(bench)):
+        if not springs_are_empty(bench) and not zeros_off(bench):
             raise RigFault(f"{NOT_EMPTY}: {bench.describe()}")
-
-
-def _nothing_falls(bench: Bench) -> bool:
-    """Return whether all pressures stay for a while: what still falls is air."""
-    seen = [name for name in PRESSURES if bench.has(name)]
-    before = [bench.readings.told(name) for name in seen]
-    bench.wait(WATCHED)
-    return all(
-        bench.readings.told(name) > one - PRESSURE_FALLS for name, one in zip(seen, before, strict=True)
-    )
 
 
 def carry(load: str | Load) -> Callable[[Run], None]:

@@ -167,7 +167,7 @@ def test_a_rig_that_falls_silent_is_told_and_the_rest_is_asked_all_the_same():
 
 
 class Wall:
-    """The virtual clock, as a clock that the rig does not have, so that stamps are converted; frames come as in real time."""
+    """The virtual clock, as a clock that the rig does not have: time stamps are converted, tick by tick."""
 
     def __init__(self, clock):
         self._clock, self.now, self.every = clock, clock.now, clock.every

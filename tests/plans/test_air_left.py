@@ -11,7 +11,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar
 from bench_protocol.words import AIR_BY_STATE, REASONS, STATES
 from drivers.errors import BenchTimeout, LinkLost, RigFault
-from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left, springs_are_empty
+from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left, springs_are_empty, zeros_off
 from test_plans.steps.carrying import depressurise
 
 SIDES, CHAMBERS = ("left", "right"), ("bellows", "auxiliary")
@@ -111,6 +111,26 @@ def test_springs_that_are_not_known_to_be_empty_are_left_to_the_bench_and_told_o
     )
     told = air_left(bench)
     assert not list(contradictions(told, bench.state, pressures, stale=False)), told
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ([0.77, 0.01, 0.0, 0.01], [0.77, 0.01, 0.0, 0.01], True),  # at rest: a zero is off
+        ([0.77, 0.01, 0.0, 0.01], [0.72, 0.01, 0.0, 0.01], False),  # air flows
+        ([0.77, 0.01, 0.0, 0.01], [0.77, 0.05, 0.0, 0.01], False),
+        ([0.77, 0.01, 0.0, 0.01], [0.04, 0.01, 0.0, 0.01], False),
+        ([0.77, math.nan, 0.0, 0.01], [0.77, 0.01, 0.0, 0.01], False),
+    ],
+)
+def test_a_zero_is_blamed_only_at_rest(before, after, told):
+    bench = made("ACTIVE", "none", before)
+
+    later = dict(zip(NAMES, [one * bar for one in after], strict=True)) | {
+        "rig.state": STATES.index("ACTIVE")
+    }
+    bench.wait = lambda duration: setattr(bench.readings, "told", later.get)
+    assert bool(zeros_off(bench)) == told
 
 
 def test_empty_springs_are_nothing_to_tell_of():
