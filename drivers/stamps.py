@@ -71,18 +71,20 @@ class StampClock:
     def time(self, stamp: int, arrived: int) -> int:
         """Return the time of our clock (ns) of a ``stamp`` that arrived at the time ``arrived`` of our clock."""
         lag = arrived - stamp
-        if self._offset is None:
-            self._begin_at(lag, stamp, arrived)
-        elif stamp < self._newest - _DISORDER:
-            self.steps += 1
-            self._begin_at(lag, stamp, arrived)
+        offset = self._offset
+        if offset is None or stamp < self._newest - _DISORDER:
+            self.steps += offset is not None
+            offset, self._newest = lag, stamp
+            self._begin, self._frames, self._least = arrived, 1, lag
         else:
-            self.steps += lag < self._offset - _DISORDER
-            expected = self._offset + round(self._drift * max(0, stamp - self._newest))
-            self._offset = lag if lag < expected - self._slack else expected
+            self.steps += lag < offset - _DISORDER
+            offset += round(self._drift * max(0, stamp - self._newest))
+            if lag < offset - self._slack:
+                offset = lag
             self._newest = max(self._newest, stamp)
-            self._look_at_window(lag, arrived)
-        return stamp + self._offset
+            offset = self._raised(offset, lag, arrived)
+        self._offset = offset
+        return stamp + offset
 
     def times(self, block: Block, clock: BenchClock) -> Block:
         """Return a copy of ``block``, which arrives now, with times of ``clock``."""
@@ -90,18 +92,14 @@ class StampClock:
         dated["time"] = [self.time(stamp, arrived) for stamp in block["time"].tolist()]
         return dated
 
-    def _begin_at(self, lag: int, stamp: int, arrived: int) -> None:
-        self._offset, self._newest = lag, stamp
-        self._begin, self._frames, self._least = arrived, 1, lag
-
-    def _look_at_window(self, lag: int, arrived: int) -> None:
-        assert self._offset is not None
+    def _raised(self, offset: int, lag: int, arrived: int) -> int:
+        """Return ``offset``, or a larger one if all lags of the window were larger."""
         self._frames += 1
         self._least = min(self._least, lag)
         if arrived - self._begin < _WINDOW or self._frames < _FRAMES:
-            return
-        if self._least > self._offset + _DISORDER:
-            self._offset = self._least
-        elif self._least > self._offset + _NEAR:  # a drift, or a reader that is always late: no jump for that
-            self._offset += round(_DRIFT * _WINDOW)
+            return offset
+        least = self._least
         self._begin, self._frames, self._least = arrived, 0, lag
+        if least > offset + _DISORDER:
+            return least
+        return offset + round(_DRIFT * _WINDOW) if least > offset + _NEAR else offset  # slowly, as a drift

@@ -89,7 +89,8 @@ class AstbListener:
             chosen = self._rows_here[samples.signals]
             samples = self._samples(samples.times[chosen], samples.signals[chosen], samples.values[chosen])
         if samples.times.size:
-            times, fresh = samples.times, samples.times
+            times = samples.times
+            fresh: Ints | int = times
             if self._stamps is not None:  # a better offset must not let the times of a signal go back
                 times = np.maximum.accumulate(np.maximum(times, self._newest))
                 self._newest, fresh = int(times[-1]), self._clock.now()
