@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from types import UnionType
-from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
@@ -19,16 +20,64 @@ _KINDS: Final = {
     "array": "a list",
     "object": "a table of keys",
 }
+T = TypeVar("T")
+#: So many errors are reported at once.
+_MOST: Final = 50
 _STEP: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|\[(\.\.\.)\]")
+
+
+class Misfits(ValueError):
+    """Everything in which a content does not fit, in words: ``texts``."""
+
+    def __init__(self, texts: Sequence[str]) -> None:
+        super().__init__("\n".join(texts))
+        self.texts = tuple(texts)
+
+
+def converted(content: Any, kind: type[T]) -> T:
+    """Return tables as a ``kind``, as `msgspec.convert` does. `Misfits` for what does not fit, all of it at once.
+
+    What does not fit is left out, and the rest is tried again.
+    """
+    left, texts, gone = deepcopy(content), list[str](), set[str]()
+    for _ in range(_MOST):
+        try:
+            found = msgspec.convert(left, kind)
+        except msgspec.ValidationError as error:
+            said, _, place = str(error).partition(" - at `$")
+            field = re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said)
+            way = [key for key, _, _ in _steps(place, left, kind)] + ([field[2]] if field else [])
+            if ".".join(way) not in gone:
+                texts.append(misfit(error, left, kind))
+            if field and field[1] == "missing required":
+                way.pop()
+            gone.add(".".join(way))
+            if not _removed(left, way):
+                break
+        else:
+            if texts:
+                break
+            return found
+    raise Misfits(texts)
+
+
+def _removed(content: Any, way: Sequence[str]) -> bool:
+    """Take a key and what stands there out of tables in tables; not of lists, which number what is in them."""
+    for key in way[:-1]:
+        content = content.get(key) if isinstance(content, dict) else None
+    if not way or not isinstance(content, dict) or way[-1] not in content:
+        return False
+    del content[way[-1]]
+    return True
 
 
 def misfit(error: Exception, content: object, kind: Any) -> str:
     """Return in words of ours what msgspec says of ``content``, which was to be a ``kind``."""
     said, _, place = str(error).partition(" - at `$")
-    name, value, form = "", content, kind
-    for step in _STEP.finditer(place.removesuffix("`")):
-        key, value, form = _within(step, value, _bare(form, value))
+    steps, name = _steps(place, content, kind), ""
+    for key, _, _ in steps:
         name += key if key.startswith("[") or not name else f".{key}"
+    _, value, form = steps[-1] if steps else ("", content, kind)
     form = _bare(form, value)
     if found := re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said):
         whole = f"{name}.{found[2]}" if name else found[2]
@@ -42,6 +91,16 @@ def misfit(error: Exception, content: object, kind: Any) -> str:
             else f"{_right(said, form)} is needed"
         )
     return f"{name}: {said}" if name and name not in said else said  # a sentence of ours
+
+
+def _steps(place: str, content: Any, kind: Any) -> list[tuple[str, Any, Any]]:
+    """The way down to a place: at each step the key, what stands there, and what was to stand there."""
+    steps: list[tuple[str, Any, Any]] = []
+    value, form = content, kind
+    for step in _STEP.finditer(place.removesuffix("`")):
+        key, value, form = _within(step, value, _bare(form, value))
+        steps.append((key, value, form))
+    return steps
 
 
 def _within(step: re.Match[str], value: Any, form: Any) -> tuple[str, Any, Any]:

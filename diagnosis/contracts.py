@@ -138,6 +138,8 @@ class Experiment:
     minutes: float = 0.0  #: what the run costs on the rig
     #: The record that this is a part of, replayed from where all of its parts begin; "": a record of its own.
     source: str = ""
+    #: Inputs that keep their value until the next sample; the others are straight lines between samples.
+    held: frozenset[str] = frozenset()
 
     @property
     def record(self) -> str:

@@ -26,6 +26,35 @@ def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Arr
     return result
 
 
+def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = False) -> Array:
+    """Return what ``values`` (n,) that are kept until the next sample are from each time of ``grid`` (m,) to the next.
+
+    Where they change within a step it is their mean, or, where only ``whole`` values mean something, that in the middle
+    of the step. NaN before the first sample.
+    """
+    known = np.isfinite(values)
+    t, y = time[known], values[known]
+    if len(t) == 0:
+        return np.full(grid.shape, np.nan)
+    step = float(grid[1] - grid[0])
+
+    def place(at: Array) -> NDArray[np.intp]:
+        return np.searchsorted(t, at, side="right") - 1
+
+    first, last = place(grid + 1e-6 * step), place(grid + (1.0 - 1e-6) * step)
+    held: Array = y[np.maximum(place(grid + 0.5 * step) if whole else first, 0)]
+    if not whole:
+        filled = np.concatenate([[0.0], np.cumsum(y[:-1] * np.diff(t))])
+
+        def until(at: Array) -> Array:
+            k = np.maximum(place(at), 0)
+            return filled[k] + y[k] * (at - t[k])
+
+        held = np.where(first == last, held, (until(grid + step) - until(grid)) / step)
+    held[last < 0] = np.nan
+    return held
+
+
 def bridge(values: Array) -> Array:
     """Return ``values`` (n,) with straight lines over what is NaN: an input needs a value at every sample."""
     known = np.isfinite(values)

@@ -26,24 +26,27 @@ def integrate(
     p: tuple[Any, ...] = (),
     *,
     parts: int = 1,
+    held: Sequence[bool] = (),
 ) -> Array:
     """Return the states (n, k) at the samples, from ``start`` (k,); ``inputs`` are m arrays (n,), ``step`` is in s.
 
-    Inputs are straight lines between samples; each step between two samples is done in so many ``parts``. The error is
-    of fourth order in step/parts while the rates are smooth. DiagnosisError where the arguments do not fit together.
+    Inputs are straight lines between samples, or keep their value until the next one where ``held`` (m,). Each step
+    between two samples is done in so many ``parts``. The error is of fourth order in step/parts while the rates are
+    smooth. DiagnosisError where the arguments do not fit together.
     """
     driven = np.ascontiguousarray(
         np.column_stack([np.asarray(values, dtype=np.float64) for values in inputs])
     )
     first = np.asarray(start, dtype=np.float64)
-    if first.ndim != 1 or parts < 1 or not step > 0.0:
+    straight = 1.0 - np.array(held or [False] * len(inputs), dtype=np.float64)
+    if first.ndim != 1 or parts < 1 or not step > 0.0 or len(straight) != len(inputs):
         raise DiagnosisError(
-            f"integrate: a start of shape {first.shape}, a step of {step:g} s and {parts} parts; right would be (k,), "
-            "more than 0 s and at least 1"
+            f"integrate: a start of shape {first.shape}, a step of {step:g} s, {parts} parts and {len(straight)} held; "
+            "right would be (k,), more than 0 s, at least 1, and none or one for each input"
         )
     # What numba has compiled keeps the function that it was made of.
     march = _compiled() if hasattr(rates, "py_func") else _march
-    states: Array = march(rates, first, driven, step, parts, p)
+    states: Array = march(rates, first, driven, step, parts, p, straight)
     return states
 
 
@@ -55,14 +58,22 @@ def _compiled() -> Callable[..., Array]:
     return compiled
 
 
-def _march(rates: Rates, start: Array, inputs: Array, step: float, parts: int, p: tuple[Any, ...]) -> Array:
+def _march(
+    rates: Rates,
+    start: Array,
+    inputs: Array,
+    step: float,
+    parts: int,
+    p: tuple[Any, ...],
+    straight: Array,
+) -> Array:
     n, h = len(inputs), step / parts
     states = np.empty((n, len(start)))
     state = start.copy()
     states[0] = state
     for i in range(1, n):
         before = inputs[i - 1]
-        slope = (inputs[i] - before) / parts
+        slope = straight * (inputs[i] - before) / parts
         for j in range(parts):
             now, half, then = before + j * slope, before + (j + 0.5) * slope, before + (j + 1) * slope
             a = np.asarray(rates(state, now, p))

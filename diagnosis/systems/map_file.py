@@ -10,7 +10,7 @@ import msgspec
 
 from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.input_limits import Unfit, read_toml
-from bench_protocol.misfit import misfit
+from bench_protocol.misfit import Misfits, converted
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.dimensions import described
@@ -21,7 +21,15 @@ from diagnosis.systems.fmu.keys import FmuKeys
 from diagnosis.systems.fmu.system import fmu_system
 from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.piston import PISTON
-from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
+from diagnosis.systems.system import (
+    Errors,
+    System,
+    SystemSetting,
+    SystemSignal,
+    conversion,
+    difference,
+    quantity,
+)
 from diagnosis.systems.tables import column_names
 
 _BUILT_IN: Final = (PISTON, CHAMBER)
@@ -46,6 +54,9 @@ class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
     offset: str | None = None
     noise: str | None = None
     resolution: str | None = None
+    hold: bool | None = (
+        None  #: an input keeps its value until the next sample; else it moves on straight lines
+    )
 
 
 class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -112,9 +123,9 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     except Unfit as error:
         raise DiagnosisError(f"{map_path} {error}") from None
     try:
-        mapping = msgspec.convert(content, Map)
-    except msgspec.ValidationError as error:
-        raise DiagnosisError(f"{map_path}: {misfit(error, content, Map)}") from None
+        mapping = converted(content, Map)
+    except Misfits as found:
+        raise DiagnosisError("\n".join(f"{map_path}: {text}" for text in found.texts)) from None
     named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
     if len(named) != 1:
         raise DiagnosisError(
@@ -125,7 +136,8 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     folder = map_path.parent if simulator is None else Path.cwd()
     if own is not None and own.lower().endswith(".fmu"):
         units = {name: column.unit for name, column in mapping.columns.items()}
-        return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, map_path)
+        holds = {name: column.hold for name, column in mapping.columns.items()}
+        return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, holds, map_path)
     if mapping.fmu is not None:
         raise DiagnosisError(
             f'{map_path}: fmu: {own or mapping.system} is no FMU; right would be such as simulator = "my.fmu"'
@@ -192,20 +204,24 @@ def _system(mapping: Map, where: Path) -> System:
 
 
 def settings_of(mapping: Map, system: System, where: Path, file: Path | None = None) -> dict[str, float]:
-    """Return every setting of the system in SI, for one ``file`` or for all, as the map gives it or by its default."""
+    """Return every setting of the system in SI, for one ``file`` or for all, as the map gives it or by its default.
+
+    DiagnosisError reports all settings that are wrong or missing.
+    """
+    errors = Errors()
     known = {setting.name: setting for setting in system.settings}
     own = [rule.settings for rule in mapping.file_settings if file and fnmatch.fnmatch(file.name, rule.files)]
     for name in dict.fromkeys(name for rule in mapping.file_settings for name in rule.settings):
         if name in known and not known[name].per_file:
             able = ", ".join(one for one, setting in known.items() if setting.per_file)
-            raise DiagnosisError(
+            errors.note(
                 f"{where}: file_settings: {name} of {system.name} is the same for all files; what may differ is "
                 f"{able or 'nothing'}"
             )
     given = {name: text for rule in (mapping.settings, *own) for name, text in rule.items()}
     for name in (*mapping.settings, *(name for rule in mapping.file_settings for name in rule.settings)):
         if name not in known:
-            raise DiagnosisError(
+            errors.note(
                 f"{where}: settings.{name} is no setting of {system.name}; it has {', '.join(known) or 'none'}"
             )
     values: dict[str, float] = {}
@@ -213,51 +229,65 @@ def settings_of(mapping: Map, system: System, where: Path, file: Path | None = N
         text = given.get(name)
         if text is None:
             if setting.default is None:
-                raise DiagnosisError(
-                    f"{where}: settings.{name} is missing: {setting.title}, in {setting.unit}"
-                )
-            values[name] = setting.default
+                errors.note(f"{where}: settings.{name} is missing: {setting.title}, in {setting.unit}")
+            else:
+                values[name] = setting.default
             continue
-        values[name] = quantity(text, setting.unit, f"{where}: settings.{name}")
-        if not setting.low <= values[name] <= setting.high:
-            raise DiagnosisError(
-                f"{where}: settings.{name} = {text} is outside of {setting.low:g} to {setting.high:g} {setting.unit}"
-            )
+        with errors.noted():
+            values[name] = _setting(text, setting, system, f"{where}: settings.{name}")
+    errors.report()
     return values
 
 
-def channels_of(mapping: Map, system: System, where: Path) -> tuple[Channel, ...]:
-    """Return the outputs that the map gives; DiagnosisError if its columns do not suit the system."""
+def _setting(text: str, setting: SystemSetting, system: System, where: str) -> float:
+    value = quantity(text, setting.unit, where, system.units, relative=setting.relative)
+    if not setting.low <= value <= setting.high:
+        raise DiagnosisError(
+            f"{where} = {text} is outside of {setting.low:g} to {setting.high:g} {setting.unit}"
+        )
+    return value
+
+
+def held_inputs(mapping: Map, system: System) -> frozenset[str]:
+    """Return the inputs that keep their values between samples, as the map says or else the system."""
+    given = {name: column.hold for name, column in mapping.columns.items() if column.hold is not None}
+    return frozenset(one.name for one in system.inputs if given.get(one.name, one.held))
+
+
+def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tuple[Channel, ...]:
+    """Return the outputs that the map gives; ``errors`` gets what of its columns does not suit the system."""
     signals = system.signals
+    known = set(system.errors)
     for name, column in mapping.columns.items():
-        signal = signals.get(name)
+        signal, key = signals.get(name), f"{where}: columns.{name}"
         if signal is None:
-            raise DiagnosisError(
-                f"{where}: columns.{name} is no signal of {system.name}; it has {', '.join(signals)}"
-            )
-        conversion(column.unit, signal.unit, f"{where}: columns.{name}.unit")
+            if f"columns.{name}" not in known:
+                errors.note(f"{key} is no signal of {system.name}; it has {', '.join(signals)}")
+            continue
+        with errors.noted():
+            conversion(column.unit, signal.unit, f"{key}.unit", system.units)
         if (signal.unit == "Pa") != (column.reading is not None):
             right = '"gauge" or "absolute"' if signal.unit == "Pa" else "none: it is no pressure"
-            raise DiagnosisError(
-                f"{where}: columns.{name}.reading = {column.reading}; right would be {right}"
-            )
+            errors.note(f"{key}.reading = {column.reading}; right would be {right}")
+        if column.hold is not None and signal not in system.inputs:
+            errors.note(f"{key}.hold: {name} is an output, and only inputs are held; leave hold out")
     for name, signal in signals.items():
         if signal.required and name not in mapping.columns:
-            raise DiagnosisError(
-                f"{where}: columns.{name} is missing: {system.name} needs the {signal.title}"
-            )
+            errors.note(f"{where}: columns.{name} is missing: {system.name} needs the {signal.title}")
     channels = []
     for signal in system.outputs:
         if signal.name in mapping.columns:
             column = mapping.columns[signal.name]
             key = f"{where}: columns.{signal.name}"
-            noise, resolution = (
-                0.0 if text is None else difference(text, signal.unit, f"{key}.{name}")
-                for name, text in (("noise", column.noise), ("resolution", column.resolution))
-            )
+            noise, resolution = 0.0, 0.0
+            with errors.noted():
+                noise, resolution = (
+                    0.0 if text is None else difference(text, signal.unit, f"{key}.{name}", system.units)
+                    for name, text in (("noise", column.noise), ("resolution", column.resolution))
+                )
             channels.append(signal.channel(noise, resolution))
     if not channels:
-        raise DiagnosisError(
+        errors.note(
             f"{where}: no column holds what {system.name} predicts; right would be at least one of "
             + ", ".join(signal.name for signal in system.outputs)
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.account import Account
-from bench_protocol.units import UNITS
+from bench_protocol.units import UNITS, Unit
 from bench_records.tables.keys import Source
 from bench_records.tables.reading import Series
 from diagnosis.contracts import (
@@ -26,7 +26,14 @@ from diagnosis.contracts import (
     Simulator,
 )
 from diagnosis.engine.contract_check import check_contract
-from diagnosis.systems.cutting import bridge, gaps_in, pieces_by_length, pieces_by_reversals, resample
+from diagnosis.systems.cutting import (
+    bridge,
+    gaps_in,
+    pieces_by_length,
+    pieces_by_reversals,
+    resample,
+    resample_held,
+)
 from diagnosis.systems.map_doubts import map_doubts
 from diagnosis.systems.map_file import (
     Column,
@@ -34,11 +41,12 @@ from diagnosis.systems.map_file import (
     Map,
     RoleRule,
     channels_of,
+    held_inputs,
     plain_map,
     read_map,
     settings_of,
 )
-from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
+from diagnosis.systems.system import Errors, System, SystemSignal, conversion, difference, quantity
 from diagnosis.systems.tables import read_columns
 
 #: Reads the columns of a log of CAN frames, of which the keys lie in a folder; None for a file that is none.
@@ -69,10 +77,16 @@ def read_mapped(
         mapping, system = plain_map(paths[0], own)
     else:
         raise DiagnosisError(f"{where}: neither a map nor a simulator says what its columns are")
-    given = channels_of(mapping, system, where)
-    simulator = system.simulator(settings_of(mapping, system, where), given)
+    errors = Errors(system.errors.values())
+    given = channels_of(mapping, system, where, errors)
+    settings: dict[str, float] = {}
+    with errors.noted():
+        settings = settings_of(mapping, system, where)
+    errors.report()
+    simulator = system.simulator(settings, given)
     accounts = {path: Account() for path in paths}
-    reader = _Reader(mapping, system, _described(simulator, given, where), where, accounts)
+    held = held_inputs(mapping, system)
+    reader = _Reader(mapping, system, _described(simulator, given, where), where, accounts, held)
 
     def table_of(path: Path) -> dict[str, Series]:
         found = frames and frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
@@ -140,6 +154,7 @@ class _Reader:
     channels: tuple[Channel, ...]
     where: Path
     accounts: Mapping[Path, Account]
+    held: frozenset[str]
 
     def ambient(self, path: Path | None) -> float:
         """Return the pressure of the air around in Pa, for one file or for all."""
@@ -173,6 +188,7 @@ class _Reader:
                 settings={**settings, **system.begin({name: one[part] for name, one in measured.items()})},
                 minutes=(stop - first) * step / 60.0,
                 source=path.stem,
+                held=self.held,
             )
             role = _role(path, number, mapping.runs.role, where)
             runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
@@ -188,13 +204,17 @@ class _Reader:
     ) -> tuple[Array, dict[str, Array]]:
         """Return the equidistant times (n,) and every signal there in SI, NaN in its gaps."""
         signals, ambient = self.system.signals, self.ambient(path)
-        grid, gaps = _clock(path, table, self.mapping, self.where)
+        grid, gaps = _clock(path, table, self.mapping, self.where, self.held)
         values = {}
         for name, column in columns.items():
             series, key = table[name], f"{self.where}: columns.{name}"
             _refuse_other_unit(path, series, column, key)
-            si = _in_si(series.values, column, signals[name], ambient, key)
-            values[name] = resample(series.times, si, grid, gaps[name])
+            si = _in_si(series.values, column, signals[name], ambient, key, self.system.units)
+            values[name] = (
+                resample_held(series.times, si, grid, whole=signals[name].whole)
+                if name in self.held
+                else resample(series.times, si, grid, gaps[name])
+            )
         for signal in self.system.inputs:
             if signal.name not in values:
                 continue
@@ -224,9 +244,18 @@ def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
     return None
 
 
-def _in_si(values: Array, column: Column, signal: SystemSignal, ambient: float, where: str) -> Array:
-    factor, zero = conversion(column.unit, signal.unit, f"{where}.unit")
-    offset = 0.0 if column.offset is None else difference(column.offset, signal.unit, f"{where}.offset")
+def _in_si(
+    values: Array,
+    column: Column,
+    signal: SystemSignal,
+    ambient: float,
+    where: str,
+    units: Mapping[str, Unit],
+) -> Array:
+    factor, zero = conversion(column.unit, signal.unit, f"{where}.unit", units, relative=signal.relative)
+    offset = (
+        0.0 if column.offset is None else difference(column.offset, signal.unit, f"{where}.offset", units)
+    )
     si = column.sign * (factor * values + zero) + offset
     if column.reading is None or (column.reading == "gauge") == signal.gauge:
         return si
@@ -244,7 +273,7 @@ def _refuse_other_unit(path: Path, series: Series, column: Column, where: str) -
 
 
 def _clock(
-    path: Path, table: Mapping[str, Series], mapping: Map, where: Path
+    path: Path, table: Mapping[str, Series], mapping: Map, where: Path, held: Collection[str]
 ) -> tuple[Array, dict[str, float]]:
     """Return the grid (n,) on which all columns are there, and the longest gap of each column, in s."""
     known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
@@ -255,7 +284,7 @@ def _clock(
         _refuse_standing(path, one)
     # Every column has a rhythm of its own, as the channels of an MDF file have, or a table with empty cells.
     usual = {name: float(np.median(np.diff(times))) for name, times in known.items() if len(times) > 1}
-    finest = min(usual.values(), default=0.0)
+    finest = min((one for name, one in usual.items() if name not in held), default=0.0)
     step = finest if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")
     longest = mapping.time.longest_gap
     said = None if longest is None else quantity(longest, "s", f"{where}: time.longest_gap")
@@ -263,7 +292,8 @@ def _clock(
     begin = min(float(one.times[0]) for one in table.values() if len(one.times))
     there = [times for times in known.values() if len(times)]
     first = max((float(times[0]) for times in there), default=begin)
-    last = min((float(times[-1]) for times in there), default=begin)
+    moving = [times for name, times in known.items() if len(times) and name not in held]
+    last = min((float(times[-1]) for times in moving), default=begin)
     if mapping.time.start is not None:
         first = max(first, begin + quantity(mapping.time.start, "s", f"{where}: time.start"))
     if mapping.time.end is not None:
@@ -305,7 +335,9 @@ def _pieces(
             f'{where}: runs.cut = "strokes" needs runs.signal (one of {", ".join(driven)}), runs.reversal (the motion '
             f'that makes a reversal, such as "2 mm") and runs.strokes >= 1'
         )
-    least = difference(runs.reversal, system.signals[runs.signal].unit, f"{where}: runs.reversal")
+    least = difference(
+        runs.reversal, system.signals[runs.signal].unit, f"{where}: runs.reversal", system.units
+    )
     return pieces_by_reversals(driven[runs.signal], least, runs.strokes)
 
 

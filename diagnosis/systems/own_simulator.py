@@ -31,7 +31,8 @@ def load_system(name: str, folder: Path) -> System:
     """Return the system that a factory makes; its module may lie in ``folder``.
 
     The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``, whose
-    pressures are taken as gauge pressures and whose settings are its own. DiagnosisError says what is not there.
+    pressures are taken as gauge pressures and whose settings are its own. Inputs that its ``held`` names, if it has
+    one, keep their values between samples. DiagnosisError says what is not there.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
@@ -82,10 +83,19 @@ def _system(name: str, made: object) -> System:
     if not made.channels:
         raise DiagnosisError(f'simulator "{name}" predicts nothing: its channels are empty')
     simulator: Simulator = made
+    held = frozenset(getattr(made, "held", ()))
+    if unknown := sorted(held - set(made.inputs)):
+        raise DiagnosisError(
+            f'simulator "{name}": held has {", ".join(unknown)}; right would be some of its inputs, '
+            + ", ".join(made.inputs)
+        )
     return System(
         name=made.name,
         title=made.name,
-        inputs=tuple(SystemSignal(one, unit, one, gauge=unit == "Pa") for one, unit in made.inputs.items()),
+        inputs=tuple(
+            SystemSignal(one, unit, one, gauge=unit == "Pa", held=one in held)
+            for one, unit in made.inputs.items()
+        ),
         outputs=tuple(
             SystemSignal(one.name, one.unit, one.name, False, one.unit == "Pa", one.display, one.scale)
             for one in made.channels

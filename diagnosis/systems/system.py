@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_protocol.units import UNITS
+from bench_protocol.units import UNITS, Unit
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun, Simulator
 
 #: What a channel measures, by its SI unit.
@@ -28,6 +29,9 @@ class SystemSignal:
     gauge: bool = False  #: of a pressure: what the system wants; a map says what the file holds
     display: str = ""  #: unit that people read, with ``scale`` SI per unit
     scale: float = 1.0
+    relative: bool = False  #: a difference: the zero of a unit does not count, 1 degC is 1 K
+    held: bool = False  #: of an input: it keeps its value between samples, unless a map says otherwise
+    whole: bool = False  #: numbers between two samples mean nothing
 
     def channel(self, noise: float, resolution: float) -> Channel:
         """Return the output channel of this signal; ``noise`` and ``resolution`` in SI, 0: unknown."""
@@ -47,6 +51,7 @@ class SystemSetting:
     default: float | None = None
     #: Whether the simulator takes it from the settings of each experiment, so that it may differ from file to file.
     per_file: bool = False
+    relative: bool = False  #: as of a `SystemSignal`
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,10 @@ class System:
     doubts: Callable[[Simulator, Sequence[MeasuredRun]], Iterator[str]] = lambda simulator, runs: iter(())
     #: Files that it is made of, beside its code: a finding holds for these.
     sources: tuple[Path, ...] = ()
+    #: The units that a map may name.
+    units: Mapping[str, Unit] = field(default_factory=lambda: UNITS)
+    #: What is wrong in the map of which it was made, by key.
+    errors: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def signals(self) -> Mapping[str, SystemSignal]:
@@ -88,19 +97,50 @@ class System:
         return {signal.name: signal for signal in (*self.inputs, *self.outputs)}
 
 
-def conversion(unit: str, si: str, where: str) -> tuple[float, float]:
-    """Return (factor, zero) with SI = factor·value + zero; DiagnosisError if ``unit`` is no unit of ``si``."""
+class Errors:
+    """Errors of one map, which are reported together."""
+
+    def __init__(self, texts: Iterable[str] = ()) -> None:
+        self._texts = list(texts)
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Note an error and go on behind the block."""
+        try:
+            yield
+        except DiagnosisError as error:
+            self.note(str(error))
+
+    def note(self, text: str) -> None:
+        """Note an error."""
+        self._texts.append(text)
+
+    def report(self) -> None:
+        """Raise a DiagnosisError with a line for each error, if there is any."""
+        if self._texts:
+            raise DiagnosisError("\n".join(dict.fromkeys(self._texts)))
+
+
+def conversion(
+    unit: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
+) -> tuple[float, float]:
+    """Return (factor, zero) with SI = factor·value + zero, of a difference (``relative``) without zero.
+
+    DiagnosisError if ``unit`` is no unit of ``si``.
+    """
     if unit == si:
         return 1.0, 0.0
-    found = UNITS.get(unit)
-    if found is None or found[0] != si:
-        known = ", ".join(sorted(name for name, (base, _, _) in UNITS.items() if base == si))
+    found = units.get(unit)
+    if found is None or found.si != si:
+        known = ", ".join(sorted({si, *(name for name, one in units.items() if one.si == si)}))
         raise DiagnosisError(f'{where}: "{unit}" is no unit of this quantity; right would be one of {known}')
-    return found[1], found[2]
+    return found.factor, 0.0 if relative else found.zero
 
 
-def quantity(text: str, si: str, where: str) -> float:
-    """Return "25 mm" in SI; DiagnosisError names ``where`` it stands and what would be right."""
+def quantity(
+    text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
+) -> float:
+    """Return "25 mm" in SI, as `conversion` does; DiagnosisError names ``where`` it stands and what would be right."""
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number)
@@ -108,16 +148,15 @@ def quantity(text: str, si: str, where: str) -> float:
         raise DiagnosisError(
             f'{where} = "{text}" begins with no number; right would be such as "12.5 {_example(si)}"'
         ) from None
-    factor, zero = conversion(unit.strip() or "1", si, f'{where} = "{text}"')
+    factor, zero = conversion(unit.strip() or "1", si, f'{where} = "{text}"', units, relative=relative)
     if not np.isfinite(value):
         raise DiagnosisError(f'{where} = "{text}" is no finite number')
     return factor * value + zero
 
 
-def difference(text: str, si: str, where: str) -> float:
+def difference(text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS) -> float:
     """As `quantity`, for what is a difference or a width: 1 degC is 1 K."""
-    value = quantity(text, si, where)
-    return value - conversion(text.strip().partition(" ")[2].strip() or "1", si, where)[1]
+    return quantity(text, si, where, units, relative=True)
 
 
 def _example(si: str) -> str:

@@ -107,6 +107,21 @@ def test_the_step_is_of_fourth_order_and_meets_an_independent_integrator(rates: 
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
 
 
+def test_an_input_that_is_held_keeps_its_value_within_a_step() -> None:
+    rng = np.random.default_rng(2)
+    held, straight, rate = rng.standard_normal(300), rng.standard_normal(300), 3.0
+    both = (held, straight)
+    x = integrate(lambda x, u, p: (u[0] - rate * x[0],), (0.4,), both, 0.01, held=(True, False))[:, 0]
+    exact = [0.4]
+    for u in held[:-1]:
+        exact.append(u / rate + (exact[-1] - u / rate) * np.exp(-rate * 0.01))
+    assert x == pytest.approx(exact, abs=1e-8)
+    y = integrate(lambda x, u, p: (u[1],), (0.0,), both, 0.01, held=(True, False))[:, 0]
+    assert y[1:] == pytest.approx(np.cumsum(0.005 * (straight[1:] + straight[:-1])), abs=1e-12)
+    with pytest.raises(DiagnosisError, match="one for each input"):
+        integrate(lambda x, u, p: (u[1],), (0.0,), both, 0.01, held=(True,))
+
+
 def test_a_surface_is_the_same_inside_a_right_hand_side_and_over_states_that_are_known() -> None:
     rng = np.random.default_rng(3)
     axes = SplineAxis("x", "x", (-1.0, 0.0, 1.0, 2.0)), SplineAxis("v", "v", (0.0, 0.5, 1.0))
@@ -251,6 +266,41 @@ def test_columns_named_like_the_signals_need_no_map(own: Path) -> None:
         ("y", 0.1)
     ]  # z was not measured
     assert simulator.run(run.experiment, {"gain": 2.1}, {})[:, :1] == pytest.approx(run.outputs, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("of_class", "of_map", "stairs"),
+    [
+        ("", "", False),
+        ("held = {'drive'}", "", True),
+        ("", "true", True),
+        ("held = {'drive'}", "false", False),
+    ],
+)
+def test_an_input_is_held_as_the_simulator_or_the_map_says(
+    own: Path, of_class: str, of_map: str, stairs: bool
+) -> None:
+    (own / "amplifier_of_mine.py").write_text(
+        OWN.replace("    inputs =", f"    {of_class or 'pass'}\n    inputs =")
+    )
+    hold = f", hold = {of_map}" if of_map else ""
+    (own / "map.toml").write_text(
+        f'[time]\nstep = "5 ms"\n[columns]\ndrive = {{column = "drive", unit = "V"{hold}}}\n'
+        'y = {column = "y", unit = "V"}\n'
+    )
+    _, data = read_mapped([own / "a.csv"], own / "map.toml", "amplifier_of_mine:Gain")
+    (run,) = data.runs
+    drive, between = run.experiment.inputs["drive"], np.round(np.sin(TIME), 6)
+    assert (run.experiment.held == {"drive"}) is stairs
+    assert drive[::2] == pytest.approx(between, abs=1e-12) and len(drive) == 599
+    inside = between[:-1] if stairs else 0.5 * (between[:-1] + between[1:])
+    assert drive[1::2] == pytest.approx(inside, abs=1e-12)
+    (own / "amplifier_of_mine.py").write_text(
+        OWN.replace("    inputs =", "    held = {'diver'}\n    inputs =")
+    )
+    sys.modules.pop("amplifier_of_mine")
+    with pytest.raises(DiagnosisError, match=r"held has diver; .* drive"):
+        load_system("amplifier_of_mine:Gain", own)
 
 
 def test_a_map_may_name_the_simulator_beside_it(own: Path) -> None:

@@ -1,6 +1,7 @@
 """An FMU of an air spring that owes nothing to this project: a C file and a description in units of its own."""
 
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -52,15 +53,23 @@ def strange_spring(to: Path, bad: int = 0, fmi: int = 2, **units: str) -> Path:
 
     ``bad``: what it does at 2 s: 1 returns an error, 2 gives NaN, 3 crashes, 4 hangs.
     """
+    return build_c(
+        HERE / "c" / _SOURCES[fmi], _description(units, fmi), to, fmi, *([f"-DBAD={bad}"] if bad else [])
+    )
+
+
+def build_c(source: Path, description: str, to: Path, fmi: int = 2, *flags: str) -> Path:
+    """Write an FMU of a file in C and a description to a file, and return its path."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("no C compiler here, and an FMU in C is to be made")
     library = to.with_suffix(".so")
-    flags = ["-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", *([f"-DBAD={bad}"] if bad else [])]
-    subprocess.run([compiler, *flags, "-o", str(library), str(HERE / "c" / _SOURCES[fmi]), "-lm"], check=True)
+    usual = ["-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *usual, *flags, "-o", str(library), str(source), "-lm"], check=True)
+    (identifier,) = re.findall(r'modelIdentifier="(\w+)"', description)
     with zipfile.ZipFile(to, "w") as archive:
-        archive.writestr("modelDescription.xml", _description(units, fmi))
-        archive.write(library, f"binaries/{_PLATFORMS[fmi]}/strange.so")
+        archive.writestr("modelDescription.xml", description)
+        archive.write(library, f"binaries/{_PLATFORMS[fmi]}/{identifier}.so")
     return to
 
 

@@ -7,9 +7,11 @@ from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from astb import rig_file
-from bench_protocol.misfit import misfit
+from bench_protocol.misfit import Misfits, converted, misfit
 from bench_records.importing import import_keys
 from bench_records.layout import RecordError
 from campaigns.campaign_file import CampaignFile
@@ -84,3 +86,33 @@ def test_the_sentence_says_key_value_and_what_would_be_right(tmp_path: Path) -> 
         import_keys(["decimal=;"])
     with pytest.raises(WiringError, match="plc: unit = 'x'; a whole number would be right"):
         read_keys("plc", {"kind": "modbus", "host": "h", "points": {}, "unit": "x"})
+
+
+#: Where something is wrong in a map, and the key that its error names.
+MISTAKES = {
+    "columns.x.unti": 1,
+    "columns.x.unit": 5,
+    "columns.p.sign": 7,
+    "columns.p.resolution": 2,
+    "time.longest": "3 s",
+    "runs.cut": "sometimes",
+    "runs.skip": 2.5,
+    "colour": "red",
+}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sets(st.sampled_from(sorted(MISTAKES)), min_size=1))
+def test_every_mistake_is_reported_once_and_no_other(wrong: set[str]) -> None:
+    content = copy.deepcopy(MAP)
+    for name in wrong:
+        table: Any = content
+        *way, last = name.split(".")
+        for key in way:
+            table = table[key]
+        table[last] = MISTAKES[name]
+    with pytest.raises(Misfits) as found:
+        converted(content, Map)
+    assert {text.split(" ")[0] for text in found.value.texts} == wrong
+    assert len(found.value.texts) == len(wrong)
+    assert converted(MAP, Map) == msgspec.convert(MAP, Map)

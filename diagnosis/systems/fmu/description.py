@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final
+from xml.etree.ElementTree import iterparse
 from zipfile import BadZipFile
 
 from bench_protocol.base_units import BASES, base_exponents, written
 from bench_protocol.extras import lacking
 from bench_protocol.input_limits import Unfit, open_archive
-from bench_protocol.units import UNITS
+from bench_protocol.units import UNITS, Unit
 from diagnosis.contracts import DiagnosisError
 
 #: Types of numbers, as FMI 2 and 3 call them.
@@ -26,18 +27,24 @@ REALS: Final = frozenset({"Real", "Float64", "Float32"})
 WHOLE: Final = frozenset(
     {"Integer", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Enumeration"}
 )
+#: The size of a unit: exponents of base units.
+_Size = frozenset[tuple[str, int]]
 _DESCRIPTION: Final = "modelDescription.xml"
 _NUMBERS: Final = REALS | WHOLE | {"Boolean"}
 
 
 @dataclass(frozen=True, slots=True)
 class FmuUnit:
-    """The unit of a variable: SI = ``factor`` · number + ``zero``. Of one without a unit ``name`` and ``si`` are ""."""
+    """The unit of a variable: SI = ``factor`` · number + ``zero``. Of one without a unit ``name`` and ``si`` are "".
+
+    The ``zero`` of a difference is 0, whatever the ``offset`` of its unit is.
+    """
 
     name: str = ""
     si: str = ""
     factor: float = 1.0
     zero: float = 0.0
+    offset: float = 0.0
     exponents: Mapping[str, int] = field(default_factory=dict)
 
     def to_si(self, number: float) -> float:
@@ -64,6 +71,7 @@ class Variable:
     high: float = inf
     start: float | None = None
     said: str = ""
+    relative: bool = False  #: a difference, of which a unit's offset does not count (``relativeQuantity``)
 
     @property
     def settable(self) -> bool:
@@ -85,6 +93,7 @@ class Fmu:
     identifier: str  #: of its library
     tool: str
     variables: Mapping[str, Variable]
+    units: Mapping[str, Unit]  #: that it defines, by the names that people may write
     variable_steps: bool
     keeps_state: bool
     once_per_process: bool
@@ -130,6 +139,7 @@ def read_fmu(path: Path) -> Fmu:
         ) from None
     try:
         said = fmpy.read_model_description(str(path), validate=False)
+        differences = _differences(path)
     except Exception as error:  # whatever the reader stumbles over
         raise DiagnosisError(f"{path} is no FMU that can be read: {error}") from None
     major = str(said.fmiVersion).partition(".")[0]
@@ -145,6 +155,7 @@ def read_fmu(path: Path) -> Fmu:
         )
     _refuse_platform(path, int(major), able.modelIdentifier, files)
     units = {unit.name: unit for unit in said.unitDefinitions}
+    si = _si_units(path, said.unitDefinitions)
     step = able.fixedInternalStepSize
     if (
         step is None
@@ -160,7 +171,12 @@ def read_fmu(path: Path) -> Fmu:
         said.guid,
         able.modelIdentifier,
         said.generationTool or "",
-        {one.name: _variable(path, one, units) for one in said.modelVariables if _is_number(one)},
+        {
+            one.name: _variable(path, one, units, si, differences.get(one.name))
+            for one in said.modelVariables
+            if _is_number(one)
+        },
+        _own_units(said.unitDefinitions, si),
         bool(able.canHandleVariableCommunicationStepSize),
         bool(able.canGetAndSetFMUstate),
         bool(able.canBeInstantiatedOnlyOncePerProcess),
@@ -211,7 +227,20 @@ def _is_number(one: Any) -> bool:
     return one.type in _NUMBERS and not one.dimensions
 
 
-def _variable(path: Path, one: Any, units: Mapping[str, Any]) -> Variable:
+def _differences(path: Path) -> dict[str, bool]:
+    """Return ``relativeQuantity`` of the variables that have it: FMPy (0.3.32) reads that of types alone."""
+    found = {}
+    with open_archive(path) as archive, archive.open(_DESCRIPTION) as file:
+        for _, one in iterparse(file):
+            real = one.find("Real") if one.tag == "ScalarVariable" else one if one.tag in REALS else None
+            if real is not None and (text := real.get("relativeQuantity")):
+                found[one.get("name", "")] = text in {"true", "1"}
+    return found
+
+
+def _variable(
+    path: Path, one: Any, units: Mapping[str, Any], si: Mapping[_Size, str], relative: bool | None
+) -> Variable:
     declared = one.declaredType
 
     def told(name: str) -> Any:
@@ -221,6 +250,8 @@ def _variable(path: Path, one: Any, units: Mapping[str, Any]) -> Variable:
     unit = told("unit") if one.type in REALS else None
     causality = one.causality or "local"
     settled = causality == "parameter" or (causality == "output" and one.initial == "exact")
+    difference = one.type in REALS and bool(told("relativeQuantity") if relative is None else relative)
+    measured_in = _unit(path, one.name, unit, units.get(unit), si) if unit else FmuUnit()
     return Variable(
         one.name,
         one.valueReference,
@@ -228,11 +259,12 @@ def _variable(path: Path, one: Any, units: Mapping[str, Any]) -> Variable:
         causality,
         one.variability or "",
         one.initial or ("exact" if settled else ""),
-        _unit(path, one.name, unit, units.get(unit)) if unit else FmuUnit(),
+        replace(measured_in, zero=0.0) if difference else measured_in,
         _number(told("min"), -inf),
         _number(told("max"), inf),
         _number(one.start, None),
         one.description or "",
+        difference,
     )
 
 
@@ -248,35 +280,79 @@ def _number(text: Any, otherwise: Any) -> Any:
     return value if isfinite(value) else otherwise
 
 
-def _unit(path: Path, variable: str, name: str, definition: Any) -> FmuUnit:
+def _exponents(base: Any) -> dict[str, int]:
+    return {one: int(getattr(base, one)) for one in BASES if int(getattr(base, one))}
+
+
+def _size(base: Any) -> _Size:
+    return frozenset(_exponents(base).items())
+
+
+def _plain(name: str) -> str:
+    """Return the name of a unit as this project writes it: ``N.m/rad`` is ``N*m/rad``."""
+    return name.replace(".", "*").replace("·", "*").replace("^", "")
+
+
+def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
+    """Return the name of the SI unit of each size: of this project, else as the FMU calls it, else in base units.
+
+    DiagnosisError for a unit of which 1 is nothing.
+    """
+    found: dict[_Size, str] = {}
+    for one in UNITS.values():
+        found.setdefault(frozenset(base_exponents(one.si).items()), one.si)
+    defined = [unit for unit in definitions if unit.baseUnit is not None]
+    for unit in defined:
+        factor, offset = float(unit.baseUnit.factor), float(unit.baseUnit.offset)
+        if not (isfinite(factor) and isfinite(offset)) or factor == 0.0:
+            raise DiagnosisError(
+                f'{path}: unit "{unit.name}" has the factor {factor:g} and the offset {offset:g}; right would be a '
+                "finite factor other than 0, and a finite offset"
+            )
+        if factor == 1.0 and offset == 0.0:
+            found.setdefault(_size(unit.baseUnit), _plain(unit.name))
+    for unit in defined:
+        found.setdefault(_size(unit.baseUnit), written(_exponents(unit.baseUnit)))
+    return found
+
+
+def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str, Unit]:
+    """Return the units that an FMU defines, under their own names and, of SI, in base units."""
+    own = {}
+    for unit in definitions:
+        if unit.baseUnit is not None:
+            named = si[_size(unit.baseUnit)]
+            one = Unit(named, float(unit.baseUnit.factor), float(unit.baseUnit.offset))
+            own[written(_exponents(unit.baseUnit))] = Unit(named, 1.0)
+            own |= {unit.name: one, _plain(unit.name): one}
+    return own
+
+
+def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Size, str]) -> FmuUnit:
     """Return a unit that an FMU names and perhaps defines. DiagnosisError where its definition is not that of its name.
 
     Angles count as numbers in some tools and as angles in others.
     """
-    plain = name.replace(".", "*").replace("·", "*").replace("^", "")
+    plain = _plain(name)
     base = None if definition is None else definition.baseUnit
     known = UNITS.get(plain)
     if base is None:
         if known is None:
             return FmuUnit(name, plain)
-        return FmuUnit(name, known.si, known.factor, known.zero, base_exponents(known.si))
-    exponents = {one: int(getattr(base, one)) for one in BASES if int(getattr(base, one))}
+        return FmuUnit(name, known.si, known.factor, known.zero, known.zero, base_exponents(known.si))
+    exponents = _exponents(base)
     factor, zero = float(base.factor), float(base.offset)
-    if known is not None:
-        right = base_exponents(known.si)
-        same = abs(factor / known.factor - 1.0) < 1e-4 and abs(zero - known.zero) < 1e-3
-        if _without_angles(exponents) == _without_angles(right) and same:
-            return FmuUnit(name, known.si, factor, zero, exponents)
-        raise DiagnosisError(
-            f'{path}: {variable} is in "{name}", which the FMU defines as {factor:g} {written(exponents)}'
-            f"{f' + {zero:g}' if zero else ''}, and which is {known.factor:g} {known.si}"
-            f"{f' + {known.zero:g}' if known.zero else ''}; right would be a definition that agrees with the name"
-        )
-    same_size = [one.si for one in UNITS.values() if base_exponents(one.si) == exponents]
-    if same_size:
-        return FmuUnit(name, same_size[0], factor, zero, exponents)
-    own = plain if factor == 1.0 and zero == 0.0 else written(exponents)
-    return FmuUnit(name, own, factor, zero, exponents)
+    if known is None:
+        return FmuUnit(name, si[_size(base)], factor, zero, zero, exponents)
+    right = base_exponents(known.si)
+    same = abs(factor / known.factor - 1.0) < 1e-4 and abs(zero - known.zero) < 1e-3
+    if _without_angles(exponents) == _without_angles(right) and same:
+        return FmuUnit(name, known.si, factor, zero, zero, exponents)
+    raise DiagnosisError(
+        f'{path}: {variable} is in "{name}", which the FMU defines as {factor:g} {written(exponents)}'
+        f"{f' + {zero:g}' if zero else ''}, and which is {known.factor:g} {known.si}"
+        f"{f' + {known.zero:g}' if known.zero else ''}; right would be a definition that agrees with the name"
+    )
 
 
 def _without_angles(exponents: Mapping[str, int]) -> dict[str, int]:

@@ -209,7 +209,7 @@ class FmuSimulator(CompleteSimulator):
             inputs=_columns(drive.inputs),
             outputs=_references([self.fmu.variables[name] for name in self._asked]),
             at=at,
-            held=_held(at, parts, drive.hold, [one.type in REALS for one in drive.inputs]),
+            held=_held(at, parts, drive.hold, [one.name not in experiment.held for one in drive.inputs]),
             parts=parts,
             step=step / parts,
             settle=round(drive.settle / (step / parts)),
@@ -268,13 +268,13 @@ def _of_base(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _held(at: Array, parts: int, hold: str, reals: Sequence[bool]) -> Array:
-    """Return the inputs ((n − 1)·parts, m) that hold during each communication step; what is no real begins it."""
+def _held(at: Array, parts: int, hold: str, straight: Sequence[bool]) -> Array:
+    """Return the inputs ((n − 1)·parts, m) of each communication step; those that are not ``straight`` are stairs."""
     where = {"begin": 0.0, "middle": 0.5, "end": 1.0}[hold]
     shares = (np.arange(parts)[np.newaxis, :, np.newaxis] + where) / parts
     between = at[:-1, np.newaxis] + shares * np.diff(at, axis=0)[:, np.newaxis]
     stairs = np.broadcast_to(at[:-1, np.newaxis], between.shape)
-    held = np.where(np.array(reals, np.bool_), between, stairs)
+    held = np.where(np.array(straight, np.bool_), between, stairs)
     return np.ascontiguousarray(held.reshape(-1, at.shape[1]))
 
 

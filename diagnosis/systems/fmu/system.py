@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -21,35 +22,81 @@ from diagnosis.contracts import (
     Simulator,
 )
 from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, read_fmu
-from diagnosis.systems.fmu.keys import BaseKeys, EffectKeys, FmuKeys, ShapeKeys, SurfaceKeys
-from diagnosis.systems.fmu.lane import Lanes
+from diagnosis.systems.fmu.keys import (
+    BaseKeys,
+    EffectKeys,
+    FmuKeys,
+    MeasuredKeys,
+    ShapeKeys,
+    SurfaceKeys,
+)
+from diagnosis.systems.fmu.lane import PATIENCE, Lanes
 from diagnosis.systems.fmu.simulator import Drive, FmuSimulator, OfVariable
 from diagnosis.systems.fmu.steps import step_doubts
 from diagnosis.systems.fmu.written import read_values
 from diagnosis.systems.measurement import KINDS, Measured, measurement_effects
 from diagnosis.systems.splines import SplineAxis, TensorSplines
-from diagnosis.systems.system import System, SystemSetting, SystemSignal, conversion, difference, quantity
+from diagnosis.systems.system import System, SystemSetting, SystemSignal, difference, quantity
 
 #: An ordinary offset of a signal, as a part of its range.
 _OFFSET: Final = 0.02
+#: Causes that a signal does not have that is held between samples.
+_OF_MOTION: Final = frozenset({"lag", "latency"})
 
 
-def fmu_system(path: Path, keys: FmuKeys, units: Mapping[str, str], map_path: Path) -> System:
-    """Return the system of an FMU; ``units`` are those of the map's columns.
+def fmu_system(
+    path: Path,
+    keys: FmuKeys,
+    units: Mapping[str, str],
+    holds: Mapping[str, bool | None],
+    map_path: Path,
+) -> System:
+    """Return the system of an FMU; ``units`` and ``holds`` are those of the map's columns.
 
-    DiagnosisError names the key of the map or what of the FMU is not right.
+    DiagnosisError says what of the FMU is not right; what of the map is not, is in its ``errors``.
     """
-    return _Maker(read_fmu(path), keys, units, map_path).system()
+    return _Maker(read_fmu(path), keys, units, holds, map_path).system()
 
 
 class _Maker:
-    def __init__(self, fmu: Fmu, keys: FmuKeys, units: Mapping[str, str], map_path: Path) -> None:
+    def __init__(
+        self,
+        fmu: Fmu,
+        keys: FmuKeys,
+        units: Mapping[str, str],
+        holds: Mapping[str, bool | None],
+        map_path: Path,
+    ) -> None:
         self.keys, self.units, self.where = keys, units, str(map_path)
+        self.known = {**fmu.units, **UNITS}
+        self.errors: dict[str, str] = {}
         self.fmu = self._with_units(fmu)
+        stairs = {name: _stairs(one) for name, one in fmu.variables.items()} | {
+            name: hold for name, hold in holds.items() if hold is not None
+        }
+        self.held = {name for name, hold in stairs.items() if hold}
         self.preset: Mapping[str, float] = {}
         if keys.parameters is not None:
             file = map_path.parent / keys.parameters
-            self.preset = read_values(file, self.fmu, f"{self.where}: fmu.parameters")
+            with self._noted("fmu.parameters"):
+                self.preset = read_values(file, self.fmu, f"{self.where}: fmu.parameters")
+
+    @contextmanager
+    def _noted(self, key: str) -> Iterator[None]:
+        """Keep the error of one key, so that all of them are reported at once."""
+        try:
+            yield
+        except DiagnosisError as error:
+            self.errors[key] = str(error)
+
+    def _quantity(self, one: Variable, text: str, where: str) -> float:
+        return quantity(text, one.unit.si, where, self.known, relative=one.relative)
+
+    def _difference(self, text: str, si: str, where: str) -> float:
+        return difference(text, si, where, self.known)
+
+    def _seconds(self, key: str, text: str | None) -> float | None:
+        return None if text is None else quantity(text, "s", f"{self.where}: fmu.{key}")
 
     def _with_units(self, fmu: Fmu) -> Fmu:
         """Return the FMU with units where it has none, from those of the map."""
@@ -60,8 +107,8 @@ class _Maker:
         variables = dict(fmu.variables)
         for name, unit in said.items():
             one = variables.get(name)
-            if one is not None and not one.unit.si and unit in UNITS:
-                variables[name] = replace(one, unit=FmuUnit("", UNITS[unit].si))
+            if one is not None and not one.unit.si and unit in self.known:
+                variables[name] = replace(one, unit=FmuUnit("", self.known[unit].si))
             elif one is not None and not one.unit.si:
                 variables[name] = replace(one, unit=FmuUnit("", unit))
         for name, one in variables.items():
@@ -95,12 +142,14 @@ class _Maker:
             if one.causality == "output" or (one.name in self.units and one.causality != "input")
         ]
         for name in self.units:
-            fmu.variable(name, f"{self.where}: columns.{name}")
+            with self._noted(f"columns.{name}"):
+                fmu.variable(name, f"{self.where}: columns.{name}")
         for name in keys.gauge:
-            if fmu.variable(name, f"{self.where}: fmu.gauge").unit.si != "Pa":
-                raise DiagnosisError(
-                    f"{self.where}: fmu.gauge: {name} is no pressure, so it is not read as one"
-                )
+            with self._noted(f"fmu.gauge.{name}"):
+                if fmu.variable(name, f"{self.where}: fmu.gauge").unit.si != "Pa":
+                    raise DiagnosisError(
+                        f"{self.where}: fmu.gauge: {name} is no pressure, so it is not read as one"
+                    )
         if not outputs:
             raise DiagnosisError(f"{fmu.path} has no output that is a number: there is nothing to compare")
         settings = tuple(
@@ -109,7 +158,14 @@ class _Maker:
             if one.settable and one.name not in fixed and one not in driven
             if one.start is not None or one.causality == "input"
         )
-        lanes = Lanes(fmu, quantity(keys.patience, "s", f"{self.where}: fmu.patience"))
+        patience = PATIENCE
+        for key, text in (("patience", keys.patience), ("step", keys.step), ("settle", keys.settle)):
+            with self._noted(f"fmu.{key}"):
+                seconds = self._seconds(key, text)
+                patience = seconds if key == "patience" and seconds else patience
+        named = tuple(self._signal(one).channel(0.0, 0.0) for one in outputs if one.name in self.units)
+        self._parts(driven, named, {}, 1.0)  # for what is wrong in the map
+        lanes = Lanes(fmu, patience)
         return System(
             name=fmu.path.name,
             title=fmu.name,
@@ -126,11 +182,13 @@ class _Maker:
             ),
             doubts=_doubts,
             sources=(fmu.path,),
+            units=self.known,
+            errors=self.errors,
         )
 
     def _signal(self, one: Variable) -> SystemSignal:
         unit = self.units.get(one.name, "")
-        shown = unit if unit in UNITS and UNITS[unit].si == one.unit.si and UNITS[unit].zero == 0.0 else ""
+        shown, scale = self._shown(unit, one.unit.si)
         return SystemSignal(
             one.name,
             one.unit.si,
@@ -138,7 +196,10 @@ class _Maker:
             one.causality == "input",
             one.unit.si == "Pa" and one.name in self.keys.gauge,
             shown,
-            UNITS[shown].factor if shown else 1.0,
+            scale,
+            one.relative,
+            _stairs(one),
+            one.type not in REALS,
         )
 
     def _setting(self, one: Variable) -> SystemSetting:
@@ -148,7 +209,7 @@ class _Maker:
             default = None
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
         about = f"{one.said or one.name}; a column or a value for whole files"
-        return SystemSetting(one.name, one.unit.si, about, low, high, default, per_file=True)
+        return SystemSetting(one.name, one.unit.si, about, low, high, default, True, one.relative)
 
     def _simulator(
         self,
@@ -160,22 +221,11 @@ class _Maker:
     ) -> FmuSimulator:
         """Return the simulator; ``ranges`` of the signals (SI), and the ``delay`` (s) that is ordinary for each."""
         keys = self.keys
-        measured = self._measured(driven, channels, ranges, delay)
-        sensors = measurement_effects(measured)
-        sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
-        base = {name: self._base(name, one, sensors) for name, one in keys.base.items()}
-        own = {name: self._effect(name, one) for name, one in keys.effects.items()}
+        base, own, sensors, surfaces = self._parts(driven, channels, ranges, delay)
         catalogue: dict[str, Hypothesis] = {name: one for name, (one, _) in own.items()}
         catalogue |= {name: one for name, one in sensors.items() if name not in keys.base}
-        signals = [*(one.name for one in driven), *(channel.name for channel in channels)]
-        surfaces = tuple(self._surface(one, signals) for one in keys.surfaces)
-        where = self.where
-        drive = Drive(
-            tuple(driven),
-            None if keys.step is None else quantity(keys.step, "s", f"{where}: fmu.step"),
-            0.0 if keys.settle is None else quantity(keys.settle, "s", f"{where}: fmu.settle"),
-            keys.hold,
-        )
+        settle = self._seconds("settle", keys.settle)
+        drive = Drive(tuple(driven), self._seconds("step", keys.step), settle or 0.0, keys.hold)
         return FmuSimulator(
             lanes=lanes,
             drive=drive,
@@ -187,9 +237,41 @@ class _Maker:
             preset=self.preset,
         )
 
+    def _parts(
+        self,
+        driven: Sequence[Variable],
+        channels: Sequence[Channel],
+        ranges: Mapping[str, float],
+        delay: float,
+    ) -> tuple[
+        dict[str, Nuisance],
+        dict[str, tuple[Hypothesis, OfVariable]],
+        dict[str, Hypothesis],
+        tuple[tuple[str, TensorSplines], ...],
+    ]:
+        """Return base, effects, errors of sensors and surfaces, of the keys that are right; errors are noted."""
+        keys = self.keys
+        sensors = measurement_effects(self._measured(driven, channels, ranges, delay))
+        sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
+        signals = [*(one.name for one in driven), *(channel.name for channel in channels)]
+        base, own, surfaces = {}, {}, []
+        for name, nuisance in keys.base.items():
+            with self._noted(f"fmu.base.{name}"):
+                base[name] = self._base(name, nuisance, sensors)
+        for name, effect in keys.effects.items():
+            with self._noted(f"fmu.effects.{name}"):
+                own[name] = self._effect(name, effect)
+        for number, surface in enumerate(keys.surfaces):
+            with self._noted(f"fmu.surfaces.{number}"):
+                surfaces.append(self._surface(surface, signals))
+        return base, own, sensors, tuple(surfaces)
+
     def _causes(self, name: str) -> Sequence[str]:
-        found = self.keys.measured.get(name.partition(".")[2])
-        return KINDS if found is None or found.causes is None else found.causes
+        signal = name.partition(".")[2]
+        found = self.keys.measured.get(signal)
+        if found is not None and found.causes is not None:
+            return found.causes
+        return [one for one in KINDS if one not in _OF_MOTION] if signal in self.held else KINDS
 
     def _measured(
         self,
@@ -201,31 +283,42 @@ class _Maker:
         every: list[tuple[Variable, Any]] = [(one, "input") for one in driven]
         every += [(self.fmu.variables[one.name], "output") for one in channels]
         names = {one.name for one, _ in every}
-        for name in self.keys.measured:
-            if name not in names:
-                raise DiagnosisError(
-                    f"{self.where}: fmu.measured.{name} is no signal with a column; right would be one of "
-                    + ", ".join(names)
-                )
+        for name, keys in self.keys.measured.items():
+            with self._noted(f"fmu.measured.{name}"):
+                self._check_measured(name, keys, names)
         measured = []
         for one, kind in every:
             if one.type not in REALS:
                 continue
             said, key = self.keys.measured.get(one.name), f"{self.where}: fmu.measured.{one.name}"
             size, late = _OFFSET * (ranges.get(one.name, 0.0) or abs(one.unit.factor)), delay
-            if said is not None and said.offset is not None:
-                size = difference(said.offset, one.unit.si, f"{key}.offset")
-            if said is not None and said.delay is not None:
-                late = quantity(said.delay, "s", f"{key}.delay")
+            with self._noted(key):
+                if said is not None and said.offset is not None:
+                    size = self._difference(said.offset, one.unit.si, f"{key}.offset")
+                if said is not None and said.delay is not None:
+                    late = quantity(said.delay, "s", f"{key}.delay")
             signal = self._signal(one)
             measured.append(Measured(one.name, one.unit.si, kind, size, late, signal.display, signal.scale))
         return measured
+
+    def _check_measured(self, name: str, keys: MeasuredKeys, names: Collection[str]) -> None:
+        where = f"{self.where}: fmu.measured.{name}"
+        if name not in names:
+            raise DiagnosisError(
+                f"{where} is no signal with a column; right would be one of {', '.join(names)}"
+            )
+        late = sorted({*(keys.causes or ())} & _OF_MOTION)
+        if late and name in self.held:
+            raise DiagnosisError(
+                f"{where}.causes has {' and '.join(late)}, but {name} is held between samples and has no course that "
+                "could be late; right would be gain, offset or drift, or hold = false for its column"
+            )
 
     def _base(self, name: str, keys: BaseKeys, sensors: Mapping[str, Hypothesis]) -> Nuisance:
         where = f"{self.where}: fmu.base.{name}"
         if name in sensors:
             amplitude = sensors[name].amplitude
-            spread = difference(keys.spread, amplitude.unit, f"{where}.spread")
+            spread = self._difference(keys.spread, amplitude.unit, f"{where}.spread")
             return Nuisance(
                 name, amplitude.unit, 0.0, spread, amplitude.low, amplitude.high,
                 display=amplitude.display, scale=amplitude.scale, per_run=keys.per_run,
@@ -243,7 +336,7 @@ class _Maker:
                 f"{where}: the value {value:g} {one.unit.si} is outside of {low:g} to {high:g} {one.unit.si}; right "
                 "would be one inside, or other bounds"
             )
-        display, scale = _shown(keys.value or keys.spread, one.unit.si)
+        display, scale = self._shown_in(keys.value or keys.spread, one.unit.si, one.unit.name)
         return Nuisance(
             name, one.unit.si, value, spread, low, high,
             logarithmic=keys.logarithmic, display=display, scale=scale, per_run=keys.per_run,
@@ -264,15 +357,14 @@ class _Maker:
         return self.preset.get(one.name, own)
 
     def _value(self, one: Variable, text: str | None, where: str) -> float | None:
-        return self._own(one) if text is None else quantity(text, one.unit.si, where)
+        return self._own(one) if text is None else self._quantity(one, text, where)
 
-    @staticmethod
-    def _spread(one: Variable, text: str, value: float, where: str) -> float:
+    def _spread(self, one: Variable, text: str, value: float, where: str) -> float:
         """A standard deviation: of the unit, or a percentage of the value."""
         if text.strip().endswith("%") and one.unit.si != "1":
             spread = abs(value) * quantity(text, "1", where)
         else:
-            spread = difference(text, one.unit.si, where)
+            spread = self._difference(text, one.unit.si, where)
         if not spread > 0.0:
             raise DiagnosisError(f'{where} = "{text}" must be more than 0')
         return spread
@@ -281,7 +373,7 @@ class _Maker:
         """Return the range in SI: that of the map, inside of that of the FMU."""
         own = [one.unit.to_si(bound) for bound in (one.low, one.high)]
         said = [
-            otherwise if text is None else quantity(text, one.unit.si, f"{where}.{key}")
+            otherwise if text is None else self._quantity(one, text, f"{where}.{key}")
             for text, key, otherwise in ((low, "low", own[0]), (high, "high", own[1]))
         ]
         if said[0] < own[0] - 1e-12 * abs(own[0]) or said[1] > own[1] + 1e-12 * abs(own[1]):
@@ -305,10 +397,10 @@ class _Maker:
                 f"{where}: off = {off:g} {one.unit.si} is outside of {low:g} to {high:g}; right would be a value at "
                 "which the effect is absent, inside of the range"
             )
-        typical = difference(keys.typical, one.unit.si, f"{where}.typical")
+        typical = self._difference(keys.typical, one.unit.si, f"{where}.typical")
         if not typical > 0.0:
             raise DiagnosisError(f'{where}.typical = "{keys.typical}" must be more than 0: it is a size')
-        display, scale = _shown(keys.typical, one.unit.si)
+        display, scale = self._shown_in(keys.typical, one.unit.si)
         amplitude = Parameter(
             one.name, one.unit.si, 0.0, typical, low - off, high - off, display=display, scale=scale
         )
@@ -336,7 +428,7 @@ class _Maker:
             raise DiagnosisError(
                 f"{where}.shapes.{shape}.tried is empty; right would be some values to begin with"
             )
-        return [quantity(text, one.unit.si, f"{where}.shapes.{shape}.tried") for text in keys.tried]
+        return [self._quantity(one, text, f"{where}.shapes.{shape}.tried") for text in keys.tried]
 
     def _shape(self, effect: str, shape: str, keys: ShapeKeys) -> Parameter:
         where = f"{self.where}: fmu.effects.{effect}.shapes.{shape}"
@@ -349,7 +441,7 @@ class _Maker:
             raise DiagnosisError(
                 f"{where}: not all that is tried lies inside of {low:g} to {high:g} {one.unit.si}"
             )
-        display, scale = _shown(keys.tried[0], one.unit.si)
+        display, scale = self._shown_in(keys.tried[0], one.unit.si)
         return Parameter(
             shape, one.unit.si, middle, spread, low, high,
             step=0.01 * spread, logarithmic=keys.logarithmic, display=display, scale=scale,
@@ -369,12 +461,12 @@ class _Maker:
         axes = []
         for name, ends in keys.over.items():
             one = self.fmu.variable(name, f"{where}: over")
-            low, high = (quantity(text, one.unit.si, f"{where}: over.{name}") for text in ends)
+            low, high = (self._quantity(one, text, f"{where}: over.{name}") for text in ends)
             if not low < high:
                 raise DiagnosisError(
                     f"{where}: over.{name} goes from {ends[0]} to {ends[1]}; right would be upwards"
                 )
-            display, scale = _shown(ends[0], one.unit.si)
+            display, scale = self._shown_in(ends[0], one.unit.si)
             axes.append(
                 SplineAxis(
                     name,
@@ -384,12 +476,28 @@ class _Maker:
                 )
             )
         unit = self.fmu.variables[keys.signal].unit.si
-        spread = difference(keys.typical, unit, f"{where}: typical")
+        spread = self._difference(keys.typical, unit, f"{where}: typical")
         names = " and ".join(keys.over)
         return keys.signal, TensorSplines(
             f"{keys.signal} over {names}", f"unknown part of {keys.signal} over {names}", axes[0], axes[1],
             unit, spread, frozenset({"unknown"}),
         )  # fmt: skip
+
+    def _shown(self, unit: str, si: str) -> tuple[str, float]:
+        """Return a unit with SI per unit; ("", 1) where it is another one, or where differences are not in it."""
+        found = self.known.get(unit)
+        right = found is not None and found.si == si and found.zero == 0.0
+        return (unit, found.factor) if right and found is not None else ("", 1.0)
+
+    def _shown_in(self, text: str, si: str, otherwise: str = "") -> tuple[str, float]:
+        """Return the unit in which a quantity was written, as `_shown` does; of a percentage it is another one."""
+        unit = text.strip().partition(" ")[2].strip()
+        return self._shown(unit if unit in self.known and self.known[unit].si == si else otherwise, si)
+
+
+def _stairs(one: Variable) -> bool:
+    """Return whether a variable keeps its value between the instants at which it changes."""
+    return one.variability == "discrete" or one.type not in REALS
 
 
 def _doubts(simulator: Simulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
@@ -407,14 +515,6 @@ def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, fl
 
 def _of_measurement(name: str) -> bool:
     return name.partition(".")[0] in KINDS
-
-
-def _shown(text: str, si: str) -> tuple[str, float]:
-    """Return the unit in which a quantity was written, with SI per unit; ("", 1) where differences are not in it."""
-    unit = text.strip().partition(" ")[2].strip()
-    if unit in UNITS and UNITS[unit].si == si and UNITS[unit].zero == 0.0:
-        return unit, conversion(unit, si, "")[0]
-    return "", 1.0
 
 
 def _grid(tried: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:

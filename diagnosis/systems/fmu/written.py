@@ -94,7 +94,7 @@ def _ssv(fmu: Fmu, values: Mapping[str, float]) -> bytes:
         for name, unit in units.items():
             attributes = {base: str(power) for base, power in unit.exponents.items()}
             attributes |= {"factor": repr(unit.factor)} if unit.factor != 1.0 else {}
-            attributes |= {"offset": repr(unit.zero)} if unit.zero else {}
+            attributes |= {"offset": repr(unit.offset)} if unit.offset else {}
             SubElement(SubElement(defined, f"{{{_SSC}}}Unit", name=name), f"{{{_SSC}}}BaseUnit", attributes)
     indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"

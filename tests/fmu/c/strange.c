@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "fmi2_rest.h"
+
 enum { TRAVEL, SIDEWAYS, SPEED, AIR, FORCE, SHEAR, BAG, LANDED, AREA, COUNT };
 
 typedef struct {
@@ -63,9 +65,6 @@ static void go_on(Spring *me, double h) {
     outputs(me);
 }
 
-const char *fmi2GetTypesPlatform(void) { return "default"; }
-const char *fmi2GetVersion(void) { return "2.0"; }
-
 void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *callbacks,
     int visible, int logging) {
     (void)name, (void)type, (void)guid, (void)resources, (void)callbacks, (void)visible, (void)logging;
@@ -74,11 +73,6 @@ void *fmi2Instantiate(const char *name, int type, const char *guid, const char *
     return me;
 }
 
-void fmi2FreeInstance(void *me) { free(me); }
-int fmi2SetDebugLogging(void *me, int on, size_t n, const char *const names[]) {
-    (void)me, (void)on, (void)n, (void)names;
-    return 0;
-}
 int fmi2SetupExperiment(void *me, int given, double tolerance, double start, int ends, double stop) {
     (void)given, (void)tolerance, (void)ends, (void)stop;
     ((Spring *)me)->time = start;
@@ -100,9 +94,6 @@ int fmi2ExitInitializationMode(void *one) {
     }
     return 0;
 }
-
-int fmi2Terminate(void *me) { return me == NULL; }
-int fmi2Reset(void *me) { return me == NULL; }
 
 int fmi2GetReal(void *me, const unsigned *vr, size_t n, double *values) {
     for (size_t k = 0; k < n; k++) {
@@ -164,33 +155,3 @@ int fmi2DoStep(void *one, double time, double step, int no_way_back) {
     }
     return 0;
 }
-
-#define NONE(name, type)                                                                                               \
-    int name(void *me, const unsigned *vr, size_t n, type values) {                                                    \
-        (void)me, (void)vr, (void)values;                                                                              \
-        return n == 0 ? 0 : 3;                                                                                         \
-    }
-NONE(fmi2GetInteger, int *)
-NONE(fmi2GetBoolean, int *)
-NONE(fmi2GetString, const char **)
-NONE(fmi2SetInteger, const int *)
-NONE(fmi2SetBoolean, const int *)
-NONE(fmi2SetString, const char *const *)
-
-#define ABSENT(name)                                                                                                   \
-    int name(void) { return 3; }
-ABSENT(fmi2GetFMUstate)
-ABSENT(fmi2SetFMUstate)
-ABSENT(fmi2FreeFMUstate)
-ABSENT(fmi2SerializedFMUstateSize)
-ABSENT(fmi2SerializeFMUstate)
-ABSENT(fmi2DeSerializeFMUstate)
-ABSENT(fmi2GetDirectionalDerivative)
-ABSENT(fmi2SetRealInputDerivatives)
-ABSENT(fmi2GetRealOutputDerivatives)
-ABSENT(fmi2CancelStep)
-ABSENT(fmi2GetStatus)
-ABSENT(fmi2GetRealStatus)
-ABSENT(fmi2GetIntegerStatus)
-ABSENT(fmi2GetBooleanStatus)
-ABSENT(fmi2GetStringStatus)
