@@ -97,6 +97,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
         events=event_rows(record),
         hidden_events=max(0, len(tabled_events(record)) - EVENT_ROWS),
         facts=_facts(record.meta, result),
+        dimensions=_dimensions(record.meta),
     )
 
 
@@ -197,11 +198,20 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
     if isinstance(told := meta.get("instruments"), dict):  # a table has the pieces
         facts["instruments"] = {name: value for name, value in told.items() if name != "pieces"}
+    if isinstance(told := meta.get("dimensions"), dict):  # so have the dimensions
+        facts["dimensions"] = {name: value for name, value in told.items() if name != "known"}
     return [
         (name.replace("_", " "), text)
         for name, value in flattened(facts)
         if (text := "" if value is None else plain(value))
     ]
+
+
+def _dimensions(meta: dict[str, Any]) -> dict[str, Any]:
+    """The dimensions of the rig by name, each with value, uncertainty (SI) and provenance."""
+    told = meta.get("dimensions")
+    known = told.get("known") if isinstance(told, dict) else None
+    return dict(sorted(known.items())) if isinstance(known, dict) else {}
 
 
 def headline(result: Result) -> str:

@@ -74,8 +74,8 @@ def _printed(path: Path, body: str) -> list[list[str]]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-def test_on_paper_no_heading_has_one_row_and_no_signature_is_alone(chromium: str, tmp_path: Path) -> None:
-    """Wherever a table or the signatures come to lie on a page, by 4 mm."""
+def test_on_paper_no_heading_has_one_row(chromium: str, tmp_path: Path) -> None:
+    """Wherever a table comes to lie on a page, by 4 mm."""
     row, check_row = (
         "<tr><td>row</td><td>text</td></tr>",
         "<tbody><tr><td>row</td></tr><tr><td>n</td></tr></tbody>",
@@ -90,28 +90,20 @@ def test_on_paper_no_heading_has_one_row_and_no_signature_is_alone(chromium: str
     for height in range(180, 256, 4):
         for kind, table in kinds.items():
             body += f"{place.format(height)}<section><h2>HEAD {kind} {height}</h2>{table}</section>"
-        facts = f'<section class="again"><table class="facts"><tbody>{9 * row}</tbody></table></section>'
-        sign = '<section class="signatures"><h2>SIGN</h2><p style="height: 50mm">here</p></section>'
-        body += place.format(height - 150) + facts + sign
     pages = _printed(tmp_path / "page.html", body)
     heads = [(page, line) for page in pages for line in page if line.startswith("HEAD")]
     assert len(heads) == 2 * len(range(180, 256, 4))
     for page, line in heads:
         rows = sum(one.startswith("row") for one in page[page.index(line) :])
         assert rows >= 3, (line, page)
-    signed = [page for page in pages if "SIGN" in page]
-    assert len(signed) == len(range(180, 256, 4))
-    assert all(sum(one.startswith("row") for one in page) >= 3 for page in signed)
 
 
 @pytest.mark.slow
-def test_the_first_page_is_a_summary(chromium: str, failed_run: Path, tmp_path: Path) -> None:
+def test_the_first_page_is_a_summary_to_be_signed(chromium: str, failed_run: Path, tmp_path: Path) -> None:
     pypdf = pytest.importorskip("pypdf")
     for name in ("record.parquet", "result.json"):
         shutil.copy(failed_run / name, tmp_path)
-    first, second, *_ = (
-        page.extract_text() for page in pypdf.PdfReader(write_pdf(write_report(tmp_path))).pages
-    )
-    for told in ("checks outside the limits", "Not passed", "operator"):
-        assert told in first
-    assert "What was tested" not in first and "What was tested" in second
+    pages = [page.extract_text() for page in pypdf.PdfReader(write_pdf(write_report(tmp_path))).pages]
+    for told in ("checks outside the limits", "Not passed", "operator", "Signatures", "approved by"):
+        assert told in pages[0]
+    assert len(pages) <= 8

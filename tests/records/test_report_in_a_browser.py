@@ -117,7 +117,7 @@ def test_a_pdf_has_page_numbers_and_says_on_each_page_which_record_it_is_of(
         assert f"page {number} of {len(texts)}" in text and "record " in text
     assert "operator\nnot recorded" in texts[0]
     assert not any("Drag over a plot" in text for text in texts), "nobody drags on paper"
-    assert "signature" in texts[-1] and "SHA-256 of record.parquet" in texts[-1]
+    assert "signature" in texts[0] and "SHA-256 of record.parquet" in texts[0]
     assert [float(side) for side in pages[0].mediabox[2:]] == pytest.approx([595, 842], abs=1.5)  # A4
 
 
