@@ -15,6 +15,7 @@ import click
 
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import CommandLine
+from astb.terminal import print_safely
 from bench_protocol.system import NeedsLinux
 
 #: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
@@ -57,6 +58,7 @@ def main() -> NoReturn:
     # What imports bring stays to the end: to look through all of it for garbage took 0.16 s of a short command.
     gc.set_threshold(*GARBAGE_COLLECTED_AFTER)
     warnings.formatwarning = lambda message, *_args, **_options: f"astb: {message}\n"
+    print_safely()
     try:
         sys.exit(commands(standalone_mode=False) or PASS)
     except click.exceptions.Exit as end:

@@ -13,8 +13,6 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from rich import get_console
-
 from astb.display import ProgressDisplay
 from astb.live.door import Door, opened_door
 from astb.live.model import Live
@@ -24,6 +22,7 @@ from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
 from astb.software import commit
+from astb.tables import shared_console
 from astb.watched import watched
 from bench_protocol.clock import utc_date
 from bench_protocol.system.signals import known
@@ -93,7 +92,7 @@ def run_plans(
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
     with (
-        ProgressDisplay(get_console()) as display,
+        ProgressDisplay(shared_console()) as display,
         held_by_keyboard() as suspension,
         nullcontext()
         if is_virtual

@@ -4,15 +4,19 @@ Names, remarks and paths come from outside: here no text is markup, and what is 
 """
 
 import sys
-from collections.abc import Collection
-from typing import Final
+from collections.abc import Collection, Iterable
+from functools import cache
+from typing import IO, Final
 
 import click
 import msgspec
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from astb.terminal import printable
 
 #: What does not go to a terminal is as wide as it needs to be.
 _UNFOLDED: Final = 200
@@ -25,7 +29,30 @@ def open_console() -> Console:
 
 def plain_console(*, width: int | None = None, stderr: bool = False) -> Console:
     """Return a console that writes every text as it stands: nothing in it is markup, or a number to colour."""
-    return Console(width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
+    return _PlainConsole(width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+@cache
+def shared_console() -> Console:
+    """Return the one console of a run: the display and the questions of its plans alternate on it."""
+    return plain_console()
+
+
+class _PlainConsole(Console):
+    """Writes its colours to the stream itself, and of each text what is printable."""
+
+    @property
+    def file(self) -> IO[str]:
+        stream = super().file
+        return getattr(stream, "rich_proxied_file", stream)
+
+    @file.setter
+    def file(self, stream: IO[str]) -> None:
+        self._file = stream
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
 
 def styled(text: str, style: str) -> Text:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich import get_console
 
 from astb.commands.completion import complete_plans
 from astb.commands.ending import end_in_order
@@ -15,6 +14,7 @@ from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
 from astb.messages import MessageError, Messages, receiver
 from astb.operators import operator_for
 from astb.rig_file import RigFileError
+from astb.tables import shared_console
 from bench_records.conversion import recover
 from bench_records.layout import STREAM, RecordError
 from bench_records.letterhead import read_letterhead
@@ -130,7 +130,7 @@ def run_command(
             seed=seed,
             out=out,
             specimen=specimen,
-            operator=operator_for(answers, get_console()),
+            operator=operator_for(answers, shared_console()),
             keeping=keeping,
         )
     except (RigFileError, ValueError, RecordError) as error:
