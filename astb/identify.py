@@ -1,4 +1,4 @@
-"""`astb identify`: from records of unknown springs to a set of parameters, each with how well the records tell it."""
+"""`astb identify`: from records to the parameters of springs, of an FMU or of any simulator, each with its interval."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 import numpy as np
 
-from astb.diagnose import progress_bar, read_data, rig_of
+from astb.diagnose import BENCH, Progress, progress_bar, read_data, rig_of
 from astb.extend import DIGITS, changes_of, interval
 from astb.menu import experiments
 from astb.tables import open_table
@@ -32,6 +32,8 @@ from diagnosis.systems.air_spring.identified import (
     uncertain_shape,
 )
 from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.systems.fmu.simulator import FmuSimulator
+from diagnosis.systems.fmu.written import write_identified
 from test_plans.plans.identification import IDENTIFICATION
 from test_plans.plans.screening import SCREENING
 from test_plans.plans.separating import MENU
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bench_sim.parameters import Parameters
-    from diagnosis.contracts import Array, Dataset
+    from diagnosis.contracts import Array, Dataset, Simulator
     from test_plans.programmes.motions import Programme
     from test_plans.specimen import Specimen
 
@@ -59,7 +61,7 @@ _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 class Request:
     """What is to be identified: records, the map of foreign files, what is believed, and a plan to look ahead to.
 
-    ``specimen`` is the drawing of the springs, which goes over the ``model``.
+    ``specimen`` is the drawing of the springs, which goes over the ``model``; ``simulator`` takes the place of both.
     """
 
     data: Sequence[Path]
@@ -67,6 +69,7 @@ class Request:
     model: str
     specimen: "Specimen | None"
     expect: str | None
+    simulator: str | None = None
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -112,6 +115,8 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
 
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
     """
+    if request.simulator is not None:
+        _refuse_springs(request, request.simulator)
     parameters = drawn_as(load(request.model), request.specimen)
     ahead = _programme(request.expect) if request.expect else None
     if not request.data:
@@ -123,12 +128,10 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
         _make_room(out, request.model)
     with progress_bar(console) as progress:
         progress("read the data", 0.0)
-        simulator, dataset = read_data(request.data, request.map_path, parameters)
+        simulator, dataset = read_data(request.data, request.map_path, parameters, request.simulator)
         if not isinstance(simulator, AirSpring):
-            raise DiagnosisError(
-                f"{request.map_path} is about {simulator.name}; what is identified are air springs, with "
-                'system = "air_spring"'
-            )
+            _refuse_springs(request, simulator.name)
+            return _of_simulator(simulator, dataset, out, progress)
         unknown = UnknownSpring(simulator.parameters, tuple(channel.name for channel in simulator.channels))
         found = identify(dataset, unknown, progress=progress)
         further: list[str] = []
@@ -142,12 +145,47 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
     if out is not None:
         _write(out, found, dataset, unknown.parameters, request.model)
     return Answer(
-        rows=[_row(one) for one in _asked(answer)],
+        rows=_rows(answer),
         shapes=list(_shapes(found)),
         doubts=list(found.doubts),
         readings=list(dataset.readings),
         further=further,
         after=ahead.name if ahead else "",
+    )
+
+
+def _refuse_springs(request: Request, name: str) -> None:
+    """Refuse options that are about springs of the bench."""
+    given = {
+        "--specimen": request.specimen,
+        "--expect": request.expect,
+        "--model": None if request.model == BENCH else request.model,
+    }
+    if wrong := [option for option, value in given.items() if value is not None]:
+        raise DiagnosisError(
+            f"{' and '.join(wrong)}: {name} is no model of the bench; leave out {' and '.join(wrong)}"
+        )
+
+
+def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, progress: Progress) -> Answer:
+    """Identify all numbers of the base of any simulator: it needs no catalogue."""
+    if not simulator.nuisances:
+        raise DiagnosisError(
+            f"{simulator.name} names no parameter to identify; right would be [fmu.base] in the map of an FMU, or "
+            "nuisances of a simulator"
+        )
+    found = identify(dataset, simulator, progress=progress)
+    if out is not None:
+        try:
+            write_identified(out, found, simulator, dataset.digest)
+        except OSError as error:
+            raise DiagnosisError(f"{out} cannot be written: {error.strerror}") from None
+    variables = simulator.fmu.variables if isinstance(simulator, FmuSimulator) else {}
+    said = {name: one.said for name, one in variables.items()}
+    return Answer(
+        rows=[_row(one, said.get(one.parameter.name, "")) for one in found.parameters],
+        doubts=list(found.doubts),
+        readings=list(dataset.readings),
     )
 
 
@@ -172,7 +210,7 @@ def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Consol
         progress(f"looking ahead to {ahead.name}", 0.0)
         simulator = UnknownSpring(parameters)
         found = believed(simulator, experiments({ahead.name: ahead}, rig=rig_of(parameters)))
-    return Answer(rows=[_row(one) for one in _asked(found)], after=ahead.name)
+    return Answer(rows=_rows(found), after=ahead.name)
 
 
 def _make_room(out: Path, model: str) -> None:
@@ -185,6 +223,10 @@ def _make_room(out: Path, model: str) -> None:
         raise DiagnosisError(f"{out} cannot be written: {error.strerror}") from None
     if not os.access(out if out.exists() else out.parent, os.W_OK):
         raise DiagnosisError(f"{out} cannot be written: permission denied")
+
+
+def _rows(found: Identification) -> list[Row]:
+    return [_row(one, ASKED[quantity(one.parameter.name)].title) for one in _asked(found)]
 
 
 def _asked(found: Identification) -> list[Identified]:
@@ -238,12 +280,12 @@ def _grid(visited: "Sequence[Array]") -> list[float]:
     return [k * step for k in range(ceil(low / step), floor(high / step) + 1)]
 
 
-def _row(one: Identified) -> Row:
+def _row(one: Identified, title: str) -> Row:
     parameter, scale = one.parameter, one.parameter.scale
     width, wide = Z95 * one.deviation, Z95 * parameter.spread
     return Row(
         name=parameter.name,
-        title=ASKED[quantity(parameter.name)].title,
+        title=title,
         unit=parameter.display or parameter.unit,
         value=one.value / scale,
         low=(one.value - width) / scale,
@@ -291,7 +333,7 @@ def _stated(
 def _notes(asked: Sequence[Identified]) -> dict[str, str]:
     notes: dict[str, str] = {}
     for one in asked:
-        row, name = _row(one), quantity(one.parameter.name)
+        row, name = _row(one, ""), quantity(one.parameter.name)
         side = one.parameter.name.removesuffix(name).rstrip(".")
         text = f"{side} {interval(row.low, row.high, row.unit)}".strip()
         text += "" if one.told else ", hardly told by the records"

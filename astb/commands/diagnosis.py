@@ -27,6 +27,11 @@ _MAP_OPTION: Final = click.option(
     type=click.Path(path_type=Path, dir_okay=False),
     help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
 )
+_SIMULATOR_OPTION: Final = click.option(
+    "--simulator",
+    metavar="MODULE:FACTORY|FMU",
+    help="One of your own, such as my_oscillator:Oscillator or my.fmu, in place of the bench.",
+)
 _MODEL_OPTION: Final = click.option(
     "--model",
     default="astb",
@@ -44,11 +49,7 @@ _RESULT_OPTION: Final = click.option(
 @click.command("diagnose")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA...")
 @_MAP_OPTION
-@click.option(
-    "--simulator",
-    metavar="MODULE:FACTORY|FMU",
-    help="One of your own, such as my_oscillator:Oscillator or my.fmu, in place of the bench.",
-)
+@_SIMULATOR_OPTION
 @_MODEL_OPTION
 @click.option("--effects", metavar="NAME,...", help="Only these of the catalogue.  [default: all]")
 @click.option("--seed", type=SEED, default=1, show_default=True, help="Of everything that is drawn.")
@@ -126,6 +127,7 @@ def investigate_command(
 @click.command("identify")
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path), metavar="[RUN]...")
 @_MAP_OPTION
+@_SIMULATOR_OPTION
 @click.option(
     "--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model."
 )
@@ -140,22 +142,25 @@ def investigate_command(
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Model file for what was identified (TOML).",
+    help="File for what was identified (TOML): of springs a model file.",
 )
 def identify_command(
     data: tuple[Path, ...],
     map_path: Path | None,
+    simulator: str | None,
     specimen_name: str | None,
     model: str,
     expect: str | None,
     as_json: bool,
     out: Path | None,
 ) -> None:
-    """Identify springs: every parameter from records, with its uncertainty.
+    """Identify springs or any simulator: every parameter from records, with its uncertainty.
 
     RUN are records of `astb run identification`, or of any plan that a model can replay, from whatever rig; other files
     need --map. --out writes a model that `astb run`, `rehearse` and `diagnose` take as --model. Without a RUN it says
-    how well the plan of --expect would tell each parameter, before it is run. Ends with 0, or 2 for misuse.
+    how well the plan of --expect would tell each parameter, before it is run. With --simulator the parameters are those
+    that the map of an FMU names in [fmu.base], or the nuisances of a simulator of your own; of an FMU --out also writes
+    a parameter set (SSV). Ends with 0, or 2 for misuse.
     """
     if out is not None and not data:
         misuse(f"--out {out}: without a record nothing is identified; name a RUN, or leave --out out")
@@ -165,7 +170,7 @@ def identify_command(
     specimen = read_specimen(specimen_name) if specimen_name else None
     try:
         answer = identify_data(
-            Request(data, map_path, model, specimen, expect), out, plain_console(stderr=True)
+            Request(data, map_path, model, specimen, expect, simulator), out, plain_console(stderr=True)
         )
     except (ValueError, RecordError) as error:
         misuse(error)

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from numba import njit
 
 from diagnosis.contracts import Channel, DiagnosisError, Experiment, Hypothesis, Nuisance, Parameter
 from diagnosis.engine.contract_check import check_contract
-from diagnosis.finding import Finding
+from diagnosis.finding import Z95, Finding
 from diagnosis.systems.integration import integrate
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.oscillator import Oscillator, force_surface
@@ -323,6 +324,27 @@ def test_a_map_may_name_the_simulator_beside_it(own: Path) -> None:
     )
     with pytest.raises(DiagnosisError, match=r"no column holds what amplifier predicts; .* y, z"):
         read_mapped([own / "a.csv"], mapping)
+
+
+def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
+    from astb.identify import Request as Asked
+    from astb.identify import identify_data
+    from astb.tables import plain_console
+
+    rng, files = np.random.default_rng(5), []
+    for run in range(6):
+        y = 2.1 * np.sin(TIME + run) + 0.1 * rng.standard_normal(len(TIME))
+        rows = [f"{t:.2f},{np.sin(t + run):.6f},{value:.6f}" for t, value in zip(TIME, y, strict=True)]
+        files.append(own / f"run{run}.csv")
+        files[-1].write_text("time,drive,y\n" + "\n".join(rows))
+    asked = Asked(files, None, "astb", None, None, "amplifier_of_mine:Gain")
+    answer = identify_data(asked, own / "found.toml", plain_console(stderr=True))
+    (row,) = answer.rows
+    assert row.told and not answer.doubts
+    # As the sum of squares tells it, or wider by the scatter of few runs.
+    width, least = row.high - row.value, Z95 * 0.1 / np.sqrt(1800 * 0.5)
+    assert abs(row.value - 2.1) < 1.5 * width and 0.9 * least < width < 2.5 * least
+    assert tomllib.loads((own / "found.toml").read_text())["parameters"].keys() == {"gain"}
 
 
 @pytest.mark.parametrize(

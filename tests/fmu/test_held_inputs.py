@@ -1,15 +1,20 @@
 """Inputs that are held between samples, and units that an FMU defines: two tanks in C whose steps are exact."""
 
+import json
+import shutil
+import tomllib
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from astb.commands.diagnosis import identify_command
 from astb.diagnose import Request, diagnose_data
 from astb.tables import plain_console
 from bench_protocol.units import UNITS as BENCH_UNITS
@@ -297,3 +302,49 @@ def test_everything_that_is_wrong_in_a_map_is_said_at_once(tanks: dict[str, Path
     ):
         assert sum(key in line for line in lines) == 1, (key, lines)
     assert len(lines) == 6
+
+
+@pytest.mark.slow
+def test_named_parameters_are_identified_without_a_catalogue(tanks: dict[str, Path], tmp_path: Path) -> None:
+    """Of each parameter only a range is known; what is found goes into the next diagnosis as a parameter set."""
+    folder = tanks["discrete"].parent
+    base = """[fmu.base]
+upper_hole = { low = "1 l/(s.m)", high = "4 l/(s.m)" }
+lower_hole = { low = "1 l/(s.m)", high = "6 l/(s.m)" }
+upper_area = { low = "0.02 m2", high = "0.1 m2" }
+upper_start = { spread = "20 mm", per_run = true }
+"""
+    text = MAP[: MAP.index("[fmu.base]")] + base
+    (folder / "map.toml").write_text(text)
+    data = [str(path) for path in measured(folder, 1e-3, 7, 300)]
+    out = tmp_path / "found.toml"
+    asked = [*data, "--map", str(folder / "map.toml"), "--out", str(out), "--json"]
+    done = CliRunner().invoke(identify_command, asked)
+    assert done.exit_code == 0, done.output
+    answer = json.loads(done.stdout)
+    assert answer["doubts"] == []
+    rows = {row["name"]: row for row in answer["rows"]}
+    assert set(rows) == {"upper_hole", "lower_hole", "upper_area"}
+    for name, row in rows.items():
+        width = row["high"] - row["value"]
+        assert row["told"] and abs(row["value"] - TRUE[name]) < 1.5 * width < 0.01 * TRUE[name], row
+    assert rows["upper_hole"]["unit"] == "l/(s.m)"
+    written = tomllib.loads(out.read_text())["parameters"]
+    assert float(written["upper_area"].split()[0]) == pytest.approx(rows["upper_area"]["value"], rel=1e-6)
+    shutil.copy(out.with_suffix(".ssv"), folder / "found.ssv")
+    (folder / "map.toml").write_text(
+        text.replace("[fmu.base]", '[fmu]\nparameters = "found.ssv"\n[fmu.base]')
+    )
+    simulator, _ = read_mapped(measured(folder, 0.0), folder / "map.toml")
+    for one in simulator.nuisances:
+        if not one.per_run:
+            assert one.nominal / one.scale == pytest.approx(rows[one.name]["value"], rel=1e-6)
+    done = CliRunner().invoke(identify_command, [*asked, "--expect", "screening"])
+    assert done.exit_code == 2 and "--expect: tanks.fmu is no model of the bench" in done.output
+
+
+def test_a_parameter_of_which_nothing_is_known_is_refused(tanks: dict[str, Path]) -> None:
+    folder = tanks["discrete"].parent
+    (folder / "map.toml").write_text(MAP.replace('spread = "10 %", low = "0.01 m2"', 'low = "0.01 m2"'))
+    with pytest.raises(DiagnosisError, match=r"fmu.base.upper_area.spread is missing: .* or low and high"):
+        read_mapped(measured(folder, 0.0), folder / "map.toml")

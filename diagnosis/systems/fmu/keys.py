@@ -10,10 +10,11 @@ import msgspec
 class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[fmu.base.NAME]``: a number that no two specimens share, ``value`` ± ``spread`` (one standard deviation).
 
-    Without a ``value`` it is that of the FMU. ``per_run``: each record has its own, such as a state at its start.
+    Without a ``value`` it is that of the FMU. Without a ``spread`` it may be anything from ``low`` to ``high``.
+    ``per_run``: each record has its own, such as a state at its start.
     """
 
-    spread: str
+    spread: str | None = None
     value: str | None = None
     low: str | None = None
     high: str | None = None

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
+from math import inf, sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,6 +41,8 @@ from diagnosis.systems.system import System, SystemSetting, SystemSignal, differ
 
 #: An ordinary offset of a signal, as a part of its range.
 _OFFSET: Final = 0.02
+#: The standard deviation of what lies anywhere in a range, as a part of it.
+_EVEN: Final = 1.0 / sqrt(12.0)
 #: Causes that a signal does not have that is held between samples.
 _OF_MOTION: Final = frozenset({"lag", "latency"})
 
@@ -318,6 +321,8 @@ class _Maker:
         where = f"{self.where}: fmu.base.{name}"
         if name in sensors:
             amplitude = sensors[name].amplitude
+            if keys.spread is None:
+                raise DiagnosisError(f"{where}.spread is missing: how well it is known, in {amplitude.unit}")
             spread = self._difference(keys.spread, amplitude.unit, f"{where}.spread")
             return Nuisance(
                 name, amplitude.unit, 0.0, spread, amplitude.low, amplitude.high,
@@ -329,14 +334,22 @@ class _Maker:
             raise DiagnosisError(
                 f"{where}.value is missing: the FMU says no value of {name}, in {one.unit.si}"
             )
-        spread = self._spread(one, keys.spread, value, f"{where}.spread")
         low, high = self._bounds(one, keys.low, keys.high, where)
+        spread = _EVEN * (high - low)
+        if keys.spread is not None:
+            spread = self._spread(one, keys.spread, value, f"{where}.spread")
+        elif not 0.0 < spread < inf:
+            raise DiagnosisError(
+                f"{where}.spread is missing: how well {name} is known, in {one.unit.si}; or low and high"
+            )
         if not low <= value <= high:
             raise DiagnosisError(
                 f"{where}: the value {value:g} {one.unit.si} is outside of {low:g} to {high:g} {one.unit.si}; right "
                 "would be one inside, or other bounds"
             )
-        display, scale = self._shown_in(keys.value or keys.spread, one.unit.si, one.unit.name)
+        display, scale = self._shown_in(
+            keys.value or keys.spread or keys.low or "", one.unit.si, one.unit.name
+        )
         return Nuisance(
             name, one.unit.si, value, spread, low, high,
             logarithmic=keys.logarithmic, display=display, scale=scale, per_run=keys.per_run,

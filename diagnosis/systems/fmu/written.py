@@ -13,8 +13,9 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 import msgspec
 
-from diagnosis.contracts import DiagnosisError
-from diagnosis.finding import Finding
+from diagnosis.contracts import DiagnosisError, Simulator
+from diagnosis.engine.identify import Identification
+from diagnosis.finding import Z95, Finding
 from diagnosis.systems.fmu.description import REALS, Fmu, fmpy_or_refuse
 from diagnosis.systems.fmu.simulator import FmuSimulator
 
@@ -32,6 +33,29 @@ def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None
     values = {name: value for name, value in values.items() if name not in per_run}
     (folder / VALUES).write_bytes(_ssv(simulator.fmu, values))
     (folder / PARAMETERS).write_text("\n".join(_lines(finding, simulator, values)) + "\n", "utf-8")
+
+
+def write_identified(path: Path, found: Identification, simulator: Simulator, digest: str) -> None:
+    """Write what was identified of a simulator as TOML, and of an FMU as a parameter set beside it. Raises OSError."""
+    identity = simulator.identity if isinstance(simulator, FmuSimulator) else simulator.name
+    rows = [
+        f"# {identity}",
+        f"# data: {digest}",
+        "",
+        "[parameters]  # in SI",
+    ]
+    for one in found.parameters:
+        low, high = (one.value + sign * Z95 * one.deviation for sign in (-1.0, 1.0))
+        note = f"95 %: {low:.6g} to {high:.6g} {one.parameter.unit}"
+        note += "" if one.told else ", hardly told by the records"
+        name, value = _text(one.parameter.name), _text(f"{one.value:.{_DIGITS}g} {one.parameter.unit}")
+        rows.append(f"{name} = {value}  # {note}")
+    path.write_text("\n".join(rows) + "\n", "utf-8")
+    if isinstance(simulator, FmuSimulator):
+        per_run = {one.name for one in simulator.nuisances if one.per_run}
+        values = simulator.starts(None, {one.parameter.name: one.value for one in found.parameters}, {})
+        values = {name: value for name, value in values.items() if name not in per_run}
+        path.with_suffix(".ssv").write_bytes(_ssv(simulator.fmu, values))
 
 
 def _lines(finding: Finding, simulator: FmuSimulator, values: Mapping[str, float]) -> Iterator[str]:
