@@ -18,9 +18,31 @@ from test_plans.beside import Alone, Beside
 
 #: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
 _PATIENCE: Final = 120.0
+#: A twin that uses no processor time for so long (s) is stopped, or waits for something that does not come.
+_STILL: Final = 10.0
+#: After so long (s) somebody who waits for the end of the run is told why.
+_QUIET: Final = 3.0
 #: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
 _BEHIND: Final = 2.0
 _AGAIN: Final = 0.1
+
+
+class _Pulse:
+    """Whether a process works: its processor time grows."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self._stat, self._wall = Path(f"/proc/{process.pid}/stat"), RealClock()
+        self._spent, self._since = "", 0
+
+    @property
+    def still(self) -> bool:
+        """Whether it has not worked for `_STILL`, while somebody asked; False where the system does not tell."""
+        with suppress(OSError):
+            fields = self._stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            if (spent := " ".join(fields[11:13])) != self._spent:
+                self._spent, self._since = spent, self._wall.now()
+            return self._wall.now() - self._since > _STILL * NS
+        return False
 
 
 class TwinBeside:
@@ -30,11 +52,12 @@ class TwinBeside:
         self._twin, self._directory, self._clock = twin, directory, clock
         self._begun, self._virtual = clock.now(), isinstance(clock, VirtualClock)
         self._read: tuple[int, TwinStory | None] = (0, None)
+        self._still = False
 
     @property
     def watching(self) -> bool:
-        """Whether the twin still lives."""
-        return self._twin.poll() is None
+        """Whether the twin still works."""
+        return self._twin.poll() is None and not self._still
 
     @property
     def parted(self) -> Parting | None:
@@ -44,8 +67,9 @@ class TwinBeside:
 
     def _caught_up(self) -> TwinStory | None:
         now, wall = (self._clock.now() - self._begun) / NS, RealClock()
-        until = wall.now() + round(_PATIENCE * NS)
+        until, pulse = wall.now() + round(_PATIENCE * NS), _Pulse(self._twin)
         while (story := self._story()) is None or story.until < now - _BEHIND or _is_searched(story):
+            self._still = self._still or pulse.still
             if not self.watching or wall.now() > until:
                 break
             wall.sleep_until(wall.now() + round(_AGAIN * NS))
@@ -89,13 +113,24 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
 
 
 def _conclude(twin: "subprocess.Popen[str]", directory: Path, warn: Callable[[str], None]) -> None:
-    try:
-        _, said = twin.communicate(timeout=_PATIENCE)
-    except subprocess.TimeoutExpired:
-        twin.kill()
-        twin.communicate()
-        warn(f"the twin did not come to an end; `astb watch {directory}` does it later")
-        return
+    wall, pulse, told, said = RealClock(), _Pulse(twin), False, ""
+    while True:
+        try:
+            _, said = twin.communicate(timeout=_AGAIN)
+            break
+        except subprocess.TimeoutExpired:
+            late = wall.now() > _PATIENCE * NS
+            if late or pulse.still:
+                twin.kill()
+                twin.communicate()
+                why = f"did not end within {_PATIENCE:g} s" if late else f"has not worked for {_STILL:g} s"
+                warn(
+                    f"the twin (process {twin.pid}) {why} and was ended; `astb watch {directory}` repeats it"
+                )
+                return
+            if not told and wall.now() > _QUIET * NS:
+                told = True
+                warn(f"waiting for the last results of the twin, for {_PATIENCE:g} s at most")
     with suppress(RecordError):
         story = read_twin(directory)
         if story is not None:

@@ -1,5 +1,8 @@
 """A run with its twin as its plan sees it: what is known by now in real time, all of it in virtual time."""
 
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +23,7 @@ def story(until, *partings):
 
 
 def process(alive=True):
-    return SimpleNamespace(poll=lambda: None if alive else 1)
+    return SimpleNamespace(poll=lambda: None if alive else 1, pid=0)
 
 
 def test_in_real_time_it_says_what_is_known_and_what_is_withdrawn(tmp_path):
@@ -53,6 +56,28 @@ def test_in_virtual_time_it_does_not_wait_for_a_twin_that_is_gone(tmp_path):
     write_twin(tmp_path, story(30.0, 20.0))
     assert not twin.watching
     assert twin.parted.told == 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processor time is read from Linux' /proc")
+@pytest.mark.parametrize(
+    ("does", "ended"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSTOP)", True),
+        ("import threading; threading.Event().wait()", True),
+        ("import time\nwhile time.process_time() < 3.0: pass", False),
+    ],
+)
+def test_a_twin_that_stands_still_does_not_hold_up_the_end_of_a_run(tmp_path, monkeypatch, does, ended):
+    monkeypatch.setattr(watched, "_STILL", 2.0)
+    monkeypatch.setattr(watched, "_QUIET", 0.5)
+    clock, told = RealClock(), []
+    with subprocess.Popen([sys.executable, "-c", does], stderr=subprocess.PIPE, text=True) as twin:
+        watched._conclude(twin, tmp_path, told.append)
+        assert clock.now() < 60 * NS
+        assert twin.returncode == (-9 if ended else 0)
+    assert len(told) == 2, "why it takes long, and what became of it"
+    assert (f"process {twin.pid}" in told[1]) == ended
 
 
 class Generator:
