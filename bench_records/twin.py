@@ -116,6 +116,11 @@ class TwinStory(msgspec.Struct, frozen=True):
         return sum(one.end - one.start for one in self.judged if one.along is not None)
 
     @property
+    def deviations(self) -> tuple[Parting, ...]:
+        """All partings that were not withdrawn, those that are over included."""
+        return tuple(one for one in self.partings if not one.withdrawn)
+
+    @property
     def parted(self) -> Parting | None:
         """The last parting that lasts; None if the rig goes along with its model now."""
         return next((one for one in reversed(self.partings) if one.lasts), None)

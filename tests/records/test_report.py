@@ -20,9 +20,10 @@ from bench_records.check_table import BAR_WIDTH, check_rows, range_bar
 from bench_records.layout import RecordError, SignalInfo
 from bench_records.plots import ALARM
 from bench_records.recorder import Recorder
-from bench_records.report import write_report
+from bench_records.report import report_page, write_report
 from bench_records.report_plots import envelope
 from bench_records.result import Timing, check, conclude, read_result
+from bench_records.twin import Parting, TwinStory, write_twin
 
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "input", "link"}
@@ -269,6 +270,23 @@ def test_virtual_time_claims_no_punctuality(small_run: Path) -> None:
     text = Page(write_report(small_run).read_text(encoding="utf-8")).text
     assert "virtual time, where every tick comes exactly when it is due" in text
     assert "No tick was late" not in text
+
+
+@pytest.mark.parametrize(
+    ("withdrawn", "banner"), [(None, "pass"), (False, "pass deviates"), (True, "pass")], ids=str
+)
+def test_a_pass_with_a_deviation_from_the_model_is_not_green(
+    small_run: Path, withdrawn: bool | None, banner: str
+) -> None:
+    conclude("aw0", "Title.", "Title.", [check("height", 1.0, "m", low=0.0, high=2.0, margin=0.0)]).write(
+        small_run
+    )
+    if withdrawn is not None:
+        found = Parting(9.0, 7.0, "left.height", 1.0, 2.0, 0.1, sentence="LEAK OF 1 mm²", withdrawn=withdrawn)
+        write_twin(small_run, TwinStory("astb", 20.0, partings=(found,)))
+    page = report_page(small_run)
+    assert f'<div class="banner {banner}">' in page
+    assert ("LEAK OF 1 mm²" in page.split("<h2>")[0]) == ("deviates" in banner)
 
 
 def test_a_marginal_run_says_so(passed_page: str) -> None:
