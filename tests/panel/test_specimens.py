@@ -15,7 +15,7 @@ LIGHT = (
     OURS.replace('type = "diaphragm spring 575"', 'type = "light spring"')
     .replace("preload = { value = 53.5", "preload = { value = 45.0")
     .replace("fill_pressure = { value = 2.058", "fill_pressure = { value = 1.731")
-    .replace("carried = { low = 52.9, high = 54.1", "carried = { low = 44.4, high = 45.6")
+    .replace("carried = { low = 52.6, high = 54.4", "carried = { low = 44.4, high = 45.6")
     .replace("pressure = { low = 1.98, high = 2.11", "pressure = { low = 1.66, high = 1.80")
 )
 
