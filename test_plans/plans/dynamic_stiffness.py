@@ -1,14 +1,13 @@
 """Dynamic stiffness: K', K'' and loss angle of the springs over frequency and over amplitude, vertically."""
 
-from cmath import phase
 from collections.abc import Mapping
+from functools import partial
 from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, s
 from test_plans import steps
-from test_plans.analysis import Stiffness
+from test_plans.analysis import Samples, Stiffness
 from test_plans.analysis.geometry import Rig
-from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.loads import Band, Load
 from test_plans.plan import plan
@@ -16,7 +15,7 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.fittings import leave_connected
 from test_plans.steps.poses import COOL, go_home
-from test_plans.steps.shaking import check_band
+from test_plans.steps.shaking import MeasuredStiffness, check_band, measure_stiffness
 from test_plans.steps.tables import AMPLITUDE, FREQUENCY, LOSS, STORAGE, TANGENT, Quantity, keep
 from test_plans.steps.waves import VERTICAL_WAVES, Values, shake, vertical_stiffness
 
@@ -78,9 +77,9 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     over_frequency, sweep = [], list(run.specimen.load(load).sweep("vertical"))
     for frequency, storage, loss in sweep:
         K, found = _sine(run, case, frequency, OF_FREQUENCIES)
-        check_band(run, STIFF.of(frequency=frequency), found[0], "kN/m", storage)
-        check_band(run, DAMPED.of(frequency=frequency), found[1], "kN*s/m", loss)
-        check_band(run, LOST.of(frequency=frequency), found[2], "deg", angles[frequency])
+        check_band(run, STIFF.of(frequency=frequency), found.storage, "kN/m", storage)
+        check_band(run, DAMPED.of(frequency=frequency), found.damping, "kN*s/m", loss)
+        check_band(run, LOST.of(frequency=frequency), found.angle, "deg", angles[frequency])
         over_frequency.append((K, found))
     over_amplitude = []
     for amplitude in stiffness:
@@ -88,8 +87,8 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         stiff, damped = (
             one.of(amplitude=amplitude / mm) for one in (STIFF_BY_AMPLITUDE, DAMPED_BY_AMPLITUDE)
         )
-        check_band(run, stiff, found[0], "kN/m", stiffness[amplitude])
-        check_band(run, damped, found[1], "kN*s/m", damping[amplitude])
+        check_band(run, stiff, found.storage, "kN/m", stiffness[amplitude])
+        check_band(run, damped, found.damping, "kN*s/m", damping[amplitude])
         over_amplitude.append((K, found))
     of_frequency = {STORAGE: [band for _, band, _ in sweep], ANGLE: [angles[place] for place, _, _ in sweep]}
     _keep(run, load, FREQUENCY, [K.frequency for K, _ in over_frequency], over_frequency, of_frequency)
@@ -97,19 +96,20 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     _keep(run, load, AMPLITUDE, [K.amplitude for K, _ in over_amplitude], over_amplitude, of_amplitude)
 
 
-def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
-    """Return the stiffness, and with their uncertainties K', c and loss angle."""
+def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, MeasuredStiffness]:
+    """Return the stiffness, and its parts with their uncertainties."""
     what = f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"
     if run.hold_point(f"before the {what}"):
         steps.stand_again(run, case, go_home, COOL)
     with run.phase(what):
         times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
 
-    def found(rig: Rig, values: Values) -> tuple[float, float, float]:
-        K = vertical_stiffness(times, rig, values, frequency)
-        return K.storage, K.damping, phase(K.value)
+    stiffness = partial(_stiffness, times, frequency)
+    return stiffness(run.rig, values), measure_stiffness(run, stiffness, values)
 
-    return vertical_stiffness(times, run.rig, values, frequency), run.measure(found, run.rig, values)
+
+def _stiffness(times: Samples, frequency: float, rig: Rig, values: Values) -> Stiffness:
+    return vertical_stiffness(times, rig, values, frequency)
 
 
 def _keep(
@@ -117,14 +117,14 @@ def _keep(
     load: str,
     over: Quantity,
     places: list[float],
-    found: list[tuple[Stiffness, tuple[Measured, ...]]],
+    found: list[tuple[Stiffness, MeasuredStiffness]],
     limits: Mapping[Quantity, list[Band]],
 ) -> None:
     for quantity, ys in (
-        (STORAGE, [known[0] for _, known in found]),
-        (LOSS, [K.loss for K, _ in found]),
-        (ANGLE, [known[2] for _, known in found]),
-        (TANGENT, [K.loss / K.storage for K, _ in found]),
+        (STORAGE, [one.storage for _, one in found]),
+        (LOSS, [one.loss for _, one in found]),
+        (ANGLE, [one.angle for _, one in found]),
+        (TANGENT, [one.tangent for _, one in found]),
     ):
         group = f"Vertical {quantity[0]} over {over[0]}"
         keep(run, load, group, over, quantity, places, ys, limits.get(quantity, ()))

@@ -6,14 +6,13 @@ from typing import Final, Literal
 from bench_protocol.units import Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.fittings import PLATE, fit_plate, put_down
 from test_plans.steps.poses import COOL, go_home
-from test_plans.steps.shaking import check_stiffness
+from test_plans.steps.shaking import MeasuredStiffness, check_stiffness
 from test_plans.steps.tables import DAMPING, STORAGE, keep
 from test_plans.steps.waves import VERTICAL_WAVES, shake, stiffness_of_side
 
@@ -61,7 +60,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         limits.curve(f"orifice_plates.{what}", unit)
         for what, unit in (("stiffness", "kN/m"), ("damping", "kN*s/m"))
     )
-    found: dict[float, dict[str, tuple[Measured, Measured]]] = {}
+    found: dict[float, dict[str, MeasuredStiffness]] = {}
     for plate in stiffness:
         names = {side: [one.of(side=side, plate=plate / mm) for one in (STIFF, DAMPED)] for side in SIDES}
         if found:
@@ -85,8 +84,8 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     for side in SIDES:
         of_side = [one[side] for one in found.values()]
         for quantity, ys in (
-            (STORAGE, [stored for stored, _ in of_side]),
-            (DAMPING, [damped for _, damped in of_side]),
+            (STORAGE, [one.storage for one in of_side]),
+            (DAMPING, [one.damping for one in of_side]),
         ):
             keep(run, side, f"Vertical {quantity[0]} over plates", OF_PLATES, quantity, list(found), ys)
 

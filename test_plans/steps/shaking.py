@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from cmath import phase
 from collections.abc import Callable, Mapping, Sequence
 from math import ceil
 from operator import itemgetter
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -176,24 +177,41 @@ def check_secant(
     run.check(name, slope, "kN/m", low=band.low, high=band.high, note=lost)
 
 
+class MeasuredStiffness(NamedTuple):
+    """What a complex stiffness at one frequency consists of, each with its uncertainty."""
+
+    storage: Measured  #: K' in N/m
+    damping: Measured  #: c = K''/ω in N·s/m
+    loss: Measured  #: K'' in N/m
+    tangent: Measured  #: tan δ = K''/K'
+    angle: Measured  #: δ in rad
+
+
+def measure_stiffness(
+    run: Run, stiffness: Callable[[Rig, Values], Stiffness], values: Values
+) -> MeasuredStiffness:
+    """Return what ``stiffness`` makes of readings."""
+
+    def parts(rig: Rig, values: Values) -> tuple[float, ...]:
+        K = stiffness(rig, values)
+        return K.storage, K.damping, K.loss, K.loss / K.storage, phase(K.value)
+
+    return MeasuredStiffness(*run.measure(parts, run.rig, values))
+
+
 def check_stiffness(
     run: Run,
     stiffness: Callable[[Rig, Values], Stiffness],
     values: Values,
     storage: Mapping[str, Band] | None = None,
     damping: Mapping[str, Band] | None = None,
-) -> tuple[Measured, Measured]:
-    """Check K' and c of what ``stiffness`` makes of readings, by name of the check with its limits; return both."""
-
-    def both(rig: Rig, values: Values) -> tuple[float, float]:
-        K = stiffness(rig, values)
-        return K.storage, K.damping
-
-    stored, damped = run.measure(both, run.rig, values)
-    for found, unit, bands in ((stored, "kN/m", storage), (damped, "kN*s/m", damping)):
+) -> MeasuredStiffness:
+    """Check K' and c of what ``stiffness`` makes of readings, by name of the check with its limits."""
+    found = measure_stiffness(run, stiffness, values)
+    for one, unit, bands in ((found.storage, "kN/m", storage), (found.damping, "kN*s/m", damping)):
         for name, band in (bands or {}).items():
-            check_band(run, name, found, unit, band)
-    return stored, damped
+            check_band(run, name, one, unit, band)
+    return found
 
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
@@ -212,20 +230,16 @@ def keep_sweep(
     run: Run,
     name: str,
     direction: str,
-    found: Sequence[Stiffness],
-    known: Sequence[tuple[Measured, Measured]],
+    found: Sequence[MeasuredStiffness],
     sweep: Sequence[tuple[float, Band, Band]],
 ) -> None:
-    """Keep K', K'', c and tan δ over frequency for the report, the first and the third with the limits of ``sweep``.
-
-    ``known`` says of each stiffness how surely K' and c are.
-    """
-    frequencies = [one.frequency for one in found]
+    """Keep K', K'', c and tan δ over the frequencies of ``sweep`` for the report; K' and c have its limits."""
+    frequencies = [frequency for frequency, _, _ in sweep]
     for quantity, values, limits in (
-        (STORAGE, [storage for storage, _ in known], [storage for _, storage, _ in sweep]),
+        (STORAGE, [one.storage for one in found], [storage for _, storage, _ in sweep]),
         (LOSS, [one.loss for one in found], ()),
-        (DAMPING, [damping for _, damping in known], [damping for _, _, damping in sweep]),
-        (TANGENT, [one.loss / one.storage for one in found], ()),
+        (DAMPING, [one.damping for one in found], [damping for _, _, damping in sweep]),
+        (TANGENT, [one.tangent for one in found], ()),
     ):
         group = f"{direction.capitalize()} {quantity[0]}"
         keep(run, name, group, FREQUENCY, quantity, frequencies, values, limits)

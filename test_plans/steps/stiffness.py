@@ -16,7 +16,6 @@ from test_plans.analysis import (
 from test_plans.analysis.cells import CELLS, cells_under, upward_force
 from test_plans.analysis.geometry import Rig
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, harmonic
-from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.loads import Band, Load
@@ -26,6 +25,7 @@ from test_plans.steps.shaking import (
     LATERAL_NEEDS,
     LOOP_FREQUENCY,
     VERTICAL,
+    MeasuredStiffness,
     Values,
     check_secant,
     check_stiffness,
@@ -134,8 +134,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
     balanced = run.can(balance, needs=BALANCED_BY)
     if not sides:
         return
-    found: dict[str, list[Stiffness]] = {side: [] for side in sides}
-    known: dict[str, list[tuple[Measured, Measured]]] = {side: [] for side in sides}
+    found: dict[str, list[MeasuredStiffness]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the vertical sine of {frequency:g} Hz"):
             stand_again(run, load, hold_the_height)
@@ -143,17 +142,16 @@ def vertical_sweep(run: Run, load: Load) -> None:
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
                 stiffness = partial(_vertical, times, frequency, side)
-                found[side].append(stiffness(run.rig, values))
                 stiff, damped = (one.of(side=side, frequency=frequency) for one in VERTICAL_SINES)
                 judged = check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
-                known[side].append(judged)
+                found[side].append(judged)
                 motion, force = spring_motion(values, run.rig, side)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
             if balanced and frequency == highest:
                 _check_balance(run, balance, times, values, frequency)
     for side in sides:
-        keep_sweep(run, f"{side} spring", "vertical", found[side], known[side], sweep)
+        keep_sweep(run, f"{side} spring", "vertical", found[side], sweep)
 
 
 def _names(
@@ -208,18 +206,16 @@ def lateral_sweep(run: Run, load: Load) -> None:
     sweep = list(load.sweep("lateral"))
     if not run.can(*_names(LATERAL_SINES, sweep), needs=LATERAL_NEEDS):
         return
-    found: list[Stiffness] = []
-    known: list[tuple[Measured, Measured]] = []
+    found: list[MeasuredStiffness] = []
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the lateral sine of {frequency:g} Hz"):
             stand_again(run, load, hold_the_height)
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)
-            found.append(stiffness(run.rig, values))
             stiff, damped = (one.of(frequency=frequency) for one in LATERAL_SINES)
-            known.append(check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping}))
+            found.append(check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping}))
             motion, force = lateral_motion(values, run.rig)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
-    keep_sweep(run, "pair", "lateral", found, known, sweep)
+    keep_sweep(run, "pair", "lateral", found, sweep)
