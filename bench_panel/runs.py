@@ -18,7 +18,7 @@ from bench_panel.kept_rig import KeptRig
 from bench_panel.watch import Watch
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.units import s
-from bench_protocol.words import SIDES, TO_SAFE
+from bench_protocol.words import SIDES
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
@@ -91,6 +91,8 @@ class Runs:
         CannotDo, in the words of `astb run`, if it refuses.
         """
         stops = self._stops
+        if self._watch.lacks_stop:
+            raise CannotDo(f"no run starts without a stop: {self._watch.lacks_stop}; add one to its wiring")
         refuse_settings(plan, settings)
         with self._starts:  # whoever clicks twice starts one
             if self.going:
@@ -157,6 +159,8 @@ class Runs:
         and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
         not hear of it.
         """
+        if self._watch.lacks_stop and not self.going:
+            raise CannotDo(f"press the emergency stop on the rig: {self._watch.lacks_stop}")
         self._stops += 1
         at, pid, by = wall_time_ns(), self._watch.status.pid, by.strip() or SOMEBODY
         try:
@@ -198,7 +202,7 @@ class Runs:
 
     def _directly(self) -> str:
         try:
-            self._watch.act(TO_SAFE)
+            self._watch.go_safe()
         except BenchError as error:
             rig = self._watch.present()
             if not rig.link and rig.at_rest:

@@ -110,6 +110,7 @@ def _about(parts: Parts) -> dict[str, Any]:
         "dimensions": parts.watch.dimensions,
         "assumed": any(one.source == ASSUMED for one in parts.watch.limits),
         "contacts": CONTACTS,
+        "lacks_stop": parts.watch.lacks_stop,
         "views": [{"name": view.name, "title": view.title} for view in VIEWS],
     }
 

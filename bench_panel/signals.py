@@ -1,16 +1,16 @@
 """The signals that the panel shows: how each is called, its unit and decimals, its limits, where it stands."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
 from astb.rig_limits import KnownLimit
 from bench_protocol.signals import PANELS, Group, Signal
 from bench_protocol.table_signals import MEASUREMENTS
-from bench_protocol.units import FACTORS
+from bench_protocol.units import UNITS
 from bench_protocol.words import LimitKind
-from bench_records.replay import DECIMALS
+from bench_records.replay import DECIMALS, WRITTEN
 
 #: What is read from two metres away, in this order.
 KEY: Final = (
@@ -24,7 +24,6 @@ KEY: Final = (
     "lateral.force",
     "supply.pressure",
 )
-_UNITS: Final = {"m/s2": "m/s²"}
 
 
 class Shown(msgspec.Struct, frozen=True):
@@ -36,9 +35,14 @@ class Shown(msgspec.Struct, frozen=True):
     unit: str
     decimals: int
     factor: float  #: SI value of one unit
+    zero: float  #: SI value where the unit begins to count: 273.15 K for °C
     low: float | None  #: the nearest lower limit that is known
     high: float | None
     key: bool
+
+    def of(self, value: Any) -> Any:
+        """Return a value (SI), or an array of values, in the unit."""
+        return (value - self.zero) / self.factor
 
 
 def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
@@ -49,18 +53,20 @@ def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
 
 def shown(signal: Signal, limits: Sequence[KnownLimit] = ()) -> Shown:
     """Return a measurement as people read it."""
-    factor = FACTORS[signal.unit]
+    read_in = "degC" if signal.unit == "K" else signal.unit
+    unit = UNITS[read_in]
     mine = [one.limit for one in limits if one.limit.signal == signal.name]
-    lows = [one.at / factor for one in mine if one.kind is LimitKind.LOWER]
-    highs = [one.at / factor for one in mine if one.kind is LimitKind.UPPER]
+    lows = [(one.at - unit.zero) / unit.factor for one in mine if one.kind is LimitKind.LOWER]
+    highs = [(one.at - unit.zero) / unit.factor for one in mine if one.kind is LimitKind.UPPER]
     assert isinstance(signal.group, Group), "a measurement has a group"
     return Shown(
         signal.name,
         signal.name.replace(".", " ").replace("_", " "),
         PANELS[signal.group],
-        _UNITS.get(signal.unit, signal.unit),
-        DECIMALS.get(signal.unit, 2),
-        factor,
+        WRITTEN.get(read_in, read_in),
+        DECIMALS.get(read_in, 2),
+        unit.factor,
+        unit.zero,
         max(lows, default=None),
         min(highs, default=None),
         signal.name in KEY,

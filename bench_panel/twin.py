@@ -12,7 +12,6 @@ from starlette.routing import Route
 from bench_panel.answers import answered
 from bench_panel.signals import shown
 from bench_protocol.table import TABLE
-from bench_protocol.units import FACTORS
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
 from bench_records.twin import TWIN, LastMinute, Parting, read_twin
@@ -59,9 +58,10 @@ def _read(minute: LastMinute) -> dict[str, Any]:
     channels = []
     for one in minute.channels:
         signal = shown(TABLE[one.channel])
+        zeros = {"measured": signal.zero, "expected": signal.zero, "band": 0.0}
         values = {
-            name: [None if value is None else value / signal.factor for value in getattr(one, name)]
-            for name in ("measured", "expected", "band")
+            name: [None if value is None else (value - zero) / signal.factor for value in getattr(one, name)]
+            for name, zero in zeros.items()
         }
         about = {name: getattr(signal, name) for name in ("name", "label", "unit", "decimals")}
         channels.append(about | values)
@@ -70,6 +70,10 @@ def _read(minute: LastMinute) -> dict[str, Any]:
 
 def _shown(parting: Parting) -> dict[str, Any]:
     """Return a parting with its values in the unit that people read."""
-    unit = TABLE[parting.channel].unit
-    values = {name: getattr(parting, name) / FACTORS[unit] for name in ("measured", "expected", "band")}
-    return to_builtins(parting) | values | {"unit": unit, "lasts": parting.lasts}
+    signal = shown(TABLE[parting.channel])
+    values = {
+        "measured": signal.of(parting.measured),
+        "expected": signal.of(parting.expected),
+        "band": parting.band / signal.factor,
+    }
+    return to_builtins(parting) | values | {"unit": signal.unit, "lasts": parting.lasts}

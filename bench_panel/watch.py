@@ -13,7 +13,7 @@ from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
-from astb.session import dimensions_of, open_wiring
+from astb.session import dimensions_of, open_wiring, wiring_of
 from bench_panel.beside import Beside
 from bench_panel.envelope import Envelope, Ints
 from bench_panel.signals import Shown, shown_signals
@@ -22,7 +22,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.system import LINUX
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
-from bench_protocol.words import FAULT_STATES, SIDES, LimitKind
+from bench_protocol.words import FAULT_STATES, SIDES, TO_SAFE, LimitKind
 from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Readings
 from drivers.settings import UNKNOWN
@@ -88,13 +88,16 @@ class Watch:
         self.rig, self.path = rig, path
         self.clock = RealClock()
         self.limits = known_limits(rig)
+        self.lacks_stop = _lacks_stop(rig, path)
         self.dimensions = {name: one.value for name, one in dimensions_of(rig, path).known.items()}
         self.shown: tuple[Shown, ...] = shown_signals(self.limits)
         rows = [TABLE.index[one.name] for one in self.shown]
         self._row = np.full(len(TABLE.signals), -1, np.int64)
         self._row[rows] = np.arange(len(rows))
-        self._factor = np.ones(len(TABLE.signals))
-        self._factor[rows] = [one.factor for one in self.shown]
+        self._factor, self._zero = np.ones(len(TABLE.signals)), np.zeros(len(TABLE.signals))
+        self._factor[rows], self._zero[rows] = zip(
+            *((one.factor, one.zero) for one in self.shown), strict=True
+        )
         self.row = {one.name: place for place, one in enumerate(self.shown)}
         self.envelope = Envelope(len(rows))
         self.status = Status(link="not connected yet")
@@ -127,6 +130,10 @@ class Watch:
     def act(self, name: str) -> None:
         """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""
         self._connected().settings.act(name)
+
+    def go_safe(self) -> None:
+        """Order the safe position while nobody commands the rig; BenchError if it refuses."""
+        self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
         """Return what is known of signals that come by themselves (SI), NaN where nothing is; the rig is not asked."""
@@ -202,7 +209,8 @@ class Watch:
         times, signals, values = (np.concatenate(column) for column in zip(*waiting, strict=True))
         rows = self._row[signals]
         kept = rows >= 0
-        numbers = (values[kept] / self._factor[signals[kept]]).astype(np.float32)
+        of = signals[kept]
+        numbers = ((values[kept] - self._zero[of]) / self._factor[of]).astype(np.float32)
         self.envelope.take(times[kept], rows[kept], numbers)
 
     def _alone(self, link: str) -> Status:
@@ -251,7 +259,7 @@ class Watch:
         sample = readings.sample(one.name) if _comes(readings, one.name) else None
         if sample is None:
             return KeyReading(one.name, None, None)
-        value = None if np.isnan(sample.value) else sample.value / one.factor
+        value = None if np.isnan(sample.value) else one.of(sample.value)
         return KeyReading(one.name, value, None if np.isinf(sample.age) else sample.age)
 
     def _lacking(self, listening: Listening) -> dict[str, str]:
@@ -261,6 +269,17 @@ class Watch:
             for one in self.shown
             if one.name in absent or np.isnan(readings.glimpse(one.name))
         }
+
+
+def _lacks_stop(rig: RigFile, path: Path) -> str:
+    """Return why this rig cannot be stopped over its wires; "" if it can."""
+    try:
+        wiring = wiring_of(rig, path)
+    except (BenchError, RigFileError, ValueError) as error:
+        return str(error)
+    if TO_SAFE not in wiring.absent or wiring.sequences.rest:
+        return ""
+    return f"the wiring of {rig.name} has no {TO_SAFE} and no orders to rest"
 
 
 def valves(listening: Listening) -> dict[str, str]:

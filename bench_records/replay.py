@@ -24,7 +24,8 @@ APART: Final = 0.1
 #: A reading stands for so long (s): the slowest comes once a second.
 STANDS: Final = 2.5
 _EVENTS: Final = 300
-_UNITS: Final = {"m/s2": "m/s²", "degC": "°C"}
+#: Units that are written otherwise than they are typed.
+WRITTEN: Final = {"m/s2": "m/s²", "degC": "°C"}
 _STATE: Final = "rig.state"
 
 
@@ -70,7 +71,7 @@ def _signal(record: Record, name: str, unit: str, numbers: PlotData, step: float
     return {
         "name": name,
         "label": name.replace(".", " ").replace("_", " "),
-        "unit": _UNITS.get(shown, shown),
+        "unit": WRITTEN.get(shown, shown),
         "decimals": decimals,
         "factor": info.scale if info else 1.0,
         "at": at,

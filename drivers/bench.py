@@ -279,18 +279,15 @@ class Bench(Link):
 
     def _give(self, order: Order) -> None:
         """Say at once what an order consists of, and give it time to show."""
-        kinds = {name: self.table[name].kind if name in self.table.index else None for name in order.values}
-
-        def of_kind(kind: Kind | None) -> dict[str, float]:
-            return {name: value for name, value in order.values.items() if kinds[name] is kind}
-
-        if setpoints := of_kind(Kind.SETPOINT):
+        index = self.table.index
+        setpoints = {
+            name: value
+            for name, value in order.values.items()
+            if name in index and self.table[name].kind is Kind.SETPOINT
+        }
+        if setpoints:
             self.commander.set_all(setpoints)
-        self.settings.write(of_kind(Kind.SETTING))
-        for name in of_kind(Kind.ACTION):
-            self.settings.act(name)
-        if points := of_kind(None):
-            self.wiring.say(points)
+        self.settings.give(order)
         if setpoints:
             self.wait_cycles(STREAM_CYCLES)
         elif latency := self.wiring.capabilities.latency:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
+from bench_protocol.clock import Clock
 from bench_protocol.signals import Kind
+from bench_protocol.units import NS
+from bench_protocol.words import TO_SAFE
 from drivers.errors import Misuse
-from drivers.wiring.contract import Wiring, refuse_absent
+from drivers.wiring.contract import Order, Sequences, Wiring, refuse_absent
 
 #: What a choice reads as while nothing is known of it: equal to no state.
 UNKNOWN: Final = "unknown"
+
+
+def stop_orders(absent: Collection[str], sequences: Sequences) -> tuple[Order, ...]:
+    """Return the orders of a stop on a rig without the action `TO_SAFE`; none if it has it, or has no stop at all."""
+    return sequences.rest if TO_SAFE in absent else ()
 
 
 class Settings:
@@ -80,6 +88,26 @@ class Settings:
             raise Misuse(f"there is no action {name!r}; there are {', '.join(actions)}")
         refuse_absent(self._wiring, name)
         self._wiring.act(name)
+
+    def give(self, order: Order) -> None:
+        """Give the settings, actions and points of an order; its set-points are for the commander."""
+        kinds = {name: self._table[name].kind if name in self._table.index else None for name in order.values}
+        self.write({name: order.values[name] for name in kinds if kinds[name] is Kind.SETTING})
+        for name in (name for name in kinds if kinds[name] is Kind.ACTION):
+            self.act(name)
+        if points := {name: order.values[name] for name in kinds if kinds[name] is None}:
+            self._wiring.say(points)
+
+    def go_safe(self, clock: Clock) -> None:
+        """Order the safe position: by its action, or by the orders to rest of a rig that has no such action.
+
+        NotAvailable if the rig has neither.
+        """
+        if not (orders := stop_orders(self._wiring.absent, self._wiring.sequences)):
+            return self.act(TO_SAFE)
+        for order in orders:
+            self.give(order)
+            clock.sleep_until(clock.now() + round(self._wiring.capabilities.latency * NS))
 
     def contact(self, name: str) -> bool:
         """Return whether a contact of the interlocks is on."""

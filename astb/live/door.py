@@ -18,7 +18,6 @@ import msgspec
 
 from astb.live.model import Live
 from bench_protocol.system.own_folder import own_directory
-from bench_protocol.words import TO_SAFE
 from bench_sim.rig.control_socket import LINE_MAX, ask, control_path, is_alive
 from drivers.errors import BenchError
 
@@ -94,7 +93,7 @@ class Door:
                 # First the bench, and then the plan, which might arm it again.
                 try:
                     if (live := self._live()) is not None:
-                        live.bench.settings.act(TO_SAFE)
+                        live.bench.settings.go_safe(live.bench.clock)
                 finally:
                     self._interrupt()
                 return {"done": do, "bench": live is not None}

@@ -15,6 +15,11 @@ const LOOPS = [
 ];
 const NEAR = 0.04; // of the way between two limits: so close is near
 const ALARMS = ["estop", "pneumatic", "program", "limits", "fault"];
+/** What each contact says: off, on. */
+const CONTACTS = {
+  estop: ["released", "pressed"], pneumatic: ["closed", "open"], program: ["closed", "open"], command: ["none", "received"],
+  limits: ["none tripped", "tripped"], fault: ["none", "latched"], staged: ["none", "waiting"],
+};
 const AT_REST = ["pneumatic", "program"]; // open while the bench rests, as they should be
 
 export function show(element, panel) {
@@ -86,18 +91,22 @@ function margin({ low, high }, value) {
 }
 
 function interlocks(contacts) {
-  const items = Object.entries(contacts).map(([name, description]) => [name, make("li", { title: description }, name.replace("interlock.", "").replace("estop", "emergency stop"))]);
+  const items = Object.keys(contacts).map((name) => {
+    const says = make("b");
+    return [name, make("li", {}, `${name.replace("interlock.", "").replace("estop", "emergency stop")}: `, says), says];
+  });
   const first = make("p", { class: "first" });
   const { button, text } = help(...Object.keys(contacts).map((name) => name.replace("interlock.", "")));
   return {
     element: make("section", { class: "card", "aria-label": "interlocks" }, make("h2", {}, "Interlocks", button), text, make("ul", { class: "locks" }, ...items.map(([, item]) => item)), first),
     tell(rig) {
       const broken = rig.state.startsWith("FAULT") || rig.state === "ESTOP";
-      for (const [name, item] of items) {
+      for (const [name, item, says] of items) {
         const [on, known] = [rig.contacts[name], name in rig.contacts];
         const short = name.replace("interlock.", "");
         const open = ALARMS.includes(short) && on;
         const rests = open && rig.at_rest && !broken && AT_REST.includes(short);
+        says.textContent = known ? CONTACTS[short][Number(on)] + (rests ? " at rest" : "") : "not known";
         item.className = !known || rests ? "" : open ? "alarm" : name === "interlock.command" ? (on ? "fine" : "") : name === "interlock.staged" ? "" : "fine";
       }
       first.textContent = rig.first_out ? `First out: ${rig.first_out}` : "";

@@ -60,10 +60,10 @@ function tell() {
   state.className = `state ${fault ? "fault" : LIVE.includes(rig.state) ? "up" : ""}`;
   find("state").textContent = rig.state.replaceAll("_", " ");
   find("why").textContent = [rig.reason, fault && rig.first_out].filter(Boolean).join(", ");
-  const watches = !access.token;
-  document.getElementById("estop").classList.toggle("watching", watches);
-  find("stops").textContent = watches ? "not from this page" : "by software";
-  find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", nobody commands"}`;
+  const idle = panel.about.lacks_stop ? "none on this rig" : access.token ? "" : "not from this page";
+  document.getElementById("estop").classList.toggle("watching", idle !== "");
+  find("stops").textContent = idle || "by software";
+  find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", no run on the rig"}`;
   seat(access);
   document.title = tabTitle(status, stale, fault, find("rig").textContent);
 }

@@ -109,7 +109,7 @@ function running(order) {
         failed.replaceChildren(failures(run.failed) ?? "");
       }
       beside.replaceChildren(...besides(run.twin));
-      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.question ? "" : run.said;
+      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it. If none comes, the run goes on to its end" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
         const to = run.question;

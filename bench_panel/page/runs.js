@@ -51,7 +51,7 @@ export function show(element, panel) {
     const shown = runs.filter((run) => Object.entries(filters).every(([column, one]) => !one.value || run[column] === one.value)
       && run.directory.startsWith(ARCHIVE) === archived.checked && words.every((word) => told_of(run).includes(word)));
     for (const one of marked) if (!shown.some((run) => run.directory === one)) marked.delete(one);
-    list.replaceChildren(table(["", "verdict", "run", "when", "plan", "specimen", "took"], shown.map(row)));
+    list.replaceChildren(table(["compare", "verdict", "run", "when", "plan", "specimen", "took"], shown.map(row)));
     pair();
   }
 
@@ -151,7 +151,7 @@ export function show(element, panel) {
     const { link, mark } = trends(run, new Set());
     checks.hidden = false;
     checks.replaceChildren(
-      make("h3", {}, run.directory, button),
+      make("h2", { class: "title" }, run.directory, button),
       text,
       run.reason ? make("p", { class: "said" }, run.reason) : "",
       moving(run),

@@ -58,7 +58,7 @@ export function show(element, panel) {
     const { found, error } = await asked(`/api/specimens/one?name=${encodeURIComponent(of)}`);
     facts.hidden = false;
     if (error) return facts.replaceChildren(make("p", { class: "wrong" }, error));
-    facts.replaceChildren(make("h3", {}, found.name), make("p", { class: "said" }, found.error || `${found.type}, no. ${found.serial_number}, ${found.drawing}`),
+    facts.replaceChildren(make("h2", { class: "title" }, found.name), make("p", { class: "said" }, found.error || `${found.type}, no. ${found.serial_number}, ${found.drawing}`),
       table(["what", "value or limits", "provenance", "source"], found.rows.map((row) => ({ cells: [row.name, row.says, row.provenance, row.source] }))));
     facts.scrollIntoView({ block: "nearest" });
   }

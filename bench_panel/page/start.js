@@ -22,6 +22,8 @@ export function starting(panel, order, told) {
   const reset = make("button", {}, "Reset fault");
   const vent = make("button", {}, "Vent springs");
   const last = make("div", { id: "last" });
+  const lacks = panel.about?.lacks_stop ?? "";
+  const stopless = make("p", { class: "wrong" }, lacks && `No run starts without a stop: ${lacks}.`);
   const { button, text } = help("AW0", "AW3", "specimen", "hold");
 
   function offer(found) {
@@ -88,10 +90,10 @@ export function starting(panel, order, told) {
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
       make("label", { class: "check", title: "The model runs beside the rig, and tells where they part, since when, and which cause would explain it." }, twin, " watched by its model"),
-      make("div", { class: "buttons" }, begin, rehearse), rehearsed, make("div", { class: "buttons" }, reset, vent)),
+      make("div", { class: "buttons" }, begin, rehearse), stopless, rehearsed, make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";
-      begin.disabled = !access.seat || lost;
+      begin.disabled = !access.seat || lost || lacks !== "";
       rehearse.disabled = !access.seat;
       reset.disabled = vent.disabled = !access.seat || lost;
       const key = JSON.stringify([runs.last, runs.stopped]);

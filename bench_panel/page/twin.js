@@ -108,7 +108,7 @@ function parting(one) {
   const state = one.withdrawn ? "withdrawn" : one.over !== null ? `over since ${at(one.over)}` : "lasts";
   const began = one.earliest === null ? at(one.since) : `${at(one.since)} (${fixed(one.earliest, 1)} to ${fixed(one.latest, 1)})`;
   return make("section", { class: "card parting" },
-    make("h3", {}, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
+    make("h2", { class: "title" }, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
     make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), fact("apart", bands, "bands"), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
     residual(bands),
     causes.length

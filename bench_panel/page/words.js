@@ -20,13 +20,13 @@ export const WORDS = {
   "interrupted": "The run was cut off before it could write its result; what was recorded until then is kept.",
   "running": "The run is in progress.",
   // the contacts of the rig
-  "estop": "The emergency stop of the hardware is pressed. Release the button, then reset.",
+  "estop": "The emergency stop of the hardware. After it was pressed: release the button, then reset.",
   "pneumatic": "The interlock that removes pressure. It is open while the bench is at rest, and closes when the air is on.",
   "program": "The interlock that stops the function generator. It is open while the bench is at rest, and closes before it moves.",
-  "command": "Valid commands arrive in time: somebody commands the rig.",
-  "limits": "A limit has tripped since the last reset.",
-  "fault": "A fault is kept until somebody resets it.",
-  "staged": "Settings were written to the rig and do not act yet; they take effect together when they are applied.",
+  "command": "Whether valid commands arrive in time.",
+  "limits": "Whether a limit has tripped since the last reset.",
+  "fault": "Whether a fault is latched, which a reset clears.",
+  "staged": "Whether settings were written to the rig that do not act yet; they take effect together when they are applied.",
 };
 
 /** A button with "?" that says beside it what a word means. */

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from bench_protocol.units import NS, bar, kN, mm
+from bench_protocol.words import TO_SAFE
 from drivers.errors import LinkLost, NotAvailable, Refused, RigFault
 from tests.foreign import AT_REST
 from tests.foreign.virtual import VirtualHall, VirtualPlc
@@ -25,6 +26,14 @@ def strange(request):
         yield SimpleNamespace(
             name=request.param, virtual=virtual, rig=virtual.rig, clock=virtual.clock, bench=bench
         )
+
+
+def test_a_stop_needs_no_action_where_orders_lead_to_rest(strange):
+    strange.bench.arm()
+    assert TO_SAFE in strange.bench.wiring.absent
+    strange.bench.settings.go_safe(strange.clock)
+    wait(strange.clock, 10)
+    assert strange.bench.rig.state == "DISABLED"
 
 
 def test_the_bench_is_armed_moved_and_brought_to_rest(strange):

@@ -27,14 +27,14 @@ def test_a_run_that_does_not_answer_is_killed_by_a_stop(client, door, parts, mon
 
 def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, monkeypatch):
     door.answer, acts = None, []
-    monkeypatch.setattr(parts.watch, "act", acts.append)
+    monkeypatch.setattr(parts.watch, "go_safe", lambda: acts.append("safe"))
     assert client().post("/api/estop").status_code == 200
-    assert acts == ["action.disable"]
+    assert acts == ["safe"]
 
-    def refused(name):
+    def refused():
         raise Refused("no authority", 6)
 
-    monkeypatch.setattr(parts.watch, "act", refused)
+    monkeypatch.setattr(parts.watch, "go_safe", refused)
     told = client().post("/api/estop")
     assert told.status_code == 409
     assert "press the emergency stop on the rig" in told.json()["error"], (
@@ -78,6 +78,17 @@ def test_a_run_that_hears_nothing_is_still_a_run_that_a_stop_ends(parts, monkeyp
     assert parts.watch._run() == (None, 4711)
 
 
+def test_a_rig_without_a_stop_offers_neither_stop_nor_start(client, door, parts):
+    door.answer = None
+    parts.watch.lacks_stop = "the wiring of hall has no action.disable and no orders to rest"
+    page = client()
+    assert page.get("/api/rig").json()["lacks_stop"] == parts.watch.lacks_stop
+    stop = page.post("/api/estop")
+    assert stop.status_code == 409 and "press the emergency stop on the rig" in stop.json()["error"]
+    start = page.post("/api/run/start", json={"plan": "aw0"})
+    assert start.status_code == 409 and parts.watch.lacks_stop in start.json()["error"]
+
+
 class Process(SimpleNamespace):
     """In the place of a process that was started and goes on until it is killed."""
 
@@ -114,7 +125,7 @@ def test_whoever_clicks_twice_starts_one_run(parts, monkeypatch):
 def test_a_stop_while_a_run_is_being_started_ends_it(parts, door, monkeypatch):
     """Before there is a process, the stop reaches the rig alone; the run would arm it again."""
     door.answer = None
-    monkeypatch.setattr(parts.watch, "act", lambda name: None)
+    monkeypatch.setattr(parts.watch, "go_safe", lambda: None)
     started = []
 
     def popen(*_, **__):
