@@ -13,12 +13,11 @@ from astb.operators import with_hand
 from astb.rig_file import RigFile, RigFileError, find_rig
 from astb.run import describe, new_directory, undisturbed
 from astb.session import open_session
-from bench_protocol.suggestion import meant
 from bench_records.checksums import write_sums
 from bench_records.report import write_report
 from bench_sim.parameters import load
 from drivers.errors import BenchError
-from test_plans.discovery import in_file, plans
+from test_plans.discovery import in_file, plans, unknown
 from test_plans.execution import execute
 from test_plans.operator import Script
 from test_plans.run import PlanError
@@ -174,7 +173,6 @@ def find_plan(plan: "str | Plan") -> "Plan":
         if len(found) != 1:
             raise PlanError(f"{plan} declares several plans, {', '.join(found)}: give one of them itself")
         return next(iter(found.values()))
-    known = plans()
-    if plan not in known:
-        raise PlanError(f"there is no plan {plan!r}; {meant(plan, known)}")
-    return known[plan]
+    if plan not in plans():
+        raise PlanError(unknown(plan))
+    return plans()[plan]

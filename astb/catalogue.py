@@ -5,13 +5,14 @@ of them; `--plan-set amplitude=20mm` gives a parameter, as `astb run --set` does
 name. The plugin of pytest gives the fixtures; a plan that is blocked, or cannot measure everything, does not pass.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING
 
 import pytest
 
-from test_plans.discovery import plans
+from test_plans.discovery import plans, unusable
 from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
 
@@ -38,6 +39,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "plan" not in metafunc.fixturenames:
         return
     given = dict(text.partition("=")[::2] for text in metafunc.config.getoption("astb_settings"))
+    for one in unusable():
+        warnings.warn(one, stacklevel=1)
     judging = [one for one in plans().values() if one.judges]
     known = {one.name for plan in judging for one in plan.parameters}
     if unknown := given.keys() - known:

@@ -147,7 +147,17 @@ def pytest_runtest_makereport(
         # As text, so that it also comes home from the workers of pytest-xdist.
         report.blocked = why  # type: ignore[attr-defined]
         report.longrepr = f"blocked by {why}"
+    elif report.failed and error and _is_misuse(error):
+        report.misuse = True  # type: ignore[attr-defined]
+        report.longrepr = str(error)
     return report
+
+
+def _is_misuse(error: BaseException) -> bool:
+    """Whether the test asks for a plan that there is not."""
+    from test_plans.run import PlanError
+
+    return isinstance(error, PlanError)
 
 
 def _whose_fault(error: BaseException) -> str:
@@ -160,7 +170,9 @@ def _whose_fault(error: BaseException) -> str:
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Count what is blocked apart from what failed."""
+    """Count what is blocked, and plans that there are not, apart from what failed."""
+    if getattr(report, "misuse", False):
+        return "error", "E", "ERROR"
     return ("blocked", "B", "BLOCKED") if getattr(report, "blocked", "") else None
 
 

@@ -24,7 +24,7 @@ from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
 from test_plans.air_left import LIFTS
 from test_plans.analysis.readings import CHAMBERS
-from test_plans.discovery import plans
+from test_plans.discovery import plans, unknown
 from test_plans.parameters import ParameterRefused
 
 #: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
@@ -266,7 +266,7 @@ class Runs:
 def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
     """CannotDo, in the words of the command line, for a plan that there is not, or what it does not take."""
     if (known := plans().get(plan)) is None:
-        raise CannotDo(f"there is no plan {plan!r}")
+        raise CannotDo(unknown(plan))
     try:
         known.given(settings)
     except ParameterRefused as error:

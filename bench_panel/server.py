@@ -24,7 +24,7 @@ from bench_panel.stream import Stream
 from bench_panel.views import VIEWS
 from bench_panel.watch import CONTACTS
 from bench_records.layout import RecordError
-from test_plans.discovery import plans
+from test_plans.discovery import plans, unusable
 from test_plans.holding import can_be_held
 
 _PAGE: Final = Path(__file__).parent / "page"
@@ -124,6 +124,7 @@ def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
         raise RecordError(str(error)) from None
     return {
         "specimens": known.names(),
+        "unusable": unusable(),
         "plans": [
             {
                 "name": one.name,

@@ -1,4 +1,7 @@
-"""The test plans by name, found where they are declared: in `plans`, in packages, and in a folder of one's own."""
+"""The test plans by name, found where they are declared: in `plans`, in packages, and in a folder of the user.
+
+A file that cannot be used costs its own plans only; `unusable` lists such files with the reasons.
+"""
 
 import os
 import sys
@@ -11,9 +14,10 @@ from pathlib import Path
 from pkgutil import iter_modules
 from traceback import extract_tb
 from types import ModuleType
-from typing import Final
+from typing import Final, NamedTuple
 
 import test_plans.plans as inside
+from bench_protocol.suggestion import meant
 from test_plans.plan import Plan
 from test_plans.run import PlanError
 
@@ -21,28 +25,55 @@ from test_plans.run import PlanError
 GROUP: Final = "astb.plans"
 #: What names a folder with plans of one's own, every file in it.
 FOLDER: Final = "ASTB_PLANS"
+_OWN: Final = "own_plans."
+
+
+class Found(NamedTuple):
+    """What a search for plans found."""
+
+    plans: dict[str, Plan]  #: by name, in the order of their names
+    unusable: list[str]  #: files, modules and plans that cannot be used, each with place and reason
+
+
+def plans() -> dict[str, Plan]:
+    """Return all plans by name, in the order of their names."""
+    return find_all().plans
+
+
+def unusable() -> list[str]:
+    """Return in words which files, modules and plans cannot be used: where, and why."""
+    return find_all().unusable
+
+
+def unknown(name: str, otherwise: str = "") -> str:
+    """Return in words that there is no plan ``name``: what is near, and what cannot be used. See `meant`."""
+    return "; ".join([f"there is no plan {name!r}", meant(name, plans(), otherwise), *unusable()])
 
 
 @cache
-def plans() -> dict[str, Plan]:
-    """Return all plans by name, in the order of their names.
+def find_all() -> Found:
+    """Search all places for plans."""
+    wrong: list[str] = []
+    found = by_name(_modules(wrong))
+    return Found(found.plans, wrong + found.unusable)
 
-    PlanError if a file cannot be imported, or if two plans have one name.
-    """
-    return by_name(_modules())
 
-
-def by_name(modules: Iterable[ModuleType]) -> dict[str, Plan]:
-    """Return the plans that ``modules`` declare. PlanError if two have one name; it says where both stand."""
+def by_name(modules: Iterable[ModuleType]) -> Found:
+    """Return the plans that ``modules`` declare. Of two plans with one name the first counts."""
     found: dict[str, tuple[Plan, str]] = {}
+    wrong = []
     for module in modules:
         for plan in declared(module):
-            other, where = found.setdefault(plan.name, (plan, module.__name__))
+            other, where = found.setdefault(plan.name, (plan, _shown(module)))
             if other is not plan:
-                raise PlanError(
-                    f"two plans are named {plan.name}, in {where} and in {module.__name__}: rename one"
+                wrong.append(
+                    f"{_shown(module)}: there is a plan {plan.name} already, in {where}: another name is needed"
                 )
-    return {name: found[name][0] for name in sorted(found)}
+    return Found({name: found[name][0] for name in sorted(found)}, wrong)
+
+
+def _shown(module: ModuleType) -> str:
+    return module.__name__.removeprefix(_OWN)
 
 
 def in_file(path: Path) -> dict[str, Plan]:
@@ -65,22 +96,27 @@ def declared(module: ModuleType) -> Iterator[Plan]:
                 yield one
 
 
-def _modules() -> Iterator[ModuleType]:
+def _modules(wrong: list[str]) -> Iterator[ModuleType]:
+    """Yield all modules with plans; append to ``wrong`` why one cannot be imported."""
     names = [f"{inside.__name__}.{module.name}" for module in iter_modules(inside.__path__)]
     for name in (*names, *(entry.module for entry in entry_points(group=GROUP))):
         try:
             yield import_module(name)
-        except Exception as error:
-            raise PlanError(f"{name} cannot be imported: {type(error).__name__}: {error}") from error
+        except (Exception, SystemExit) as error:
+            wrong.append(f"{name} cannot be imported: {type(error).__name__}: {error}")
     if folder := os.environ.get(FOLDER):
         if not Path(folder).is_dir():
-            raise PlanError(f"{FOLDER} = {folder} is no folder; one with plans of your own would be right")
-        yield from map(_module_of, sorted(Path(folder).glob("*.py")))
+            wrong.append(f"{FOLDER} = {folder} is no folder; one with plans of your own would be right")
+        for path in sorted(Path(folder).glob("*.py")):
+            try:
+                yield _module_of(path)
+            except PlanError as error:
+                wrong.append(str(error))
 
 
 def _module_of(path: Path) -> ModuleType:
     """Return what a Python file that belongs to no package declares; it is run once."""
-    name = f"own_plans.{path.resolve()}"
+    name = f"{_OWN}{path.resolve()}"
     if name in sys.modules:
         return sys.modules[name]
     if not path.is_file():
@@ -90,7 +126,7 @@ def _module_of(path: Path) -> ModuleType:
     module = sys.modules[name] = module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         line = next((at for file, at in _places(error) if file == str(path)), None)
         where = f"{path}, line {line}" if line else path

@@ -11,7 +11,6 @@ from astb.commands.completion import complete_plans
 from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
 from astb.exit_codes import misuse
 from astb.tables import print_json
-from bench_protocol.suggestion import meant
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,16 +27,17 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
     A NAME that ends in .py is a file of your own. `astb plans new NAME` writes one to begin with, into the folder
     ASTB_PLANS if the environment names one, whose plans have names as the others do.
     """
+    from test_plans.discovery import plans, unusable
     from test_plans.specimen import ordinary
 
     if names[:1] == ("new",):
         _write_new(names[1:])
         return
     if as_json:
-        named = plans_named(names) if names else known_plans().values()
+        named = plans_named(names or plans())
         print_json([_facts(plan.on(ordinary())) for plan in named])
         return
-    for plan in (plan.on(ordinary()) for plan in plans_named(names)):
+    for plan in (plan.on(ordinary()) for plan in (plans_named(names) if names else ())):
         click.echo(f"{plan.name}\n\n{plan.instruction}\n")
         for one in plan.parameters:
             click.echo(f"    --set {one.name + '=' + one.show(one.default):<32} {one.allowed}")
@@ -48,7 +48,7 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
         for check in plan.checks:
             click.echo(f"    checks {check.shown}: {check.about}")
     if not names:
-        known = known_plans()
+        known = plans()
         width = max(map(len, known))
         for heading, judges in (
             ("plans that judge", True),
@@ -58,6 +58,8 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
             for name, plan in known.items():
                 if plan.judges is judges:
                     click.echo(f"  {name:<{width}}  {plan.on(ordinary()).title}")
+        if unusable():
+            click.echo("\n  ".join(["cannot be used:", *unusable()]))
 
 
 def _facts(plan: "Plan") -> dict[str, Any]:
@@ -181,7 +183,7 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_jso
 
 
 def _write_new(names: tuple[str, ...]) -> None:
-    from test_plans.discovery import FOLDER
+    from test_plans.discovery import FOLDER, plans
     from test_plans.new import write_new
     from test_plans.run import PlanError
 
@@ -189,7 +191,7 @@ def _write_new(names: tuple[str, ...]) -> None:
         misuse("one name is wanted, as in `astb plans new pressure_is_kept`")
     folder = os.environ.get(FOLDER, "")
     try:
-        path = write_new(names[0], Path(folder), known_plans())
+        path = write_new(names[0], Path(folder), plans())
     except PlanError as error:
         misuse(error)
     click.echo(f"{path}: try it with `astb run {names[0] if folder else path} --virtual`")
@@ -197,7 +199,7 @@ def _write_new(names: tuple[str, ...]) -> None:
 
 def plans_named(names: "Iterable[str]") -> "list[Plan]":
     """Return test plans by name, or those that a file of one's own declares; misuse if there are none."""
-    from test_plans.discovery import in_file
+    from test_plans.discovery import in_file, plans, unknown, unusable
     from test_plans.run import PlanError
 
     found: list[Plan] = []
@@ -208,19 +210,9 @@ def plans_named(names: "Iterable[str]") -> "list[Plan]":
             except PlanError as error:
                 misuse(error)
         else:
-            known = known_plans()
-            if name not in known:
-                misuse(f"there is no plan {name!r}; {meant(name, known, '`astb plans` lists them')}")
-            found.append(known[name])
+            if name not in plans():
+                misuse(unknown(name, "`astb plans` lists them"))
+            found.append(plans()[name])
+    for one in unusable():
+        click.echo(f"astb: {one}", err=True)
     return found
-
-
-def known_plans() -> "dict[str, Plan]":
-    """Return all test plans by name; misuse if a file with plans cannot be read."""
-    from test_plans.discovery import plans
-    from test_plans.run import PlanError
-
-    try:
-        return plans()
-    except PlanError as error:
-        misuse(error)

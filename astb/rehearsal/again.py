@@ -21,7 +21,7 @@ from bench_records.layout import RecordError
 from bench_records.record import Record, read
 from bench_records.result import Check, read_result
 from bench_sim.parameters.values import read_value
-from test_plans.discovery import plans
+from test_plans.discovery import plans, unknown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -135,7 +135,7 @@ def plan_of(record: Record) -> "Plan":
         )
     known = plans()
     if name not in known:
-        raise RecordError(f"{record.path}: there is no plan {name!r} here; the folder with it would be right")
+        raise RecordError(f"{record.path}: {unknown(name, 'the folder with it would be right')}")
     return known[name].given(meta.get("set", {}))
 
 

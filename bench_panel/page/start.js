@@ -11,6 +11,7 @@ export function starting(panel, order, told) {
   const about = make("p", { class: "said", id: "about" });
   const instruction = make("p", { class: "instruction" });
   const checked = make("dl", { class: "meanings" });
+  const unusable = make("p", { class: "said warning", id: "unusable" });
   const why = make("details", {}, make("summary", {}, "What it checks, and why"), checked);
   const fields = make("div");
   const specimen = make("select", { "aria-label": "specimen" });
@@ -32,6 +33,8 @@ export function starting(panel, order, told) {
     const group = (label, judges) => make("optgroup", { label }, ...found.plans.filter((one) => one.judges === judges).map((one) => make("option", { value: one.name, title: one.title }, one.name)));
     choice.replaceChildren(group("Plans that judge", true), group("Programmes for a diagnosis", false));
     if (plans.has(chosen)) choice.value = chosen;
+    unusable.textContent = found.unusable.length ? `Cannot be used: ${found.unusable.join("; ")}` : "";
+    unusable.hidden = !found.unusable.length;
     const now = specimen.value;
     specimen.replaceChildren(make("option", { value: "" }, "the bench's own"), ...found.specimens.map((one) => make("option", { value: one }, one)));
     specimen.value = found.specimens.includes(now) ? now : "";
@@ -86,7 +89,7 @@ export function starting(panel, order, told) {
   vent.addEventListener("click", () => order("/api/vent"));
 
   return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
+    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, unusable, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
       make("label", { class: "check", title: "The model runs beside the rig, and tells where they part, since when, and which cause would explain it." }, twin, " watched by its model"),

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from astb.commands.lists import known_plans
 from astb.rig_file import Simulation
 from astb.rig_in_memory import RigInMemory
 from astb.session import build_rig
@@ -18,6 +17,7 @@ from drivers.errors import Refused
 from drivers.wiring.astb.can import AstbListener
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
+from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.drivers.own_as_file import own_description
 
@@ -94,7 +94,7 @@ def test_both_wirings_hear_the_same(memory, described):
 def test_aw0_says_the_same_over_a_file_as_over_our_own_wiring(memory, tmp_path, generator):
     def run(bench: Bench, name: str) -> dict[str, tuple[str, float]]:
         with bench:
-            result = execute(known_plans()["aw0"], bench, tmp_path / name, rig="own", seed=0)
+            result = execute(plans()["aw0"], bench, tmp_path / name, rig="own", seed=0)
         assert result.verdict == "pass", result.reason
         return {check.name: (check.verdict, check.value) for check in result.checks}
 

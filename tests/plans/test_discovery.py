@@ -13,7 +13,6 @@ from bench_records.result import Outcome
 from test_plans import discovery
 from test_plans.execution import execute
 from test_plans.plans.under_load import aw0
-from test_plans.run import PlanError
 
 CREEP = '''
 """Creep: hold the load for a while."""
@@ -32,7 +31,7 @@ def creep(run: Run) -> None:
 @pytest.fixture
 def find():
     """Find all plans anew, now and whatever is changed."""
-    yield discovery.plans.__wrapped__
+    yield discovery.find_all.__wrapped__
     for name in ("our_plans", *(f"test_plans.{plan}" for plan in ("creep", "lateral_push", "symmetry"))):
         sys.modules.pop(name, None)
 
@@ -46,7 +45,7 @@ def module(name: str, **content: object) -> ModuleType:
 def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
     (tmp_path / "creep.py").write_text(CREEP)
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
-    found = find()
+    found = find().plans
     assert found["creep"].title == "Creep: hold the load for a while."
     assert list(found) == sorted(found)
 
@@ -56,7 +55,7 @@ def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypa
     code = re.search(r"`test_plans/plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
     (tmp_path / "symmetry.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
-    plan = find()["symmetry"]
+    plan = find().plans["symmetry"]
     with bench_composed() as made:
         assert execute(plan, made.bench, tmp_path / "sound").verdict is Outcome.PASS
     with bench_composed(effective_area=[0.26, 0.24]) as made:
@@ -71,7 +70,7 @@ def test_the_plan_with_parameters_in_the_how_to_works_to_the_letter(
     code = re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1]
     (tmp_path / "lateral_push.py").write_text(f'"""A push."""\n{code}', encoding="utf-8")
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
-    plan = find()["lateral_push"]
+    plan = find().plans["lateral_push"]
     with bench_composed() as made:
         result = execute(plan.given({"load": "AW3", "way": "8 mm"}), made.bench, tmp_path / "sound")
     assert result.verdict is Outcome.PASS, result.reason or result.checks
@@ -84,25 +83,26 @@ def test_a_package_of_ones_own_brings_plans_through_an_entry_point(find, tmp_pat
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("ours", "our_plans", discovery.GROUP)
     monkeypatch.setattr(discovery, "entry_points", lambda group: [entry] if group == entry.group else [])
-    assert "creep" in find()
+    assert "creep" in find().plans
 
 
-def test_two_plans_of_one_name_are_refused():
+def test_of_two_plans_with_one_name_the_first_counts():
     other = module("ours", mine=aw0.__class__("aw0", "", "", aw0.main, aw0.setup, aw0.teardown))
-    with pytest.raises(PlanError, match=r"two plans are named aw0, in theirs and in ours: rename one"):
-        discovery.by_name([module("theirs", aw0=aw0), other])
+    found = discovery.by_name([module("theirs", aw0=aw0), other])
+    assert found.plans == {"aw0": aw0}
+    (told,) = found.unusable
+    assert all(word in told for word in ("ours", "theirs", "aw0"))
 
 
 def test_a_plan_that_a_file_only_imports_is_no_second_one():
-    assert discovery.by_name([module("its", aw0=aw0), module("another", aw0=aw0, both=(aw0, aw0))]) == {
-        "aw0": aw0
-    }
+    found = discovery.by_name([module("its", aw0=aw0), module("another", aw0=aw0, both=(aw0, aw0))])
+    assert found == ({"aw0": aw0}, [])
 
 
 def test_a_file_that_cannot_be_imported_is_named(find, tmp_path, monkeypatch):
     (tmp_path / "half_written.py").write_text("def f(:\n")
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
-    with pytest.raises(
-        PlanError, match=r"test_plans\.plans\.half_written cannot be imported: SyntaxError: .*line 1"
-    ):
-        find()
+    found = find()
+    assert "aw0" in found.plans
+    (told,) = found.unusable
+    assert re.search(r"test_plans\.plans\.half_written cannot be imported: SyntaxError: .*line 1", told)

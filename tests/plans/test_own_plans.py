@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -9,10 +10,11 @@ from click.testing import CliRunner
 from astb.api import find_plan
 from astb.cli import commands
 from astb.exit_codes import MISUSE, PASS
+from bench_panel.server import _plans
 from bench_records.result import Outcome
-from test_plans.discovery import FOLDER, in_file, plans
+from test_plans.discovery import FOLDER, find_all, in_file, plans, unusable
 from test_plans.execution import execute
-from test_plans.new import write_new
+from test_plans.new import _TEXT, write_new
 from test_plans.run import PlanError
 
 
@@ -46,10 +48,46 @@ def test_the_command_writes_lists_and_describes_it(tmp_path, monkeypatch):
 def test_a_folder_of_plans_is_seen_by_name(tmp_path, monkeypatch):
     write_new("ours", tmp_path, ())
     monkeypatch.setenv(FOLDER, str(tmp_path))
-    assert plans.__wrapped__()["ours"].main.__name__ == "ours"
-    monkeypatch.setenv(FOLDER, str(tmp_path / "nowhere"))
-    with pytest.raises(PlanError, match=r"ASTB_PLANS = .*nowhere is no folder"):
-        plans.__wrapped__()
+    assert find_all.__wrapped__().plans["ours"].main.__name__ == "ours"
+
+
+BROKEN = {
+    "syntax.py": ("def f(:\n", "syntax.py, line 1"),
+    "missing.py": ("\nimport nothing_of_this_name\n", "missing.py, line 2"),
+    "division.py": ("\n\n1 / 0\n", "division.py, line 3"),
+    "end.py": ("import sys\nsys.exit(0)\n", "end.py, line 2"),
+    "bytes.py": (b"\xff\xfe\x00", "bytes.py"),
+    "twice.py": (_TEXT.format(name="aw0", Title="Another"), "twice.py"),
+}
+
+
+@pytest.mark.parametrize("name", [*BROKEN, "no folder"])
+def test_a_broken_file_costs_its_own_plans_only(tmp_path, monkeypatch, name):
+    folder = tmp_path / "plans"
+    if name != "no folder":
+        write_new("ours", folder.mkdir() or folder, ())
+        content, told = BROKEN[name]
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    else:
+        told = f"ASTB_PLANS = {folder} is no folder"
+    monkeypatch.setenv(FOLDER, str(folder))
+    find_all.cache_clear()
+    try:
+        assert {"aw0", *({"ours"} if folder.exists() else ())} <= plans().keys()
+        (one,) = unusable()
+        assert told in one
+        code, said = astb("plans")
+        assert code == PASS and one in said and "  aw0 " in said
+        done = CliRunner().invoke(commands, ["plans", "--json"])
+        assert {plan["name"] for plan in json.loads(done.stdout)} == set(plans())
+        assert one in done.stderr
+        code, said = astb("run", "sytnax")
+        assert (code, one in said) == (MISUSE, True)
+        told_page = _plans(SimpleNamespace(out=tmp_path), "")
+        assert told_page["unusable"] == [one]
+        assert {plan["name"] for plan in told_page["plans"]} == set(plans())
+    finally:
+        find_all.cache_clear()
 
 
 @pytest.mark.parametrize(

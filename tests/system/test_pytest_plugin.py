@@ -143,6 +143,16 @@ def test_the_catalogue_is_a_test_for_each_plan_that_judges_and_each_of_its_choic
 
 
 @pytest.mark.slow
+def test_a_plan_that_there_is_not_is_an_error_with_a_suggestion(tmp_path):
+    (tmp_path / "test_it.py").write_text("def test_it(run):\n    run('leakdown')\n")
+    code, said = pytest_run(tmp_path, "test_it.py")
+    assert code == 1
+    assert "1 error" in said and "failed" not in said
+    assert "did you mean 'leak_down'?" in said
+    assert "Traceback" not in said and "find_plan" not in said
+
+
+@pytest.mark.slow
 def test_a_plan_of_the_catalogue_passes_on_a_sound_rig_and_leaves_its_record(tmp_path):
     options = ("--pyargs", "astb.catalogue", "-k", "tightness", "--plan-set", "hold=20s")
     code, said = pytest_run(tmp_path, *options, "--rig-records", "runs")
