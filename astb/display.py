@@ -152,8 +152,8 @@ class ProgressDisplay:
             self._live.checked(check)
         self._print(f"  {check}", _COLOURS[check.verdict])
 
-    def conclude(self, result: Result, directory: Path) -> None:
-        """Show the verdict on a plan and where its report lies."""
+    def conclude(self, result: Result, directory: Path, *, deviates: bool) -> None:
+        """Show the verdict on a plan, whether the rig deviates from its model, and where the report lies."""
         if self._live is not None:
             self._live.conclude(result)
             self._screen.run = None
@@ -161,6 +161,8 @@ class ProgressDisplay:
         said = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
         reason = f": {said}" if said else ""
         self._print(f"{result.plan}: {result.verdict.upper()}{reason}", f"bold {colour}")
+        if deviates:
+            self._print("  the rig deviates from its model: see above, and the report", "bold yellow")
         self._print(f"  report: {directory / REPORT}")
 
     def _print(self, text: str, style: str = "") -> None:

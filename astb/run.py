@@ -5,7 +5,7 @@ import platform
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
@@ -34,6 +34,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.printing import write_pdf
 from bench_records.report import write_report
 from bench_records.result import Outcome, Result, read_result
+from bench_records.twin import read_twin
 from bench_sim.parameters.effects import show_effect
 from drivers.can_files.frames import CanLogError
 from test_plans.execution import IN_TEAR_DOWN, execute
@@ -82,15 +83,15 @@ def run_plans(
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
     keeping: Keeping = Keeping(),
-) -> list[Result]:
-    """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
+) -> list[tuple[Result, Path]]:
+    """Run ``plans`` one after the other, each into a new directory in ``out``; return results and directories.
 
     Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
     one session with the rig, and a plan that is blocked, or whose tear-down is, is the last; in virtual time each
     starts with a new one, so that what a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
-    results: list[Result] = []
+    results: list[tuple[Result, Path]] = []
     with (
         ProgressDisplay(shared_console()) as display,
         held_by_keyboard() as suspension,
@@ -102,15 +103,23 @@ def run_plans(
             keeping.messages.warn = display.warn
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(
+                result, directory = run_plan(
                     plan, session, rig, out, plan.name, display, specimen, operator, keeping, suspension
                 )
-                results.append(result)
+                results.append((result, directory))
                 if left_in_trouble(result) and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
     return results
+
+
+def deviates(directory: Path) -> bool:
+    """Return whether the run in ``directory`` deviated from a model that ran beside it."""
+    with suppress(RecordError):
+        story = read_twin(directory)
+        return story is not None and bool(story.deviations)
+    return False
 
 
 def left_in_trouble(result: Result) -> bool:
@@ -170,7 +179,7 @@ def run_plan(
         report = _reported(directory, display)
     if report and keeping.pdf:
         _print(report, display)
-    display.conclude(result, directory)
+    display.conclude(result, directory, deviates=deviates(directory))
     if keeping.messages:
         keeping.messages.ended(result, directory)
     if stopped:

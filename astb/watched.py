@@ -5,6 +5,7 @@ Only a plan that asks in virtual time waits, while its clock stands: no twin wou
 
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,6 +26,8 @@ _QUIET: Final = 3.0
 #: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
 _BEHIND: Final = 2.0
 _AGAIN: Final = 0.1
+#: Deviations are reported while the run lasts, at most so many s after the twin has kept them.
+_NEWS: Final = 0.5
 
 
 class _Pulse:
@@ -62,20 +65,21 @@ class TwinBeside:
     @property
     def parted(self) -> Parting | None:
         """What it says last of rig and model that part."""
-        story = self._caught_up() if self._virtual else self._story()
+        story = self._caught_up() if self._virtual else self.story()
         return story.parted if story is not None else None
 
     def _caught_up(self) -> TwinStory | None:
         now, wall = (self._clock.now() - self._begun) / NS, RealClock()
         until, pulse = wall.now() + round(_PATIENCE * NS), _Pulse(self._twin)
-        while (story := self._story()) is None or story.until < now - _BEHIND or _is_searched(story):
+        while (story := self.story()) is None or story.until < now - _BEHIND or _is_searched(story):
             self._still = self._still or pulse.still
             if not self.watching or wall.now() > until:
                 break
             wall.sleep_until(wall.now() + round(_AGAIN * NS))
         return story
 
-    def _story(self) -> TwinStory | None:
+    def story(self) -> TwinStory | None:
+        """What the twin has kept until now; None if there is nothing."""
         with suppress(OSError, RecordError):
             now = (self._directory / TWIN).stat().st_mtime_ns
             if now != self._read[0]:
@@ -106,13 +110,49 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
         text=True,
         start_new_session=True,
     )
+    news = _News(TwinBeside(twin, directory, clock), warn)
     try:
         yield TwinBeside(twin, directory, clock)
     finally:
-        _conclude(twin, directory, warn)
+        news.end()
+        _conclude(twin, directory, news, warn)
 
 
-def _conclude(twin: "subprocess.Popen[str]", directory: Path, warn: Callable[[str], None]) -> None:
+class _News:
+    """Warns of each deviation as soon as the twin has kept it, and again when its kind changes."""
+
+    def __init__(self, twin: TwinBeside, warn: Callable[[str], None]) -> None:
+        self._twin, self._warn = twin, warn
+        self._reported: dict[float, tuple[str, str]] = {}
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._follow, name="news of the twin", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop looking for news while the run lasts."""
+        self._ended.set()
+        self._thread.join()
+
+    def report(self, story: TwinStory, *, final: bool) -> None:
+        """Warn of what is new in ``story``; ``final``: of each sentence that has changed."""
+        for one in story.partings:
+            word = one.course[-1].word if one.course else ""
+            before = self._reported.get(one.told)
+            if one.sentence and (
+                before is None or before[0] != word or (final and before[1] != one.sentence)
+            ):
+                self._reported[one.told] = (word, one.sentence)
+                self._warn(one.sentence)
+
+    def _follow(self) -> None:
+        while not self._ended.wait(_NEWS):
+            if (story := self._twin.story()) is not None:
+                self.report(story, final=False)
+
+
+def _conclude(
+    twin: "subprocess.Popen[str]", directory: Path, news: _News, warn: Callable[[str], None]
+) -> None:
     wall, pulse, told, said = RealClock(), _Pulse(twin), False, ""
     while True:
         try:
@@ -134,7 +174,6 @@ def _conclude(twin: "subprocess.Popen[str]", directory: Path, warn: Callable[[st
     with suppress(RecordError):
         story = read_twin(directory)
         if story is not None:
-            for parting in story.partings:
-                warn(parting.sentence)
+            news.report(story, final=True)
             return
     warn(f"the twin did not work: {said.strip().splitlines()[-1] if said.strip() else 'it said nothing'}")

@@ -10,7 +10,7 @@ from astb.commands.completion import complete_plans
 from astb.commands.ending import end_in_order
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans, plan_value_options
-from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
+from astb.exit_codes import BLOCKED, DEVIATES, FAIL, INCOMPLETE, PASS, blocked, misuse
 from astb.messages import MessageError, Messages, receiver
 from astb.operators import operator_for
 from astb.rig_file import RigFileError
@@ -111,9 +111,9 @@ def run_command(
     what the springs still hold. A second signal ends that too, and further ones nothing: what was found is written.
 
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
-    passes and something is not available on it.
+    passes and something is not available on it, 6 if all passes but the rig deviates from its model (--watch).
     """
-    from astb.run import run_plans
+    from astb.run import deviates, run_plans
 
     chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
@@ -137,8 +137,11 @@ def run_command(
         misuse(error)
     except BenchError as error:
         blocked(error)
-    worst = max((result.verdict for result in results), key=list(_EXIT).index)
-    raise click.exceptions.Exit(_EXIT[worst])
+    worst = max((result.verdict for result, _ in results), key=list(_EXIT).index)
+    status = _EXIT[worst]
+    if status in (PASS, INCOMPLETE) and any(deviates(directory) for _, directory in results):
+        status = DEVIATES
+    raise click.exceptions.Exit(status)
 
 
 def _keeping(

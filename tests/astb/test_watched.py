@@ -1,5 +1,6 @@
 """A run with its twin as its plan sees it: what is known by now in real time, all of it in virtual time."""
 
+import queue
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ from astb import watched
 from astb.watched import TwinBeside
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.units import NS
-from bench_records.twin import Parting, TwinStory, write_twin
+from bench_records.twin import Parting, Said, TwinStory, write_twin
 from test_plans.beside import Alone
 from test_plans.plans.endurance import ASKED_EVERY, _wait_done
 
@@ -73,11 +74,34 @@ def test_a_twin_that_stands_still_does_not_hold_up_the_end_of_a_run(tmp_path, mo
     monkeypatch.setattr(watched, "_QUIET", 0.5)
     clock, told = RealClock(), []
     with subprocess.Popen([sys.executable, "-c", does], stderr=subprocess.PIPE, text=True) as twin:
-        watched._conclude(twin, tmp_path, told.append)
+        news = watched._News(TwinBeside(twin, tmp_path, clock), told.append)
+        news.end()
+        watched._conclude(twin, tmp_path, news, told.append)
         assert clock.now() < 60 * NS
         assert twin.returncode == (-9 if ended else 0)
     assert len(told) == 2, "why it takes long, and what became of it"
     assert (f"process {twin.pid}" in told[1]) == ended
+
+
+def test_a_deviation_is_reported_while_the_run_lasts_and_again_when_its_kind_changes(tmp_path, monkeypatch):
+    monkeypatch.setattr(watched, "_NEWS", 0.01)
+    lines: queue.Queue[str] = queue.Queue()
+    news = watched._News(TwinBeside(process(), tmp_path, RealClock()), lines.put)
+
+    def kept(word, sentence):
+        found = Parting(4.0, 3.0, "left.height", 0.0, 0.0, 0.0, sentence=sentence, course=(Said(4.0, word),))
+        write_twin(tmp_path, TwinStory("astb", 10.0, (), (found,)))
+
+    kept("told", "93 N below the model")
+    assert lines.get(timeout=30) == "93 N below the model"
+    kept("explained", "a leak of 0.5 mm²")
+    assert lines.get(timeout=30) == "a leak of 0.5 mm²"
+    news.end()
+    news.report(TwinBeside(process(), tmp_path, RealClock()).story(), final=True)
+    assert lines.empty(), "nothing is reported twice"
+    kept("explained", "a leak of 0.6 mm²")
+    news.report(TwinBeside(process(), tmp_path, RealClock()).story(), final=True)
+    assert lines.get_nowait() == "a leak of 0.6 mm²"
 
 
 class Generator:
