@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -33,6 +34,7 @@ from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
 from test_plans.preconditions import Precondition, today
+from test_plans.proofreading import mistakes
 from test_plans.punctuality import lateness, timing
 from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Heard, Nobody, Run, Watcher
@@ -190,16 +192,20 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
 def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool]:
     """Run the parts of a plan; return what went wrong before tear-down and in it, and whether the operator stopped it.
 
-    On a rig that cannot do what the plan needs, nothing is moved at all.
+    On a rig that cannot do what the plan needs, and with a plan that is written wrongly, nothing is moved at all.
     """
     if lacking := run.lacks(*plan.needs):
         trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot run without it"
         run.keep("error", trouble)
         return trouble, "", False
+    if wrong := mistakes(plan, run):
+        trouble = f"{WHOSE['plan']}: {'; '.join(wrong)}"
+        run.keep("error", trouble)
+        return trouble, "", False
     run.warnings += run.instruments.troubles(today(run))
     for told in run.warnings:
         run.say(told)
-    attempt = partial(_attempt, run, stops)
+    attempt = partial(_attempt, run, stops, plan)
     unmet, interrupted = attempt("preconditions", partial(_look_at, plan)) if plan.requires else ("", False)
     if unmet:
         return unmet, "", interrupted
@@ -303,7 +309,9 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
     return "; ".join(sorted((reason, *new), key=lambda one: not one.startswith(KEEP_AWAY)))
 
 
-def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:
+def _attempt(
+    run: Run, stops: Interruptions, plan: Plan, name: str, part: Callable[[Run], None]
+) -> tuple[str, bool]:
     """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
     interrupted, stopped = False, f"stopped by {_OPERATOR}"
     try:
@@ -312,7 +320,8 @@ def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], No
         return "", False
     except BenchError as error:
         hidden = _hidden(error) if name == "tear-down" else ""
-        trouble = f"{hidden}{WHOSE[error.fault]}: {error}"
+        place = f" ({_place(error, plan)})" if error.fault == "plan" else ""
+        trouble = f"{hidden}{WHOSE[error.fault]}: {error}{place}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}{_silent(run.bench)}"
     except ParameterRefused as error:
@@ -328,7 +337,7 @@ def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], No
     except KeyboardInterrupt:
         trouble, interrupted = f"stopped by {run.suspension.stopped_by or _OPERATOR}", True
     except (Exception, SystemExit) as error:  # what would end the program must not take the tear-down with it
-        trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
+        trouble = f"the plan: {type(error).__name__} at {_place(error, plan)}: {error}"
     try:
         run.keep("error", f"{name}: {trouble}")
         run.watcher.say(f"{name}: {trouble}")
@@ -358,11 +367,14 @@ def _silent(bench: Bench) -> str:
     return f"; no samples arrive of {', '.join(silent)}" if silent else ""
 
 
-def _place(error: Exception | SystemExit) -> str:
-    """The innermost line of a plan from which ``error`` came; with plans outside this package, the outermost one."""
+def _place(error: BaseException, plan: Plan) -> str:
+    """The innermost line of the file of ``plan`` from which ``error`` came; else of the steps of this package."""
     frames = traceback.extract_tb(error.__traceback__)
-    ours = Path(__file__)
-    outside = [frame for frame in frames if Path(frame.filename) != ours]
-    plans = [frame for frame in outside if Path(frame.filename).parent == ours.parent]
+    own = getattr(sys.modules.get(plan.main.__module__), "__file__", None)
+    machinery = [Path(__file__).with_name(f"{name}.py") for name in ("execution", "plan", "run")]
+    outside = [frame for frame in frames if Path(frame.filename) not in machinery]
+    plans = [frame for frame in outside if frame.filename == own] or [
+        frame for frame in outside if Path(frame.filename).parent == Path(__file__).parent
+    ]
     frame = (plans or outside or list(frames))[-1 if plans else 0]
     return f"{Path(frame.filename).name}:{frame.lineno}"

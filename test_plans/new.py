@@ -17,6 +17,7 @@ from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
+LEFT, RIGHT = "left.bellows_pressure", "right.bellows_pressure"
 EQUAL = CheckName(
     "pressure, left less right",
     "How much less air one spring needs for the same load: they differ, or one of them does not stand straight.",
@@ -31,8 +32,8 @@ def {name}(run: Run) -> None:
     pressures that differ by less than 70 mbar: the transducers are good for 25 mbar each.
     """
     with run.phase("at rest"):
-        mean = run.bench.averages("left.bellows_pressure", "right.bellows_pressure", over=2 * s)
-    difference = mean["left.bellows_pressure"] - mean["right.bellows_pressure"]
+        mean = run.bench.averages(LEFT, RIGHT, over=2 * s)
+    difference = run.measured(lambda means: means[LEFT] - means[RIGHT], mean, over=2 * s)  # with its uncertainty
     run.check(EQUAL, difference, "bar", low=-70 * mbar, high=70 * mbar)
 '''
 

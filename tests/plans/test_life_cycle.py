@@ -45,7 +45,9 @@ class FakeBench:
         self.state = "DISABLED"
         self.pressures = dict.fromkeys(SPRINGS, 0.0) | {"rig.state": STATES.index("DISABLED")}
         self.readings = SimpleNamespace(
-            told=lambda name: self.pressures.get(name, np.nan), show=lambda name: f"{name} is missing"
+            told=lambda name: self.pressures.get(name, np.nan),
+            glimpse=lambda name: np.nan,
+            show=lambda name: f"{name} is missing",
         )
         self.lost = False
         self.lacks = lambda *names: ""

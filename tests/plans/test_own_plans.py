@@ -11,11 +11,13 @@ from astb.api import find_plan
 from astb.cli import commands
 from astb.exit_codes import MISUSE, PASS
 from bench_panel.server import _plans
+from bench_protocol.units import mbar
 from bench_records.result import Outcome
 from test_plans.discovery import FOLDER, find_all, in_file, plans, unusable
 from test_plans.execution import execute
 from test_plans.new import _TEXT, write_new
-from test_plans.run import PlanError
+from test_plans.proofreading import mistakes
+from test_plans.run import PlanError, Run
 
 
 def astb(*words):
@@ -29,7 +31,9 @@ def test_a_new_plan_is_a_file_that_runs(tmp_path, bench_composed):
     own = find_plan(str(write_new("alike", tmp_path, ())))
     assert own.title == "Alike: under the same load, both springs rest at the same pressure."
     with bench_composed() as made:
-        assert execute(own, made.bench, tmp_path / "sound").verdict is Outcome.PASS
+        result = execute(own, made.bench, tmp_path / "sound")
+        assert result.verdict is Outcome.PASS
+        assert 1 * mbar < result.checks[0].u < 50 * mbar
     with bench_composed(effective_area=[0.26, 0.24]) as made:
         assert execute(own, made.bench, tmp_path / "unlike").verdict is Outcome.FAIL
 
@@ -120,3 +124,89 @@ def test_a_name_that_cannot_be_is_refused(tmp_path, name):
 def test_what_is_nearly_a_name_is_asked_back():
     code, said = astb("run", "leakdown", "--virtual")
     assert (code, "there is no plan 'leakdown'; did you mean 'leak_down'?" in said) == (MISUSE, True)
+
+
+HEAD = """
+from bench_protocol.units import bar, s
+from test_plans.plan import plan
+
+
+@plan(lasts=1 * s)
+def ours(run):
+    \"\"\"Ours.\"\"\"
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("run.check('pressure', 1 * bar, 'kPaa', low=0.0)", "'kPaa'"),
+        ("run.check('pressure', 1 * bar, unit='baar', low=0.0)", "'bar'"),
+        ("run.bench.averages('left.hight')", "'left.height'"),
+        ("run.bench.left.hight", "'height'"),
+        ("run.bench.leftt.height", "'left'"),
+        ("run.bench.vertical.contrl = 'force'", "'control'"),
+        ("run.mesured(max, {})", "'measured'"),
+        ("max(lambda: bars > 1)", "'bar'"),
+        ("[mbarr for _ in range(3)]", "'mbarr'"),
+    ],
+)
+def test_a_mistake_that_can_be_known_is_told_before_anything_moves(tmp_path, line, told, bench_composed):
+    path = tmp_path / "written_wrongly.py"
+    path.write_text(f"{HEAD}    run.bench.wait(1 * s)\n    {line}\n", encoding="utf-8")
+    own = find_plan(str(path))
+    with bench_composed() as made:
+        before = made.bench.clock.now()
+        result = execute(own, made.bench, tmp_path / "run")
+        assert made.bench.clock.now() == before
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason.startswith("the plan: written_wrongly.py, line 10: ")
+    assert told in result.reason
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "run.check('pressure', 1 * bar, ''.join('kPaa'), low=0.0)",
+        "run.check('pressure', 1 * bar, 'bar', low=3.0, high=1.0)",
+        "getattr(run.bench, 'left.hight')",
+        "run.bench.averages(*['left.hight'])",
+        "run.bench.air.fill()",
+    ],
+)
+def test_an_error_while_it_runs_names_the_line_of_the_users_file(tmp_path, line, bench_composed):
+    path = tmp_path / "wrong_later.py"
+    path.write_text(f"{HEAD}    run.bench.wait(1 * s)\n    {line}\n", encoding="utf-8")
+    with bench_composed() as made:
+        result = execute(find_plan(str(path)), made.bench, tmp_path / "run")
+    assert result.verdict is Outcome.BLOCKED
+    assert "wrong_later.py:10" in result.reason
+
+
+def test_no_plan_of_ours_has_such_a_mistake(bench_composed, plan_of_the_user):
+    with bench_composed() as made:
+        run = Run(made.bench, None)
+        assert [told for one in (*plans().values(), plan_of_the_user) for told in mistakes(one, run)] == []
+
+
+@pytest.fixture
+def plan_of_the_user(tmp_path):
+    """A plan that names things in every lawful way that a careless reader might take for a mistake."""
+    path = tmp_path / "lawful.py"
+    path.write_text(
+        f"""{HEAD}
+    global made_later
+    made_later = 1
+    run.check("a", late() + made_later, f"{{'bar'}}", low=0.0)
+    run.bench.settings.write({{"air.left_mode": "hold"}})
+    other = run.bench
+    other.anything, __name__, __file__
+    [run.bench.left.height for name in dir()]
+
+
+def late():
+    return 1.0
+""",
+        encoding="utf-8",
+    )
+    return find_plan(str(path))
