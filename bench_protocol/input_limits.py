@@ -6,6 +6,7 @@ import re
 import stat
 import struct
 import tomllib
+import zipfile
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -13,8 +14,6 @@ from typing import TYPE_CHECKING, Any, Final
 from bench_protocol import text as file_text
 
 if TYPE_CHECKING:
-    import zipfile
-
     import numpy as np
     import numpy.typing as npt
 
@@ -161,8 +160,6 @@ def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
 
     Files named in ``parsed`` may have `PARSED_BYTES` each. `zipfile` unpacks no more of a file than its size here.
     """
-    import zipfile
-
     check_size(path, UNPACKED_BYTES)
     _check_directory(path)
     try:
