@@ -7,7 +7,7 @@ import stat
 import struct
 import tomllib
 import zipfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,12 +23,17 @@ Unfit = file_text.Unfit
 
 #: A file that people write, or that describes something: TOML, JSON, a list of registers.
 DESCRIPTION_BYTES: Final = 4 * _MiB
-#: A result or a finding: those of the longest plans have some 100 KiB.
-RESULT_BYTES: Final = 64 * _MiB
+#: A result, a note or a finding: those of the longest plans have some 100 KiB, and JSON takes 25 times as much memory.
+RESULT_BYTES: Final = 16 * _MiB
 #: A DBC: the largest that are known have some 5 MiB, and cantools takes seventy times as much memory.
 DBC_BYTES: Final = 8 * _MiB
 #: What stands between two quotation marks of a DBC: cantools takes two hundred times as much memory.
 QUOTED_BYTES: Final = 64 << 10
+#: One message of a DBC (J1939 has up to 1785 bytes), and all of them: cantools makes up to 30 bytes of memory of each.
+MESSAGE_BYTES: Final = 64 << 10
+MESSAGES_BYTES: Final = 4 * _MiB
+#: Pages of multiplexed signals that a DBC gives as ranges: cantools lists each page.
+PAGES: Final = 100_000
 #: One line of a table or a log as text.
 LINE_BYTES: Final = _MiB
 #: A table as text, which pandas takes in as a whole.
@@ -42,6 +47,9 @@ UNPACKED_FILES: Final = 10_000
 PARSED_BYTES: Final = 16 * _MiB
 #: The directory of an archive, which is read before its files can be counted.
 _DIRECTORY_BYTES: Final = 4 * _MiB
+#: What a small packed file of samples or frames may hold after unpacking; a larger one, so many times its size.
+EXPANDED_BYTES: Final = 64 * _MiB
+EXPANSION: Final = 50
 #: Columns of a table, channels of a file, signals of a DBC.
 COLUMNS: Final = 10_000
 ROWS: Final = 100_000_000
@@ -51,6 +59,19 @@ CELLS: Final = 250_000_000
 TIME: Final = 9.0e9
 #: Tables in tables, as a file for people may have them.
 DEPTH: Final = 32
+#: Tables that all dotted keys and headers of a TOML file may name: the parser takes 1 KiB for each.
+NAMED_TABLES: Final = 200_000
+#: Texts and comments of TOML. One without an end goes on to the end of the line, or of the file.
+_TEXT: Final = re.compile(
+    r'"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)' + r"|'''(?:[^']|'(?!''))*+(?:'''|\Z)"
+    r'|"(?:[^"\\\n]|\\[^\n])*+"?' + r"|'[^'\n]*+'?|#[^\n]*+",
+    re.DOTALL,
+)
+#: In a DBC: a text, with or without its end; the bytes of a message, or the first bit and the bits of a signal; pages.
+_DBC_TEXT: Final = re.compile(rb'"((?:\\"|[^"])*+)"?')
+_DBC_LENGTH: Final = re.compile(rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|:\s*(\d+)\s*\|\s*(\d+)\s*@")
+_DBC_PAGES: Final = re.compile(rb"\bSG_MUL_VAL_[^;]*+")
+_DBC_RANGE: Final = re.compile(rb"(\d+)\s*-\s*(\d+)")
 _WHOLE: Final = 1 << 63
 #: What the parser's sentences begin with, and what is meant.
 _TOML: Final = {
@@ -107,6 +128,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
     The byte order mark that some editors write is no part of it.
     """
     text = file_text.only_utf_8(content)
+    _check_keys(text)
     try:
         tables = tomllib.loads(text)
     except RecursionError:
@@ -115,6 +137,24 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         raise Unfit(f"is not TOML: {_in_words(str(error), text)}") from None
     _check_value("", tables, DEPTH)
     return tables
+
+
+def _check_keys(text: str) -> None:
+    """Refuse dotted keys and headers that are too deep, or name too many tables, before they cost memory: Unfit."""
+    bare = re.sub(r"[ \t]+", "", _TEXT.sub('"', text))
+    tables = 0
+    for found in re.finditer(r"[^\s\[\]{}=,]+", bare):
+        name = found[0]
+        dots = name.count(".")
+        if dots >= DEPTH:
+            raise Unfit(
+                f"is nested too deep in {name[:60]}; {DEPTH} tables or lists in one another are enough"
+            )
+        tables += dots if dots > 1 else 0  # a number has one
+    if tables > NAMED_TABLES:
+        raise Unfit(
+            f"names {tables} tables in dotted keys; at most {NAMED_TABLES} are read, so shorten the keys"
+        )
 
 
 def _in_words(error: str, text: str) -> str:
@@ -146,13 +186,63 @@ def _check_value(name: str, value: object, depth: int) -> None:
 def check_dbc(path: Path) -> None:
     """Refuse a DBC that costs more memory than it is worth: Unfit. OSError if it cannot be read."""
     content = read_bounded(path, DBC_BYTES)
-    for found in re.finditer(rb'"(?:\\"|[^"])*+', content):
-        if found.end() - found.start() > QUOTED_BYTES:
-            line = content.count(b"\n", 0, found.start()) + 1
+    for found in _DBC_TEXT.finditer(content):
+        if len(found[1]) >= QUOTED_BYTES:
             raise Unfit(
-                f"has a text of {size(found.end() - found.start())} in line {line}; at most {size(QUOTED_BYTES)} are "
-                "read between quotation marks"
+                f"has a text of {size(len(found[1]))} in line {_line(content, found)}; at most "
+                f"{size(QUOTED_BYTES)} are read between quotation marks"
             )
+    bare = _DBC_TEXT.sub(lambda found: b'"' + b"\n" * found[0].count(b"\n"), content)
+    total = pages = 0
+    for found in _DBC_LENGTH.finditer(bare):
+        count = _bounded(found[1]) if found[1] else (_bounded(found[2]) + _bounded(found[3]) + 7) // 8
+        if count > MESSAGE_BYTES:
+            raise Unfit(
+                f"has a message of {size(count)} in line {_line(bare, found)}; at most {size(MESSAGE_BYTES)} are read"
+            )
+        total += count if found[1] else 0
+    for found in (one for said in _DBC_PAGES.finditer(bare) for one in _DBC_RANGE.finditer(said[0])):
+        pages += max(0, _bounded(found[2]) - _bounded(found[1]))
+    if total > MESSAGES_BYTES:
+        raise Unfit(f"has messages of {size(total)} in all; at most {size(MESSAGES_BYTES)} are read")
+    if pages > PAGES:
+        raise Unfit(f"has {pages} pages of multiplexed signals (SG_MUL_VAL_); at most {PAGES} are read")
+
+
+def _bounded(digits: bytes) -> int:
+    """A whole number, of which nobody wants more than 12 digits."""
+    return int(digits[:12])
+
+
+def _line(content: bytes, found: re.Match[bytes]) -> int:
+    return content.count(b"\n", 0, found.start()) + 1
+
+
+def check_expansion(path: Path, expanded: int) -> None:
+    """Refuse a file whose samples take ``expanded`` bytes when they are unpacked, far more than it has: Unfit."""
+    packed = path.stat().st_size
+    if expanded > max(EXPANDED_BYTES, EXPANSION * packed):
+        raise Unfit(
+            f"has {size(packed)} and unpacks to {size(expanded)} or more; at most {EXPANSION} times its size, or "
+            f"{size(EXPANDED_BYTES)}, are read: save it unpacked, or in parts"
+        )
+
+
+def check_mdf(path: Path, groups: Iterable[Any]) -> None:
+    """Refuse an MDF file, opened by asammdf, whose samples take far more memory than it has: Unfit."""
+    total = 0
+    for group in groups:
+        told = group.channel_group
+        record = told.samples_byte_nr + getattr(told, "invalidation_bytes_nr", 0)
+        blocks = [*group.get_data_blocks()]
+        blocks += [one for index in range(len(group.channels)) for one in group.get_signal_data_blocks(index)]
+        total += max(told.cycles_nr * max(record, 8), sum(one.original_size or 0 for one in blocks))
+        for channel in group.channels:
+            texts = getattr(channel.conversion, "referenced_blocks", None) or {}
+            total += told.cycles_nr * max(
+                (len(one) for one in texts.values() if isinstance(one, bytes)), default=0
+            )
+    check_expansion(path, total)
 
 
 def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:

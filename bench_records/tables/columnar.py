@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench_protocol.input_limits import SAMPLES_BYTES, Unfit, check_shape, check_size
+from bench_protocol.input_limits import SAMPLES_BYTES, Unfit, check_expansion, check_shape, check_size
 from bench_records.layout import RecordError
 from bench_records.tables.sheet import Column, Sheet
 
@@ -25,9 +27,12 @@ def read_columnar(path: Path, parquet: bool) -> Sheet:
         check_shape(table.num_rows, table.num_columns)
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
-    except (pa.ArrowException, OSError, ValueError, KeyError):
+    except (pa.ArrowException, OSError, ValueError, KeyError, struct.error):
         raise RecordError(f"{path} is no whole {'Parquet' if parquet else 'Arrow'} file") from None
-    columns = [_column(path, field, table.column(i)) for i, field in enumerate(table.schema)]
+    try:
+        columns = [_column(path, field, table.column(i)) for i, field in enumerate(table.schema)]
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
     sheet = Sheet(path, columns, np.arange(1, table.num_rows + 1), row_word="row")
     sheet.clock = _index(table, columns)
     return sheet
@@ -38,18 +43,83 @@ def _parquet(path: Path) -> pa.Table:
 
     with pq.ParquetFile(path) as file:
         check_shape(file.metadata.num_rows, len(file.schema_arrow))
+        groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
+        width = [_width(file.schema.column(number)) for number in range(len(file.schema))]
+        chunks = [(one.column(k), width[k]) for one in groups for k in range(one.num_columns)]
+        cells = sum(max(one.num_values * each, one.total_uncompressed_size) for one, each in chunks)
+        check_expansion(path, max(cells, 8 * file.metadata.num_rows))
+        # A text that comes often stands in a Parquet file once.
+        texts = [one.name for one in file.schema_arrow if _is_text(one.type)]
+        file.close()
+    with pq.ParquetFile(path, read_dictionary=texts) as file:
         return file.read()
+
+
+def _width(column: Any) -> int:
+    """Bytes in memory of one value of a column of Parquet; of a text those of its number."""
+    return max(int(column.length), 8)
+
+
+def _is_text(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_binary(kind))
 
 
 def _arrow(path: Path) -> pa.Table:
     import pyarrow as pa
 
     with pa.OSFile(str(path)) as file:
-        try:
-            return pa.ipc.open_file(file).read_all()
-        except pa.ArrowInvalid:
-            file.seek(0)
-            return pa.ipc.open_stream(file).read_all()
+        # A file is a stream between a mark and a list of its parts.
+        start = 8 if file.read(8).startswith(b"ARROW1") else 0
+        file.seek(start)
+        check_expansion(path, _unpacked(file))
+        file.seek(start)
+        return pa.ipc.open_stream(file).read_all()
+
+
+def _unpacked(file: Any) -> int:
+    """The bytes that the columns in a stream of Arrow take; a packed buffer begins with its size."""
+    import pyarrow as pa
+
+    total = 0
+    for message in pa.ipc.MessageReader.open_stream(file):
+        if message.type not in ("record batch", "dictionary"):
+            continue
+        head, body = message.metadata.to_pybytes(), message.body
+        batch = _pointed(head, _field(head, _pointed(head, 0), 2))
+        if message.type == "dictionary":
+            batch = _pointed(head, _field(head, batch, 1))
+        packed = bool(_field(head, batch, 3))
+        buffers = 0
+        for offset, length in _pairs(head, _field(head, batch, 2)):
+            own = struct.unpack("<q", body[offset : offset + 8])[0] if packed and length else -1
+            buffers += length if own < 0 else own
+        total += max(buffers, 8 * sum(length for length, _ in _pairs(head, _field(head, batch, 1))))
+    return total
+
+
+# The head of a message of Arrow is a FlatBuffer; pyarrow shows none of its fields.
+
+
+def _pointed(head: bytes, place: int) -> int:
+    return int(place + struct.unpack_from("<I", head, place)[0])
+
+
+def _field(head: bytes, table: int, number: int) -> int:
+    """The place of a field of a table; 0 if it is not there."""
+    fields = table - struct.unpack_from("<i", head, table)[0]
+    if struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * number:
+        return 0
+    offset = struct.unpack_from("<H", head, fields + 4 + 2 * number)[0]
+    return int(table + offset) if offset else 0
+
+
+def _pairs(head: bytes, place: int) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of whole numbers in a vector."""
+    vector = _pointed(head, place)
+    (count,) = struct.unpack_from("<I", head, vector)
+    return struct.iter_unpack("<qq", head[vector + 4 : vector + 4 + 16 * count])
 
 
 def _index(table: pa.Table, columns: list[Column]) -> int | None:
@@ -73,6 +143,7 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
 
     kind = field.type
     if pa.types.is_dictionary(kind):
+        check_expansion(path, _written_out(data))
         data = data.cast(kind.value_type)
         kind = kind.value_type
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
@@ -98,6 +169,17 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
     except pa.ArrowException:
         raise RecordError(f"{path}: the column {field.name} has a value that no record holds") from None
     return Column(field.name, "other", None, what=f"values of the kind {kind}")
+
+
+def _written_out(data: pa.ChunkedArray) -> int:
+    """The bytes of all values of a column whose chunks have each of them once."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not _is_text(data.type.value_type):
+        return 8 * len(data)
+    lengths = (pc.take(pc.binary_length(one.dictionary), one.indices) for one in data.chunks)
+    return sum(pc.sum(pc.cast(one, pa.int64())).as_py() or 0 for one in lengths)
 
 
 def _stamps(name: str, data: pa.ChunkedArray, zoned: bool) -> Column:

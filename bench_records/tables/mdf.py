@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.extras import lacking
-from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_size
+from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_mdf, check_size
 from bench_protocol.last_words import no_last_words
 from bench_records.layout import SECOND, RecordError
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Of a clock, that it is a time; 0 stands where a file does not say it.
 _TIME: Final = (0, 1)
+#: A channel whose samples stand elsewhere, and have any length.
+_OF_ANY_LENGTH: Final = 1
 #: What the channels of frames are called: the standard for raw bus logging.
 _BUSES: Final = ("CAN_", "LIN_", "FLX_", "ETH_", "MOST_", "USB_")
 
@@ -60,6 +62,10 @@ def opened(path: Path) -> Iterator[Any]:
     if mdf is None:
         raise RecordError(f"{path} is a damaged MDF file, or of a kind that asammdf does not read")
     with mdf:
+        try:
+            check_mdf(path, mdf.groups)
+        except Unfit as error:
+            raise RecordError(f"{path} {error}") from None
         yield mdf
 
 
@@ -130,6 +136,8 @@ def samples(
     master = mdf.masters_db.get(place.group)
     if master is None or getattr(group.channels[master], "sync_type", 1) not in _TIME:
         raise RecordError(f"{where} has no clock in seconds")
+    if getattr(group.channels[place.index], "channel_type", 0) == _OF_ANY_LENGTH:
+        raise RecordError(f"{where} has texts or bytes of any length; a channel of numbers would be right")
     try:
         signal = mdf.get(group=place.group, index=place.index, raw=raw)
     except Exception:  # asammdf has an exception of its own and raises others, too

@@ -13,6 +13,7 @@ from can.io import blf
 from can.message import Message
 
 from bench_protocol.account import Account
+from bench_protocol.input_limits import Unfit, check_expansion, size
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import EARLY, ERRORS, OVERLOAD, REMOTE, opened
 
@@ -25,6 +26,8 @@ _READ: Final = frozenset(
 _BESIDE: Final = {2: ERRORS, 104: ERRORS, 3: OVERLOAD}
 _OTHERS: Final = "object(s) of other kinds than CAN frames"
 _LOGG: Final = b"LOGG"
+#: One object: containers have 128 KiB, and no message has as much.
+_OBJECT_BYTES: Final = 64 << 20
 
 
 class _Reader(blf.BLFReader):
@@ -32,6 +35,7 @@ class _Reader(blf.BLFReader):
 
     def __init__(self, path: Path, account: Account) -> None:
         self.path, self.account = path, account
+        self.unpacked = 0
         file = opened(path)
         try:
             super().__init__(file)
@@ -48,6 +52,10 @@ class _Reader(blf.BLFReader):
                 signature, _, _, length, kind = _HEAD.unpack(head)
                 if signature != b"LOBJ":
                     raise CanLogError(f"{self.path}: what stands behind its objects is none")
+                if length > _OBJECT_BYTES:
+                    raise CanLogError(
+                        f"{self.path} is damaged: an object of {size(length)}; at most {size(_OBJECT_BYTES)} are read"
+                    )
                 content = self.file.read(length - _HEAD.size)
                 self.file.read(length % 4)
             except (struct.error, EOFError, zlib.error, gzip.BadGzipFile):
@@ -65,14 +73,16 @@ class _Reader(blf.BLFReader):
     def _unpacked(self, content: bytes) -> bytes:
         if len(content) < blf.LOG_CONTAINER_STRUCT.size:
             return b""
-        method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(content)
+        method, length = blf.LOG_CONTAINER_STRUCT.unpack_from(content)
         packed = content[blf.LOG_CONTAINER_STRUCT.size :]
         if method == blf.NO_COMPRESSION:
             return packed
         if method != blf.ZLIB_DEFLATE:
             raise CanLogError(f"{self.path} is packed by a method {method} that is not known here")
+        self.unpacked += length
+        check_expansion(self.path, self.unpacked)
         try:
-            return zlib.decompressobj().decompress(packed)
+            return zlib.decompressobj().decompress(packed, max(length, 1))
         except zlib.error:
             self._early()
             return b""
@@ -116,6 +126,8 @@ def read_blf(path: Path, account: Account) -> Frames:
                 _add(frames, message, number, account)
     except CanLogError:
         raise
+    except Unfit as error:
+        raise CanLogError(f"{path} {error}") from None
     except Exception:  # python-can has exceptions of its own, and struct others
         raise CanLogError(
             f"{path} is damaged behind frame {len(frames)}; the program that wrote it may repair it"

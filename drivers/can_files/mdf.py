@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from bench_protocol.account import Account
 from bench_protocol.extras import lacking
+from bench_protocol.input_limits import Unfit, check_mdf
 from bench_protocol.last_words import no_last_words
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import ERRORS, REMOTE, opened
@@ -37,6 +38,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         raise CanLogError(f"{path} is a damaged MDF file, or of a kind that is not read")
     try:
         with made as reader:
+            check_mdf(path, reader._mdf.groups)
             _check_groups(path, reader._mdf, account)
             for number, message in enumerate(reader, 1):
                 if message.is_error_frame:
@@ -49,6 +51,8 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
                     frames.add(round(message.timestamp * _NS), kind, bytes(message.data), number)
     except CanLogError:
         raise
+    except Unfit as error:
+        raise CanLogError(f"{path} {error}") from None
     except Exception:  # asammdf has an exception of its own and raises others, too
         raise CanLogError(
             f"{path} is a damaged MDF file, or of a kind that is not read, behind frame {len(frames)}"

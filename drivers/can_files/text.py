@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, cast
 
 from bench_protocol.account import Account
-from bench_protocol.input_limits import LINE_BYTES, SAMPLES_BYTES, Unfit, check_size, size
+from bench_protocol.input_limits import LINE_BYTES, SAMPLES_BYTES, Unfit, check_expansion, check_size, size
 from drivers.can_files.frames import CanLogError
 
 ERRORS: Final = "error frame(s)"
@@ -32,6 +32,7 @@ _MARKS: Final = (
 )
 _STAMP: Final = re.compile(r"(\d{1,12})(?:\.(\d{1,9})\d*)?", re.ASCII)
 _SHOWN: Final = 40
+_PART: Final = 1 << 20
 
 
 class Line(NamedTuple):
@@ -47,13 +48,36 @@ class Line(NamedTuple):
         return f"line {self.number}: {self.text.strip()[:_SHOWN]!r}"
 
 
+class _Unpacked(gzip.GzipFile):
+    """A packed log, of which no more is unpacked than is read of a file of its size: Unfit."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "rb")
+        self._path = path
+
+    def read(self, size: int | None = -1) -> bytes:
+        """As a file does; a few bytes at a time where more are asked for than there may be."""
+        return b"".join(self._parts(SAMPLES_BYTES if size is None or size < 0 else size))
+
+    def _parts(self, size: int) -> Iterator[bytes]:
+        while size and (part := self.read1(min(size, _PART))):
+            size -= len(part)
+            yield part
+
+    def read1(self, size: int = -1) -> bytes:
+        """As a file does."""
+        part = super().read1(size)
+        check_expansion(self._path, self.tell())
+        return part
+
+
 def opened(path: Path) -> BinaryIO:
     """Open a log, unpacked if it is packed with gzip. CanLogError for what is no file, or too long."""
     try:
         check_size(path, SAMPLES_BYTES)
         with path.open("rb") as file:
             packed = file.read(2) == _GZIP
-        return cast(BinaryIO, gzip.open(path, "rb")) if packed else path.open("rb")
+        return cast(BinaryIO, _Unpacked(path)) if packed else path.open("rb")
     except Unfit as error:
         raise CanLogError(f"{path} {error}") from None
     except OSError as error:
@@ -74,6 +98,8 @@ def lines_of(path: Path, account: Account) -> Iterator[Line]:
             except EOFError:
                 account.leave_out(EARLY, at=f"after line {number}, within packed data")
                 return
+            except Unfit as error:
+                raise CanLogError(f"{path} {error}") from None
             except (OSError, zlib.error) as error:
                 raise CanLogError(
                     f"{path} cannot be unpacked behind line {number}: {type(error).__name__}"

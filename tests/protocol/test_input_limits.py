@@ -69,6 +69,10 @@ def test_a_size_in_words_is_the_number(count):
         (b"a = " + b"[" * 20_000, "nested too deep"),
         (b"a = " + b"[" * (DEPTH) + b"]" * (DEPTH), "nested too deep in a.1.1"),
         (b"a." * 40 + b"b = 1", "nested too deep in a.a.a"),
+        (b"[a" + b' . "a"' * 40 + b"]", "nested too deep in a"),
+        (b"a = [{" + b"a." * 40 + b"b = 1}]", "nested too deep in a"),
+        (b"a." * 400_000, "nested too deep in a"),
+        (b"".join(b"[%x%s]\n" % (k, b".a" * 30) for k in range(7000)), "names 210000 tables"),
         (b"a = " + b"1" * 5000, "is not TOML"),
         (b"a = " + b"1" * 30, "more than 64 bits"),
         (b"[a]\nb = [1.0, inf]", r"says a.b.2 = inf; a finite number"),
@@ -85,8 +89,15 @@ def test_toml_that_cannot_be_meant_is_refused_in_words(content, told):
 
 def test_toml_as_people_write_it_is_read(file):
     depth = DEPTH - 1
+    dots = b"a.b" * DEPTH
+    texts = b"t = ['''" + dots + b"''', \"" + dots + b'", """' + dots + b'"""] # ' + dots + b"\n"
     path = file(
-        b"a = " + b"[" * depth + b"1" + b"]" * depth + b"\n[b]\nc = -1.5e300\nd = 9223372036854775807\n"
+        texts
+        + b"a = "
+        + b"[" * depth
+        + b"1"
+        + b"]" * depth
+        + b"\n[b]\nc = -1.5e300\nd = 9223372036854775807\n"
     )
     found = read_toml(path)
     assert found["b"] == {"c": -1.5e300, "d": 2**63 - 1}
