@@ -235,7 +235,7 @@ def bar_drawing(row: CheckRow) -> Any:
             f'<path d="M{bar.place:.1f} {middle - 6:g}l4.5 6l-4.5 6l-4.5 -6z" fill="{color}" stroke="#fff"/>'
         )
     size = f'width="{BAR_WIDTH:g}" height="{BAR_HEIGHT:g}" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}"'
-    return Markup(f'<svg class="bar" {size} role="img">{"".join(parts)}</svg>')
+    return Markup(f'<svg class="bar" {size} aria-hidden="true">{"".join(parts)}</svg>')
 
 
 def _rectangle(start: float, end: float, color: str) -> str:

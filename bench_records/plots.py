@@ -7,6 +7,7 @@ on colour alone.  Text stays text, so that it is set in the page's own type and 
 from __future__ import annotations
 
 import re
+from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any, Final
 
@@ -149,11 +150,15 @@ def svg(figure: Figure, name: str) -> str:
     plain_numbers(figure)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    return element(out.getvalue(), name)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    return element(out.getvalue(), name, ", ".join(filter(None, titles)))
 
 
-def element(text: str, name: str) -> str:
-    """What a figure was saved as (SVG), as an element for the page, as `svg` returns it."""
+def element(text: str, name: str, title: str = "") -> str:
+    """What a figure was saved as (SVG), as an element for the page, as `svg` returns it.
+
+    ``title`` names it for a screen reader, which reads the texts of the drawing where there is none.
+    """
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' d="[^"]*"', lambda m: FINER_THAN_SEEN.sub("", m.group()).replace("\n", ""), text)
@@ -161,7 +166,11 @@ def element(text: str, name: str) -> str:
     text = text.replace("url(#", f"url(#{name}-").replace('href="#', f'href="#{name}-')
     # The page's type rules; only size and weight are the drawing's own.
     text = text.replace(" font-family: 'DejaVu Sans';", "")
+    role = f'role="img" aria-label="{escape(title, quote=True)}"' if title else 'role="group"'
     text = re.sub(
-        r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', r'<svg class="plot" viewBox="\1" role="img">', text, count=1
+        r'<svg [^>]*?viewBox="([^"]*)"[^>]*>',
+        lambda m: f'<svg class="plot" viewBox="{m[1]}" {role}>',
+        text,
+        count=1,
     )
     return re.sub(r"\n\s*", "\n", text)

@@ -132,7 +132,7 @@ def _drawing(one: Distribution) -> Any:
         for n in one.values
     )
     size = f'width="{WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {WIDTH:g} {HEIGHT:g}"'
-    return Markup(f'<svg class="bar" {size} role="img">{band}{strokes}</svg>')
+    return Markup(f'<svg class="bar" {size} aria-hidden="true">{band}{strokes}</svg>')
 
 
 def _within(value: float, one: Distribution) -> bool:

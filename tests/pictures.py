@@ -4,6 +4,7 @@ import re
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
 #: Words of all drawings of a page: their corners on the screen, the axes and the legend in which they stand.
 LOOK = """
@@ -107,3 +108,14 @@ def in_a_second(page: Any, count: str, enough: int) -> int:
         if counted >= enough:
             break
     return counted
+
+
+def inaccessible(page) -> list[str]:
+    """Return what axe-core finds wrong with a page, in the light and in the dark."""
+    api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="`make` installs axe-core")
+    found = []
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        for one in api.Axe().run(page).response["violations"]:
+            found += [f"{scheme}: {one['id']} {node['html'][:120]}" for node in one["nodes"]]
+    return found

@@ -70,6 +70,15 @@ window.benchReplay = (place, told, numbers, moved = () => {}) => {
     if (events.value !== "") go(Number(events.value));
     events.value = "";
   });
-  show(0);
+  show(mostKnown() * told.step);
   return { go };
+
+  /** The first instant at which as many readings are known as ever: at 0 s not all of them have come. */
+  function mostKnown() {
+    const series = columns.map(([, values]) => values).filter(Boolean);
+    const known = (k) => series.filter((values) => Number.isFinite(values[k])).length;
+    let best = 0;
+    for (let k = 1, most = known(0); k <= last && most < series.length; k++) if (known(k) > most) [best, most] = [k, known(k)];
+    return best;
+  }
 };

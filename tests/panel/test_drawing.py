@@ -84,6 +84,33 @@ def sheet(browser):
     assert not failures
 
 
+#: Opens a run of 3 s with these readings, a column each; returns the instant (s), and how many readings lack there.
+OPENED = """([signals, columns]) => {
+  const told = { duration: 3, step: 0.1, dimensions: {}, settings: [], states: [], phases: [], trips: [], events: [],
+    signals: signals.map((one) => ({ ...one, at: columns[one.name] ?? null })) };
+  window.benchReplay(document.body, told, (at) => at);
+  const lacking = [...document.querySelectorAll(".label.lacking title")].map((one) => one.textContent);
+  return [Number(document.body.dataset.time), lacking.filter((text) => text.endsWith("has come")).length];
+}"""
+
+
+@pytest.mark.parametrize(
+    ("late", "opens"),
+    [
+        ({"left.height": 0, "supply.pressure": 0}, 0.0),
+        ({"left.height": 2, "supply.pressure": 7}, 0.7),
+        ({"left.height": 4}, 0.4),
+        ({"left.height": 99, "supply.pressure": 5}, 0.5),  # never comes
+    ],
+)
+def test_a_replay_opens_at_the_first_instant_with_all_readings(sheet, late, opens) -> None:
+    sheet.add_script_tag(path=ASSETS / "bench_replay.js")
+    columns = {name: [None] * min(31, first) + [1.0] * max(0, 31 - first) for name, first in late.items()}
+    time, lacking = sheet.evaluate(OPENED, [SIGNALS, columns])
+    assert time == pytest.approx(opens)
+    assert lacking == sum(first > 30 for first in late.values())
+
+
 def test_pieces_stand_where_the_readings_say(sheet) -> None:
     chance = random.Random(41)
     half, up, lever = 1.15, 0.25, 0.35

@@ -8,6 +8,7 @@ import pytest
 
 from bench_records.layout import REPORT
 from bench_records.notes import add_note
+from tests.pictures import inaccessible
 
 #: A plan is run first, which takes as long as others keep the machine busy.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
@@ -42,6 +43,7 @@ LOOK = """() => {
 def looked_at(page, pictures, name: str) -> None:
     """Keep a picture of a page, and see that it fits its screen and that all of it can be pressed."""
     page.screenshot(path=pictures / f"{name}.png")
+    assert inaccessible(page) == [], name
     found = page.evaluate(LOOK)
     assert found["wide"] <= 0, (name, found)
     assert found["covered"] == [], name

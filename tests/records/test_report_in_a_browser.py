@@ -95,6 +95,19 @@ def test_the_run_is_seen_in_the_drawing_at_any_instant(page: Any, passed_run: Pa
 
 
 @pytest.mark.slow
+def test_a_report_is_dark_where_the_screen_is_and_light_on_paper(page: Any) -> None:
+    shade = "() => getComputedStyle(document.documentElement).backgroundColor"
+    shades = {}
+    for media in ("screen", "print"):
+        for scheme in ("light", "dark"):
+            page.emulate_media(media=media, color_scheme=scheme)
+            shades[media, scheme] = page.evaluate(shade)
+    page.emulate_media(media="screen", color_scheme="light")
+    assert shades.pop(("screen", "dark")) not in set(shades.values())
+    assert set(shades.values()) == {"rgb(255, 255, 255)"}
+
+
+@pytest.mark.slow
 def test_in_print_there_are_pictures_instead(page: Any) -> None:
     picture, plot = page.locator(".zoom > svg").first, page.locator(".zoom > .uplot").first
     assert (picture.is_visible(), plot.is_visible()) == (False, True)
