@@ -1,5 +1,6 @@
 """The words that lists of registers are written with, in English and German."""
 
+import re
 from typing import Final
 
 COLUMNS: Final = {
@@ -21,8 +22,24 @@ COLUMNS: Final = {
         *("datentyp", "datentypen", "typ", "datenformat"),
     ),
     "scale": (
-        *("scale", "scales", "scaling", "factor", "factors", "resolution", "lsb", "faktor", "faktoren", "skalierung"),
-        *("auflösung", "multiplier", "skalierungsfaktor"),
+        *("scale", "scales", "scaling", "resolution", "lsb", "skalierung", "auflösung", "multiplier", "multiplikator"),
+    ),
+    "factor": (
+        *("factor", "factors", "faktor", "faktoren", "scale factor", "scale factors", "scaling factor", "scalefactor"),
+        *("skalierungsfaktor", "umrechnungsfaktor", "conversion factor", "sf"),
+    ),
+    "exponent": (
+        *("exponent", "exponents", "exp", "scale exponent", "power of ten", "power of 10", "zehnerpotenz"),
+        *("10 exponent", "scaling exponent", "scale power"),
+    ),
+    "size": (
+        *("size", "sizes", "length", "len", "words", "word count", "register count", "no of registers", "bytes"),
+        *("number of registers", "registers count", "count", "quantity", "bits", "size bits", "size bytes"),
+        *("length bits", "length bytes", "länge", "größe", "anzahl", "anzahl register", "registeranzahl"),
+    ),
+    "null": (
+        *("no value", "null", "null value", "invalid value", "error value", "not available", "sna", "fehlwert"),
+        *("fehlerwert", "ungültig", "kein wert", "ersatzwert"),
     ),
     "divisor": ("divisor", "divisors", "div", "divider", "scale divisor", "teiler"),
     "order": (
@@ -82,6 +99,11 @@ OPEN: Final = {
         ("0", "it may say how a number is shown or what it is; a column scale, such as 0.1, would be right"),
     ),
 }
+#: Heads of columns that make numbers others, whatever else stands in them.
+SCALING: Final = re.compile(
+    r"scal|skal|fa[ck]tor|expon|\bexp\b|\bsf\b|gain|mult|divi|teiler|resol|auflös|precis|genauig|conver|umrech|"
+    r"formul|formel|offset|versatz|decim|dezimal|nachkomma|10\^|power|potenz|\blsb\b"
+)
 DEVICES: Final = (
     "slave",
     "slave id",

@@ -9,17 +9,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
+from acceptance.skeleton.list_scales import (
+    LeftOut,
+    are_exponents,
+    comma_in,
+    factor_of,
+    kind_of,
+    null_of,
+    scale_of,
+    shared_registers,
+    size_units,
+    sized_type,
+    unread_scaling,
+)
 from acceptance.skeleton.list_words import (
     ACCESS,
     COLUMNS,
     DEVICES,
     DIGIT,
     OPEN,
-    ORDERS,
     READ_BY,
     TABLES,
-    TYPES,
-    WORDS,
     WRITING,
 )
 from acceptance.skeleton.points import Point
@@ -53,6 +63,10 @@ class _Row:
     address: str
     type: str
     scale: str
+    factor: str
+    exponent: str
+    size: str
+    null: str
     divisor: str
     order: str
     function: str
@@ -60,6 +74,20 @@ class _Row:
     unit: str
     access: str
     text: str
+    open: str = ""  #: what in it is not understood, and may change its number
+
+
+@dataclass(frozen=True)
+class _Conventions:
+    """How the cells of one list are meant."""
+
+    transport: str
+    counting: Counting
+    twice: set[str]  #: names of several points
+    commas: bool  #: in decimals
+    heads: Mapping[str, str]
+    exponents: bool  #: in the column of factors
+    size_units: set[int]  #: so many of a size are a register
 
 
 def register_points(path: Path, transport: str = "plc") -> list[Point]:
@@ -82,7 +110,7 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
         raise WiringError(f"{path} {error}") from None
     except RecordError as error:
         raise WiringError(str(error)) from None
-    rows, notes = _rows(path, lines)
+    rows, heads, notes = _rows(path, lines)
     notes = [*account.taken, *notes]
     if not rows:
         raise WiringError(f"{path}: there is no row below the head")
@@ -100,32 +128,43 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
         )
     elif counted == "one":
         notes.append("The addresses are taken to count from 1: on the wire each is one less.")
-    commas = _comma_in([text for row in rows for text in (row.scale, row.divisor)])
-    twice = {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1}
     access = _access(path, rows, tables)
     if any(one is None for one in access.values()):
         notes.append(
             "The list does not say of all holding registers and coils whether they are read or written: a column R/W "
             'would. A reading needs group = "fast".'
         )
-    points = [
-        _point(
-            f"{path}, row {row.line}",
-            transport,
-            row,
-            tables[row.line],
-            access[row.line],
-            counted,
-            twice,
-            commas,
-        )
-        for row in rows
-    ]
+    sizes = [(row.size, _registers(row)) for row in rows if row.size]
+    conventions = _Conventions(
+        transport,
+        counted,
+        {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1},
+        comma_in([text for row in rows for text in (row.scale, row.factor, row.divisor)]),
+        heads,
+        are_exponents([row.factor for row in rows]),
+        size_units(heads.get("size", ""), sizes),
+    )
+    if conventions.exponents:
+        notes.append(f"The column {heads['factor']} is taken as exponents of ten: -1 is a scale of 0.1.")
+    points: list[Point] = []
+    places: dict[str, tuple[str, int, int, str]] = {}
+    left_out: dict[str, list[str]] = {}
+    for row in rows:
+        where, table = f"{path}, row {row.line}", tables[row.line]
+        try:
+            point, place = _point(where, row, table, access[row.line], conventions)
+        except LeftOut as reason:
+            left_out.setdefault(str(reason), []).append(f"{row.name} (row {row.line})")
+            continue
+        points.append(point)
+        places[f"{row.name} (row {row.line})"] = place
+    notes += [f"Left out: {', '.join(names)}: {reason}." for reason, names in left_out.items()]
+    notes += [f"{said}." for said in shared_registers(places)]
     return RegisterList(points, notes)
 
 
-def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
-    """The rows with an address, and what was left out in words."""
+def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str], list[str]]:
+    """The rows with an address, how the columns are called, and in words what is not read."""
     delimiter, head, found = _head(path, lines)
     notes = (
         [f"Lines above the head of the list: {head}."] if any(line.strip() for line in lines[:head]) else []
@@ -147,10 +186,11 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
         if not row["address"] and sum(map(bool, cells)) == 1:
             titles += 1  # of a section
             continue
-        rows.append(_Row(line, *(row.get(key, "") for key in COLUMNS)))
+        unread_one = unread_scaling(names, list(found.values()), cells)
+        rows.append(_Row(line, *(row.get(key, "") for key in COLUMNS), unread_one))
     if titles:
         notes.append(f"Rows with a single cell, taken as titles: {titles}.")
-    return rows, notes
+    return rows, {key: names[index] for key, index in found.items()}, notes
 
 
 def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequence[str]) -> None:
@@ -308,71 +348,37 @@ def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
     return number
 
 
-def _comma_in(scales: Sequence[str]) -> bool:
-    """Whether the factors of a list have decimal commas."""
-    return any(re.search(r"\d,\d", scale) for scale in scales)
-
-
-def _scale(where: str, text: str, commas: bool, key: str = "scale") -> float:
-    if not text:
-        return 1.0
-    wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
-    if commas and "." in text:
-        raise WiringError(
-            f"{where}: {key} = {text!r}: other rows have decimal commas, and this one has a point"
-        )
-    if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
-        raise WiringError(
-            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write it with a point"
-        )
-    parts = text.replace(",", ".").split("/")
+def _registers(row: _Row) -> int:
+    """Return how many registers the type of a row has; 0 if it does not say."""
+    if re.fullmatch(r"(u?int|integer|(un)?signed)?", _plain(row.type).replace(" ", "")):
+        return 0
     try:
-        numbers = [float(part) for part in parts if "_" not in part]
-        scale = numbers[0] / numbers[1] if len(parts) == 2 else numbers[0]
-    except (ValueError, IndexError, ZeroDivisionError):
-        raise wrong from None
-    if len(numbers) != len(parts) or len(parts) > 2 or not 0.0 < abs(scale) < float("inf"):
-        raise wrong
+        return {"16": 1, "32": 2, "64": 4}.get(kind_of("", f"{row.type} {row.order}".strip())[0][-2:], 0)
+    except WiringError:  # which is said where the point is made
+        return 0
+
+
+def _scale(where: str, row: _Row, conventions: _Conventions) -> float:
+    """Return the product of all that scales a point. LeftOut where that is not clear."""
+    if row.open:
+        raise LeftOut(row.open)
+    commas, heads = conventions.commas, conventions.heads
+    scale = scale_of(where, row.scale, commas)
+    if row.divisor:
+        scale /= scale_of(where, row.divisor, commas, "divisor")
+    if row.factor:
+        scale *= factor_of(row.factor, heads["factor"], conventions.exponents)
+    if row.exponent:
+        scale *= factor_of(row.exponent, heads["exponent"], True)
     return scale
 
 
-def _kind(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
-    """Type and order of its bytes, of FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
-    if not text:
-        return "", None
-    words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
-    order = None
-    for name in sorted(WORDS, key=len, reverse=True):
-        if re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words):
-            order = ORDERS[WORDS[name]]
-            words = re.sub(rf"(?<![a-z]){re.escape(name)}(?![a-z])", " ", words)
-            break
-    plain = words.replace(" ", "").replace("bits", "").replace("integer", "int")
-    plain = plain.replace("bit", "") if plain != "bit" else plain
-    plain = re.sub(r"^(16|32|64)(\D+)$", r"\2\1", plain)
-    kind = TYPES.get(plain)
-    if kind is None:
-        known = ", ".join(dict.fromkeys(TYPES.values()))
-        raise WiringError(
-            f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
-        )
-    return kind, order
-
-
 def _point(
-    where: str,
-    transport: str,
-    row: _Row,
-    table: str,
-    access: tuple[bool, bool] | None,
-    counting: Counting,
-    twice: set[str],
-    commas: bool,
-) -> Point:
-    address = _address(where, row, table, counting)
-    scale = _scale(where, row.scale, commas)
-    if row.divisor:
-        scale /= _scale(where, row.divisor, commas, "divisor")
+    where: str, row: _Row, table: str, access: tuple[bool, bool] | None, conventions: _Conventions
+) -> tuple[Point, tuple[str, int, int, str]]:
+    """Return a point and its place: table, address, registers and bit."""
+    address = _address(where, row, table, conventions.counting)
+    scale = _scale(where, row, conventions)
     unit = unit_of(row.unit)
     if unit.factor != 1.0:
         if scale != 1.0:
@@ -380,16 +386,19 @@ def _point(
                 f"{where}: the scale is {scale:g}, and the unit {row.unit!r} has one too; one would be right"
             )
         scale = unit.factor
-    kind, order = _kind(where, f"{row.type} {row.order}".strip())
+    kind, order = kind_of(where, f"{row.type} {row.order}".strip())
+    words = table in ("input", "holding")
+    if words and not row.bit:
+        kind = sized_type(kind, bool(_registers(row)), row.size, conventions.size_units)
     name = _name(row.name)
     if not name:
         raise WiringError(f"{where}, column name: {row.name!r} has no letter to begin with")
-    name = f"{name}_{table}_{address}" if name in twice else name
-    words = table in ("input", "holding")
+    name = f"{name}_{table}_{address}" if name in conventions.twice else name
     if row.bit and (not words or (kind and kind not in ("bit", "uint16")) or scale != 1.0):
         raise WiringError(
             f"{where}: bit {row.bit} of a {kind or table}: bits are of one register, without type or scale"
         )
+    null = null_of(row.null, kind) if words and not row.bit else ""
     parts = [f'table = "{table}"', f"address = {address}"]
     parts += [f'type = "{kind}"'] if kind and words and kind != "bit" and not row.bit else []
     parts += [f"bit = {row.bit}"] if row.bit else []
@@ -397,10 +406,11 @@ def _point(
         parts += [f'word_order = "{order[0]}"'] if kind[-2:] != "16" else []
         parts += ['byte_order = "little"'] if order[1] == "little" else []
     parts += [f"scale = {scale:.12g}"] if scale != 1 and words else []
+    parts += [f"null = {null}"] if null else []
     read, written = access or (True, True)
     parts += ['group = "fast"'] if read and not written else []
-    return Point(
-        f"{transport}.{name}",
+    point = Point(
+        f"{conventions.transport}.{name}",
         row.name,
         row.text,
         unit.name,
@@ -409,6 +419,8 @@ def _point(
         absolute=unit.absolute,
         line=f'"{name}" = {{ {", ".join(parts)} }}',
     )
+    size = {"32": 2, "64": 4}.get(kind[-2:], 1) if words else 1
+    return point, (table, address, size, row.bit)
 
 
 def _name(text: str) -> str:

@@ -205,3 +205,87 @@ def test_access_that_cannot_be_is_refused(tmp_path):
     path.write_text("name,table,address,scale,unit\nx,input,1,0.1,0.01 mm\n")
     with pytest.raises(WiringError, match=r"the scale is 0\.1, and the unit '0\.01 mm' has one too"):
         read_register_list(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "scales"),
+    [
+        ("Scale factor", ("0.1", "1"), (0.1, 1.0)),
+        ("Scale factor", ("10", "1"), (None, 1.0)),  # it may multiply or divide
+        ("Factor", ("1/100", "2"), (0.01, None)),
+        ("SF", ("-1", "2"), (0.1, 100.0)),  # SunSpec
+        ("SF", ("1", "2"), (1.0, None)),
+        ("SF", ("A_SF", "0.1"), (None, 0.1)),  # another register has it
+        ("Exponent", ("2", "-3"), (100.0, 1e-3)),
+        ("Exponent", ("0", "0.5"), (1.0, None)),
+        ("Multiplier", ("10", "0.1"), (10.0, 0.1)),
+        ("Divisor", ("10", "1"), (0.1, 1.0)),
+        ("Scaling formula", ("x/10", ""), (None, 1.0)),
+        ("Conversion (x)", ("0.1 mm", "1"), (None, 1.0)),
+        ("10^x", ("0", "-1"), (1.0, None)),
+        ("Skal.-Faktor", ("0,1", "-"), (None, 1.0)),
+    ],
+)
+def test_a_point_is_scaled_as_the_list_says_or_left_out_with_a_reason(tmp_path, head, cells, scales) -> None:
+    path = tmp_path / "list.csv"
+    rows = [f"p{k};input;{10 + k};int16;{cell}" for k, cell in enumerate(cells)]
+    path.write_text("\n".join([f"Name;Table;Address;Type;{head}", *rows]))
+    found = read_register_list(path)
+    told = tomllib.loads("\n".join(point.line for point in found.points))
+    assert {name: one.get("scale", 1.0) for name, one in told.items()} == {
+        f"p{k}": scale for k, scale in enumerate(scales) if scale is not None
+    }
+    for k, scale in enumerate(scales):
+        said = [note for note in found.notes if f"p{k} (row {k + 2})" in note and head in note]
+        assert bool(said) == (scale is None)
+
+
+@pytest.mark.parametrize(
+    ("rows", "types"),
+    [
+        (["int,1", "int,2", "float32,2"], ["int16", "int32", "float32"]),  # registers
+        (["int,2", "uint,4", "float32,4"], ["int16", "uint32", "float32"]),  # bytes
+        (["int,16", "uint,32"], ["int16", "uint32"]),  # bits
+        (["int,2", "int,4"], [None, None]),  # registers or bytes
+        (["int16,2", "int32,2"], ["int16", "int32"]),  # bytes of one, registers of the other: the types tell
+        (["int32,1"], [None]),
+        ([",2", ",1"], [None, ""]),  # two registers of what?
+    ],
+)
+def test_a_size_tells_the_width_or_the_point_is_left_out(tmp_path, rows, types) -> None:
+    path = tmp_path / "list.csv"
+    lines = [f"p{k},input,{10 + 4 * k},{row}" for k, row in enumerate(rows)]
+    path.write_text("\n".join(["Name,Table,Address,Type,Size", *lines]))
+    told = points(path)
+    assert {name: one.get("type", "") for name, one in told.items()} == {
+        f"p{k}": kind for k, kind in enumerate(types) if kind is not None
+    }
+
+
+def test_two_points_on_one_register_are_reported(tmp_path) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text(
+        "Name,Table,Address,Type,Bit\nLaser,input,10,uint16,\nLeft,input,11,int32,\nRight,input,12,int32,\n"
+        "Run,input,20,,1\nStop,input,20,,2\nOther,holding,11,int32,\n"
+    )
+    shared = [note for note in read_register_list(path).notes if "both on" in note]
+    assert len(shared) == 1
+    assert all(word in shared[0] for word in ("Left (row 3)", "Right (row 4)", "input register 12"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "cell", "null"),
+    [
+        ("int16", "0x8000", -32768),
+        ("int16", "-32768", -32768),
+        ("uint16", "FFFFh", 65535),
+        ("int32", "0x80000000", -(2**31)),
+        ("float32", "-999.9", -999.9),
+        ("float32", "nan", None),
+        ("int16", "", None),
+    ],
+)
+def test_a_column_names_what_a_register_holds_without_a_value(tmp_path, kind, cell, null) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text(f"Name,Table,Address,Type,No value\np,input,10,{kind},{cell}\n")
+    assert points(path)["p"].get("null") == null

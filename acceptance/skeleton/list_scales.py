@@ -1,0 +1,183 @@
+"""By what the numbers of a list of registers are multiplied, and how wide they are; never a guess."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from acceptance.skeleton.list_words import ORDERS, SCALING, TYPES, WORDS
+from drivers.errors import WiringError
+
+#: An exponent of ten that a register may have.
+_EXPONENT_MAX: Final = 12
+#: Registers, bytes and bits: so many of each are one register.
+_SIZES: Final = (1, 2, 16)
+#: What a cell says that changes no number.
+_NOTHING: Final = re.compile(r"|[-–—]|none|n/?a|x?\s*1([.,]0+)?|1\s*/\s*1|1:1|10\^0", re.IGNORECASE)
+
+
+class LeftOut(Exception):
+    """A point that is not filled in, as something in its row is not understood; the text is the reason."""
+
+
+def kind_of(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
+    """Return type and order of its bytes, of FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
+    if not text:
+        return "", None
+    words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
+    order = None
+    for name in sorted(WORDS, key=len, reverse=True):
+        if re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words):
+            order = ORDERS[WORDS[name]]
+            words = re.sub(rf"(?<![a-z]){re.escape(name)}(?![a-z])", " ", words)
+            break
+    plain = words.replace(" ", "").replace("bits", "").replace("integer", "int")
+    plain = plain.replace("bit", "") if plain != "bit" else plain
+    plain = re.sub(r"^(16|32|64)(\D+)$", r"\2\1", plain)
+    kind = TYPES.get(plain)
+    if kind is None:
+        known = ", ".join(dict.fromkeys(TYPES.values()))
+        raise WiringError(
+            f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
+        )
+    return kind, order
+
+
+def comma_in(scales: Sequence[str]) -> bool:
+    """Whether the factors of a list have decimal commas."""
+    return any(re.search(r"\d,\d", scale) for scale in scales)
+
+
+def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
+    """Return the number of a cell; WiringError for one that is none, or may be two."""
+    if not text:
+        return 1.0
+    wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
+    if commas and "." in text:
+        raise WiringError(
+            f"{where}: {key} = {text!r}: other rows have decimal commas, and this one has a point"
+        )
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
+        raise WiringError(
+            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write it with a point"
+        )
+    parts = text.replace(",", ".").split("/")
+    try:
+        numbers = [float(part) for part in parts if "_" not in part]
+        scale = numbers[0] / numbers[1] if len(parts) == 2 else numbers[0]
+    except (ValueError, IndexError, ZeroDivisionError):
+        raise wrong from None
+    if len(numbers) != len(parts) or len(parts) > 2 or not 0.0 < abs(scale) < float("inf"):
+        raise wrong
+    return scale
+
+
+def factor_of(text: str, column: str, exponents: bool) -> float:
+    """Return what a column such as "Scale factor" or "SF" multiplies with. LeftOut if that is not clear.
+
+    ``exponents``: its numbers are powers of ten. A factor above 1 may multiply or divide.
+    """
+    plain = text.replace(",", ".").removeprefix("10^").strip()
+    if exponents or text.startswith("10^"):
+        if re.fullmatch(r"[-+]?\d{1,2}(\.0+)?", plain) and abs(float(plain)) <= _EXPONENT_MAX:
+            return float(10.0 ** int(float(plain)))
+        raise LeftOut(f"column {column} has {text!r}, which is no exponent of ten from -12 to 12")
+    if not text:
+        return 1.0
+    try:
+        scale = scale_of("", text, False)
+    except WiringError:
+        raise LeftOut(
+            f"column {column} has {text!r}, which is no number; a column scale would be right"
+        ) from None
+    if not 0.0 < scale <= 1.0:
+        raise LeftOut(
+            f"column {column} has {text}, which may multiply or divide; a column multiplier or divisor would be right"
+        )
+    return scale
+
+
+def are_exponents(cells: Sequence[str]) -> bool:
+    """Whether the cells of a column "SF" are powers of ten, as SunSpec has them: whole, and one is below 0."""
+    found = [cell.replace(",", ".") for cell in cells if cell]
+    whole = all(re.fullmatch(r"[-+]?\d{1,2}", cell) for cell in found)
+    return whole and any(cell.startswith("-") for cell in found)
+
+
+def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> str:
+    """Return which column, that is not read, may change the number of a row, and what it has; "" for none."""
+    for index, name in enumerate(names):
+        told = cells[index].strip() if index < len(cells) else ""
+        if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(told):
+            continue
+        if not re.fullmatch(r"0([.,]0+)?", told):
+            return f"column {name} has {told!r}, which is not understood"
+    return ""
+
+
+def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
+    """Return what a column of sizes may count: how many of it are a register. ``sizes``: cells, and known registers.
+
+    Where a type says how wide it is, that must agree; 0 registers are unknown.
+    """
+    said = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
+    found = {unit for word, unit in said.items() if word in head.lower()} or set(_SIZES)
+    numbers = [(int(cell), known) for cell, known in sizes if cell.isdigit()]
+    if any(number == 1 and known != 0 for number, known in numbers):
+        return found & {1}
+    return {
+        unit
+        for unit in found
+        if all(number == known * unit if known else number % unit == 0 for number, known in numbers)
+    }
+
+
+def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
+    """Return the type of a number for a cell with its size. LeftOut if they do not agree, or leave it open."""
+    if not size or kind == "bit":
+        return kind
+    if not size.isdigit() or not int(size):
+        raise LeftOut(f"its size {size!r} is no number of registers, bytes or bits")
+    may = {int(size) // unit for unit in units or _SIZES if int(size) % unit == 0}
+    wide = {"16": 1, "32": 2, "64": 4}.get(kind[-2:], 1)
+    if explicit and wide in may:
+        return kind
+    fit = may & {1, 2, 4}
+    if explicit or len(fit) != 1:
+        raise LeftOut(
+            f"its size {size} does not tell how many registers it has, with type {kind or 'unknown'}"
+        )
+    registers = fit.pop()
+    if not kind and registers > 1:
+        raise LeftOut(f"it has {registers} registers, and no type says what they hold")
+    return f"{kind.rstrip('0123456789')}{16 * registers}" if kind else kind
+
+
+def null_of(text: str, kind: str) -> str:
+    """Return what registers hold without a value, as the wiring has it; "" for what is no number anyway."""
+    if not text or text.lower() in ("nan", "-"):
+        return ""
+    plain = re.sub(r"^16#|(?<=[0-9a-f])h$", "", text.strip().lower())
+    try:
+        number = int(plain, 16) if plain != text.strip().lower() else int(plain, 0)
+    except ValueError:
+        try:
+            return f"{float(text.replace(',', '.')):.12g}"
+        except ValueError:
+            raise LeftOut(f"its value without a measurement, {text!r}, is no number") from None
+    bits = int(kind[-2:]) if kind.startswith("int") else 0
+    return str(number - (1 << bits) if bits and number >= 1 << bits - 1 else number)
+
+
+def shared_registers(places: Mapping[str, tuple[str, int, int, str]]) -> list[str]:
+    """Return in words which points are on one register; ``places``: table, address, registers and bit by name."""
+    found = []
+    ordered = sorted(places.items(), key=lambda one: one[1][:2])
+    for index, (name, (table, address, size, bit)) in enumerate(ordered):
+        for other, (there, at, _, its_bit) in ordered[index + 1 :]:
+            if there != table or at >= address + size:
+                break
+            if not (bit and its_bit and bit != its_bit):
+                found.append(f"{name} and {other} are both on {table} register {at}: one of them is wrong")
+    return found
