@@ -15,6 +15,7 @@ from bench_protocol.can_codec import Decoder
 from bench_protocol.dbc import Dbc, DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.j1939_transport import ANNOUNCES, CARRIES, Reassembly
+from bench_protocol.no_value import no_value_codes
 from bench_protocol.table import TABLE
 from bench_records.layout import RecordError, SignalInfo
 from drivers.can_files.frames import CanLogError, Frames, Kind
@@ -252,5 +253,6 @@ def _called(message: Described, identifier: int, senders: set[int]) -> str:
 
 def _info(message: str, signal: Any) -> SignalInfo:
     name, unit = f"{message}.{signal.name}", signal.unit or ""
-    words = {int(key): str(text) for key, text in (signal.choices or {}).items()}
+    none = no_value_codes(signal)
+    words = {int(key): str(text) for key, text in (signal.choices or {}).items() if int(key) not in none}
     return SignalInfo(name, unit, 1.0, name, "" if words else f"{message}, {unit or 'no unit'}", words)

@@ -12,6 +12,7 @@ from cantools.database.can import Message
 from bench_protocol import j1939
 from bench_protocol.account import Account
 from bench_protocol.dbc import Described
+from bench_protocol.no_value import no_value_codes
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
@@ -26,14 +27,17 @@ class Decoding:
         self.signals = {signal.name: signal for signal in message.coding.signals}
         # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
         self._parts = list(_alone(message.coding)) if message.unsound else [message.coding]
+        #: The raw values of each signal that the DBC names as no value, with their names; may be changed.
+        self.no_value = {name: codes for name, one in self.signals.items() if (codes := no_value_codes(one))}
         found = {signal.name for part in self._parts for signal in part.signals}
         #: Signals that the DBC places outside of their message: no frame has them.
         self.outside = [name for name in self.signals if name not in found]
         self._errors = (Error, ValueError, OverflowError)
 
     def values(self, data: bytes, account: Account) -> Iterator[tuple[str, float]]:
-        """Yield the signals in a frame by name, in the unit of the DBC; NaN for what J1939 calls no value."""
+        """Yield the signals in a frame by name, in the unit of the DBC; NaN for what is none by J1939 or the DBC."""
         name = self.message.name
+        raw = self.message.j1939 or bool(self.no_value)
         if len(data) < self.message.coding.length:
             account.leave_out(
                 f"frame(s) of {name} shorter than its {self.message.coding.length} bytes in part"
@@ -41,9 +45,7 @@ class Decoding:
         told = set()
         for part in self._parts:
             try:
-                found: Any = part.decode(
-                    data, decode_choices=False, scaling=not self.message.j1939, allow_truncated=True
-                )
+                found: Any = part.decode(data, decode_choices=False, scaling=not raw, allow_truncated=True)
             except self._errors:  # a page that the DBC does not know
                 account.leave_out(f"frame(s) of {name} with a page that the DBC does not have")
                 continue
@@ -51,11 +53,15 @@ class Decoding:
                 if signal in told:
                     continue  # the selector of several pages
                 told.add(signal)
-                yield signal, self._checked(signal, value, account) if self.message.j1939 else float(value)
+                yield signal, self._checked(signal, value, account) if raw else float(value)
 
     def _checked(self, name: str, raw: float, account: Account) -> float:
         signal = self.signals[name]
-        if not signal.conversion.is_float:
+        text = self.no_value.get(name, {}).get(raw)  # type: ignore[call-overload]
+        if text is not None:
+            account.leave_out(f"value(s) of {self.message.name}.{name} that the DBC names {text!r}")
+            return math.nan
+        if self.message.j1939 and not signal.conversion.is_float:
             code = j1939.missing(int(raw) & (1 << signal.length) - 1, signal.length)
             if code:
                 account.leave_out("J1939 value(s) " + ("in error" if code == "error" else f"that are {code}"))

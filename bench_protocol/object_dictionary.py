@@ -321,6 +321,7 @@ def _pdo(table: Table, message: Message) -> DictionaryObject:
 def _field(table: Table, message: Message, sub: int, field: Field, bit: int) -> Entry:
     row = table[field.signal]
     step = field.step or row.step
+    null = f"; {field.raw_null} on the wire: not available" if field.nullable else ""
     return Entry(
         sub,
         row.name,
@@ -332,7 +333,7 @@ def _field(table: Table, message: Message, sub: int, field: Field, bit: int) -> 
         row.unit if row.unit != "1" else "",
         float(f"{in_unit(step, row.unit):.10g}"),
         True,
-        row.description,
+        row.description + null,
         row.name,
     )
 

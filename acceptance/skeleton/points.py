@@ -11,6 +11,7 @@ from typing import Final
 
 from acceptance.skeleton.written_units import unit_of
 from bench_protocol.dbc import DbcError, read_dbc
+from bench_protocol.no_value import no_value_codes
 from drivers.errors import WiringError
 
 
@@ -26,6 +27,9 @@ class Point:
     read: bool
     choices: Mapping[str, int] = field(default_factory=dict)
     line: str = ""  #: of ``[transports.NAME.points]``
+    nulls: Mapping[int, str] = field(
+        default_factory=dict
+    )  #: raw values that are no measurement, with their names
     absolute: bool = False  #: a pressure over nothing, where ours are over the atmosphere
 
 
@@ -59,9 +63,14 @@ def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -
             written=rig not in senders[name],
             read=not senders[name] or rig in senders[name],
             absolute=unit.absolute,
-            choices={str(text): int(number) for number, text in (signal.choices or {}).items()},
+            choices={
+                str(text): int(number)
+                for number, text in (signal.choices or {}).items()
+                if int(number) not in nulls
+            },
+            nulls=nulls,
         )
         for name, one in messages.items()
         for signal in one.coding.signals
-        for unit in [unit_of(signal.unit or "")]
+        for unit, nulls in [(unit_of(signal.unit or ""), no_value_codes(signal))]
     ]

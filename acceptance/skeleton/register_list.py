@@ -187,7 +187,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
             titles += 1  # of a section
             continue
         unread_one = unread_scaling(names, list(found.values()), cells)
-        rows.append(_Row(line, *(row.get(key, "") for key in COLUMNS), unread_one))
+        rows.append(_Row(line, **{key: row.get(key, "") for key in COLUMNS}, open=unread_one))
     if titles:
         notes.append(f"Rows with a single cell, taken as titles: {titles}.")
     return rows, {key: names[index] for key, index in found.items()}, notes

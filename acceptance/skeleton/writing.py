@@ -105,6 +105,7 @@ def skeleton(
             text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
+        text += _nulls(points)
     rows: list[Point] = []
     if registers is not None:
         listed = read_register_list(registers, counting=counting)
@@ -122,6 +123,17 @@ def skeleton(
         for name in names:
             text += _entry(TABLE[name], written[name], told.get(name), needed.get(name, ""))
     return text + "\n" + _SEQUENCES
+
+
+def _nulls(points: Sequence[Point]) -> str:
+    """Return which raw values the DBC names as no measurement, by point."""
+    lines = [
+        f'"{one.name.partition(".")[2]}" = {{ null = {sorted(one.nulls)} }}  # {", ".join(one.nulls.values())}\n'
+        for one in points
+        if one.nulls and one.read
+    ]
+    head = "# Raw values that the DBC names as no measurement.\n[transports.bus.points]\n"
+    return f"{head}{''.join(lines)}\n" if lines else ""
 
 
 def _line(row: Point, written: Mapping[str, Match]) -> str:

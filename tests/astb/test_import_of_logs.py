@@ -388,3 +388,16 @@ def test_frames_as_csv_are_named(tmp_path) -> None:
 
 def test_the_rows_of_channels_are_in_the_table() -> None:
     assert {one.name for one in table("logs").forms} >= TESTED
+
+
+def test_raw_values_that_the_dbc_names_are_nan_in_the_record_and_counted(came) -> None:
+    """65535 "SNA" is neither 6253.5 mm nor a state: the signal stays a number with its unit."""
+    dbc = HEAD + HEIGHTS + 'VAL_ 256 Left 100 "SNA" ;\n'
+    code, said, out = came("run.asc", asc(heights(200)), dbc)
+    assert code == PASS
+    assert "1 value of Heights.Left that the DBC names 'SNA'" in said
+    record = read(out)
+    left = record.signals["Heights.Left"]
+    assert (left.unit, left.names) == ("mm", {})
+    _, values = record.series("Heights.Left")
+    assert int(np.isnan(values).sum()) == 1

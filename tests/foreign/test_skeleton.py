@@ -1,6 +1,7 @@
 """A first wiring file: much of what people wrote by hand is found, nothing wrong is filled in, and it can be read."""
 
 import csv
+import math
 import tomllib
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from astb.cli import commands
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
 from drivers.errors import WiringError
+from drivers.wiring.can.messages import read_messages
 from drivers.wiring.description import describe
 from tests.foreign import wiring_file
 
@@ -211,3 +213,23 @@ def test_every_unit_of_ours_is_itself_and_in_another_case_itself_or_nothing():
             name.upper(),
             *(one for one in UNITS if one == name.upper()),
         )
+
+
+def test_raw_values_that_a_dbc_names_become_null_and_the_file_can_be_read(tmp_path):
+    dbc = tmp_path / "rig.dbc"
+    dbc.write_text(
+        'VERSION ""\nNS_ :\nBS_:\nBU_: PLC B\nBO_ 256 Spring: 8 PLC\n'
+        ' SG_ Height : 0|16@1+ (0.1,-300) [0|0] "mm" B\n SG_ Mode : 16|8@1+ (1,0) [0|0] "" B\n\n'
+        'VAL_ 256 Height 65534 "Fehler" 65535 "SNA" ;\nVAL_ 256 Mode 0 "Off" 1 "On" ;\n'
+    )
+    told = tomllib.loads(skeleton(dbc, None, tmp_path))["transports"]["bus"]
+    assert told["points"] == {"Spring.Height": {"null": [65534, 65535]}}
+    for points, raw, value in (
+        (told["points"], 65534, math.nan),
+        ({}, 65535, math.nan),  # the DBC alone says it
+        ({"Spring.Height": {"null": []}}, 65535, 6253.5),
+        ({"Spring.Height": {"null": 0}}, 0, math.nan),
+    ):
+        message = read_messages("transports.bus", {**told, "points": points}, tmp_path, None, None)["Spring"]
+        heard = message.decode(raw.to_bytes(2, "little") + bytes(6))
+        assert heard["Spring.Height"] == pytest.approx(value, nan_ok=True)

@@ -4,12 +4,16 @@ import math
 from pathlib import Path
 
 import cantools
+import numpy as np
 import pytest
 
 from bench_protocol import j1939
 from bench_protocol.account import Account
+from bench_protocol.can_codec import Encoder
 from bench_protocol.dbc import DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
+from bench_protocol.frames import payload
+from bench_protocol.table import TABLE
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
 GAS = (
@@ -206,3 +210,56 @@ def test_a_short_frame_has_what_fits_as_cantools_says(length: int) -> None:
     for one in read_dbc(path).messages.values():
         theirs = one.coding.decode(data, decode_choices=False, allow_truncated=True)
         assert dict(Decoding(one).values(data, account)) == theirs
+
+
+@pytest.mark.parametrize(
+    ("signal", "named", "codes"),
+    [
+        ('0|16@1+ (0.1,-300) [0|0] "mm"', '65534 "Fehler" 65535 "SNA"', {65534, 65535}),
+        ('0|16@1+ (0.001,0) [0|0] "bar"', '65535 "Signal not available"', {65535}),
+        ('0|11@1+ (0.005,-7.22) [-7.22|3.005] "mm"', '2046 "Neutralwert" 2047 "Fehler"', {2046, 2047}),
+        ('0|16@1- (0.01,0) [-300|300] "mm"', '-32768 "not_available"', {-32768}),
+        ('0|8@1+ (1,0) [0|100] "%"', '0 "Off" 100 "Full" 101 "Kurzschluss" 200 "Xyz"', {101, 200}),
+        ('0|8@1+ (1,-40) [-40|210] "degC"', '0 "InitialValue" 254 "reserved" 255 "SIGNAL_INVALID"', {0, 254, 255}),
+        ('0|16@1+ (1,0) [0|0] ""', '65535 "Fehler"', {65535}),
+        ('0|8@1+ (0.5,0) [0|0] "V"', '0 "NoError" 24 "kein Fehler"', set()),
+        ('0|4@1+ (1,0) [0|15] ""', '0 "Idle" 1 "Run" 2 "Fault" 15 "SNA"', {15}),
+        ('0|1@1+ (1,0) [0|1] ""', '0 "kein Fehler" 1 "Fehler"', set()),
+        ('0|1@1+ (1,0) [0|1] ""', '1 "Fehler"', set()),
+        ('0|8@1+ (1,0) [0|0] ""', '0 "OK" 1 "Fehler" 2 "Warnung"', set()),
+        ('0|2@1+ (1,0) [0|3] ""', '0 "aus" 1 "ein" 2 "Fehler" 3 "nicht verfügbar"', {3}),
+    ],
+)  # fmt: skip
+def test_named_raw_values_that_are_no_measurement_have_no_value_and_are_counted(
+    tmp_path, signal: str, named: str, codes: set[int]
+) -> None:
+    text = f"{HEAD}BO_ 256 S: 8 PLC\n SG_ X : {signal} B\n\nVAL_ 256 X {named} ;\n"
+    one, account = Decoding(read_dbc(written(tmp_path, text)).messages["S"]), Account()
+    coding = one.signals["X"]
+    for code in map(int, coding.choices):
+        data = (code & (1 << coding.length) - 1).to_bytes(8, "little")
+        (value,) = dict(one.values(data, account)).values()
+        assert (
+            math.isnan(value)
+            if code in codes
+            else value == pytest.approx(coding.scale * code + coding.offset)
+        )
+    assert sum(account.counts.values()) == len(codes)
+
+
+def test_a_stock_client_sees_where_our_bus_has_no_value() -> None:
+    """Without a name in the DBC, the code of a bench without a car reads as car_height = -327.68 mm."""
+    path = Path(__file__).resolve().parents[2] / "bench_protocol" / "generated" / "astb.dbc"
+    theirs, ours = cantools.database.load_file(path), read_dbc(path)
+    absent = np.full(len(TABLE.signals), np.nan)
+    checked = 0
+    for record in Encoder(TABLE).encode(absent, np.arange(len(TABLE.messages)), 0):
+        row = next(one for one in TABLE.messages if one.identifier == int(record["id"]))
+        decoded = theirs.decode_message(row.identifier, payload(record))
+        found = dict(Decoding(ours.messages[row.name]).values(payload(record), Account()))
+        for field in (one for one in row.fields if one.nullable):
+            name = field.signal.replace(".", "_")
+            assert str(decoded[name]) == "not available"
+            assert math.isnan(found[name])
+            checked += 1
+    assert checked == sum(field.nullable for one in TABLE.messages for field in one.fields)

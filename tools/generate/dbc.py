@@ -9,6 +9,7 @@ from cantools.database.can import Node
 from cantools.database.can import Signal as DbcSignal
 from cantools.database.can.formats.dbc import DbcAttribute, DbcAttributeDefinition, DbcSpecifics
 from cantools.database.conversion import BaseConversion
+from cantools.database.namedsignalvalue import NamedSignalValue
 
 from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.table import TABLE
@@ -61,10 +62,13 @@ def _message(row: Message) -> DbcMessage:
 
 def _signal(message: Message, field: Field, first_bit: int) -> DbcSignal:
     row = TABLE[field.signal]
+    choices: OrderedDict[int, str | NamedSignalValue] = OrderedDict(enumerate(row.choices))
+    if field.nullable:
+        choices[field.raw_null] = "not available"
     conversion = BaseConversion.factory(
         scale=_short(in_unit(field.step or row.step, row.unit)),
         offset=0,
-        choices=OrderedDict(enumerate(row.choices)) if row.choices else None,
+        choices=choices or None,
         is_float=False,
     )
     return DbcSignal(

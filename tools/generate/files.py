@@ -23,6 +23,7 @@ from bench_protocol.wires import moved
 from bench_protocol.words import FAULTS
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.quantities import QUANTITIES
+from bench_sim.rig.registers import UNAVAILABLE
 from bench_sim.rig.states import TRANSITIONS
 from tools.generate.canopen_page import canopen_page
 from tools.generate.dbc import dbc
@@ -45,19 +46,33 @@ def modbus_csv() -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
-        ["space", "address", "number", "words", "encoding", "signal", "unit", "scale", "low", "high"]
+        [
+            "space",
+            "address",
+            "number",
+            "words",
+            "encoding",
+            "signal",
+            "unit",
+            "scale",
+            "low",
+            "high",
+            "no value",
+        ]
     )
     for register in TABLE.registers:
         signal = TABLE.signals[TABLE.index[register.signal]] if register.signal in TABLE.index else None
-        unit, scale, low, high = "", "", "", ""
+        unit, scale, low, high, null = "", "", "", "", ""
         if signal is not None and register.encoding != "bit":
             scaled = register.encoding == "int16"
             unit = (signal.unit if scaled else signal.si) if signal.unit != "1" else ""
             scale = f"{in_unit(signal.step, signal.unit):.10g}" if scaled else "1"
             factor = 1.0 if not scaled else 1.0 / in_unit(1.0, signal.unit)
             low, high = (f"{value / factor:.10g}" for value in (signal.low, signal.high))
+            if register.space == "input":
+                null = str(UNAVAILABLE - 0x1_0000) if scaled else "nan"
         place = (register.space, register.address, register.number, register.words, register.encoding)
-        writer.writerow([*place, register.signal, unit, scale, low, high])
+        writer.writerow([*place, register.signal, unit, scale, low, high, null])
     return text.getvalue()
 
 

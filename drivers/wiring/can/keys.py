@@ -68,7 +68,8 @@ class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
     offset: float = 0.0
     page: int | None = None  #: it is there when the selector has this value
     selector: bool = False  #: it says which page is sent
-    null: float | None = None  #: the raw value that means "not available"
+    #: The raw values that mean "not available"; those that the DBC names so, where nothing is said.
+    null: float | list[float] | None = None
 
 
 DBC_SAYS: Final = frozenset(SignalKeys.__struct_fields__) - {"null"}

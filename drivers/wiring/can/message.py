@@ -25,7 +25,7 @@ class Message:
     decoding: Decoding
     keys: MessageKeys
     stale: float  #: s
-    nulls: dict[str, float]
+    nulls: dict[str, list[float]]
     limits: dict[str, tuple[float, float]]  #: of each signal, as it is coded
     every: float = 0.0  #: how often it is sent (s); 0 for when it is written
     counter_period: int = 0
@@ -150,8 +150,8 @@ class Message:
         """Return the numbers in a received frame by point, as far as it goes; NaN where there is none."""
         names = self.points
         found = {names[signal]: value for signal, value in self.decoding.values(data, Account())}
-        for signal, null in self.nulls.items():
-            if found.get(names[signal]) == null:
+        for signal, nulls in self.nulls.items():
+            if found.get(names[signal]) in nulls:
                 found[names[signal]] = math.nan
         return found
 

@@ -232,19 +232,28 @@ def _message(
 ) -> Message:
     name, coding = one.name, one.coding
     names = [signal.name for signal in coding.signals]
+    decoding = Decoding(one)
     nulls = {}
     for signal in coding.signals:
         null = points[signal.name].null if signal.name in points else None
-        if null is not None:
-            raw = _raw_null(f"{where}: {signal.name}", signal, null)
-            nulls[signal.name] = float(signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
+        if null is None:
+            continue
+        decoding.no_value.pop(signal.name, None)
+        raws = [
+            _raw_null(f"{where}: {signal.name}", signal, each)
+            for each in (null if isinstance(null, list) else [null])
+        ]
+        nulls[signal.name] = [
+            float(signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
+            for raw in raws
+        ]
     if keys.source is not None and not one.j1939:
         raise WiringError(
             f"{where}: source = {keys.source:#x} is for J1939; where the DBC does not say so, j1939 = true does"
         )
     limits = {signal.name: _limits(signal) for signal in coding.signals}
     every = 0.0 if keys.every is None else duration(f"{where}: every", keys.every)
-    message = Message(name, coding, Decoding(one), keys, 0.0, nulls, limits, every, refused=refused)
+    message = Message(name, coding, decoding, keys, 0.0, nulls, limits, every, refused=refused)
     pages = max(1, len(message.pages()))
     cycle = (coding.cycle_time or 0) * ms
     by_rate = max(_STALE_MIN, _STALE_PERIODS * cycle) if stale is None else stale

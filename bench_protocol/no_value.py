@@ -1,0 +1,61 @@
+"""Raw values of a signal that a DBC names because they are no measurement: "SNA", "Fehler", the end of a scale."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from cantools.database.can import Signal
+
+#: Names that mean "no value" of any signal, a state too.
+_NO_VALUE: Final = re.compile(
+    r"\b(sna|not avail\w*|n a|na|nv|unavailable|no (value|data|signal)|not (valid|defined)|invalid|undefined|"
+    r"(nicht|un) ?(verf(ü|ue)gbar|g(ü|ue)ltig|definiert|vorhanden)|ung(ü|ue)ltig|kein(e)? (wert|daten|signal))\b"
+)
+#: Names that mean it of a number; of a state they are one of its states.
+_ERROR: Final = re.compile(
+    r"\b(err|errors?|faults?|failures?|failed|defect\w*|fehler\w*|defekt\w*|implausib\w*|unplausib\w*|neutralwert|"
+    r"neutral value|init\w*|out of range|overrange|underrange|(short|open) circuit|kurzschluss|unterbrechung)\b"
+)
+_NONE: Final = re.compile(r"\b(no|not|kein(e|er)?|ohne|without|free)\b|fehlerfrei")
+#: The codes at an end of a scale are one part in so many of it.
+_END: Final = 16
+#: A signal without a unit is a number only from so many bits on.
+_NUMBER_BITS: Final = 8
+
+
+def no_value_codes(signal: Signal) -> dict[int, str]:
+    """Return the raw values of ``signal`` that mean "no value", each with its name in the DBC.
+
+    Of a number (a signal with unit, scale or offset, or with no other named values) these are also its named values
+    beyond its range and at an end of what its bits can hold.
+    """
+    if signal.conversion.is_float or not signal.choices:
+        return {}
+    named = {int(code): str(text) for code, text in signal.choices.items()}
+    found = {code: text for code, text in named.items() if _NO_VALUE.search(_plain(text))}
+    special = {code for code, text in named.items() if code in found or _is_special(signal, code, text)}
+    scaled = bool(signal.unit) or signal.scale != 1 or signal.offset != 0
+    number = signal.length > 2 if scaled else signal.length >= _NUMBER_BITS and len(special) == len(named)
+    return {code: text for code, text in named.items() if code in (special if number else found)}
+
+
+def _is_special(signal: Signal, code: int, text: str) -> bool:
+    plain = _plain(text)
+    if _ERROR.search(plain) and not _NONE.search(plain):
+        return True
+    value = signal.scale * code + signal.offset
+    low, high = signal.minimum, signal.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        return True
+    span = 1 << signal.length
+    first = -(span >> 1) if signal.is_signed else 0
+    above, below = first + span - 1 - code, code - first
+    return _END * above < span or (signal.is_signed and _END * below < span)
+
+
+def _plain(text: str) -> str:
+    """Return a name as small words: of SignalNotAvailable or SIGNAL_NOT_AVAILABLE, signal not available."""
+    words = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", text)
+    return " ".join(re.sub(r"[\W_]+", " ", words.lower()).split())
