@@ -146,21 +146,33 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
     )
     if conventions.exponents:
         notes.append(f"The column {heads['factor']} is taken as exponents of ten: -1 is a scale of 0.1.")
+    points, left_out = _points(path, rows, tables, access, conventions)
+    return RegisterList(points, notes + left_out)
+
+
+def _points(
+    path: Path,
+    rows: Sequence[_Row],
+    tables: Mapping[int, str],
+    access: Mapping[int, tuple[bool, bool] | None],
+    conventions: _Conventions,
+) -> tuple[list[Point], list[str]]:
+    """Return the points, and in words which were left out and which share a register."""
     points: list[Point] = []
     places: dict[str, tuple[str, int, int, str]] = {}
     left_out: dict[str, list[str]] = {}
     for row in rows:
-        where, table = f"{path}, row {row.line}", tables[row.line]
+        name = f"{row.name} (row {row.line})"
         try:
-            point, place = _point(where, row, table, access[row.line], conventions)
+            point, places[name] = _point(
+                f"{path}, row {row.line}", row, tables[row.line], access[row.line], conventions
+            )
         except LeftOut as reason:
-            left_out.setdefault(str(reason), []).append(f"{row.name} (row {row.line})")
-            continue
-        points.append(point)
-        places[f"{row.name} (row {row.line})"] = place
-    notes += [f"Left out: {', '.join(names)}: {reason}." for reason, names in left_out.items()]
-    notes += [f"{said}." for said in shared_registers(places)]
-    return RegisterList(points, notes)
+            left_out.setdefault(str(reason), []).append(name)
+        else:
+            points.append(point)
+    notes = [f"Left out: {', '.join(names)}: {reason}." for reason, names in left_out.items()]
+    return points, notes + [f"{said}." for said in shared_registers(places)]
 
 
 def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str], list[str]]:

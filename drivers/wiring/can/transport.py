@@ -34,8 +34,8 @@
 
     [transports.bus.points]
     "Cells.Cell1" = { start = 7, length = 16, byte_order = "big", signed = true, scale = 0.5, null = -32768 }
-    "Heights.Left" = { null = [65534, 65535] }          # with one: raw values without a measurement; those that it names
-                                                        # so ("SNA", "Fehler") where nothing is said
+    "Heights.Left" = { null = [65534, 65535] }     # with one: raw values without a measurement; those it names
+                                                   # so ("SNA", "Fehler") where nothing is said
 
 Counters and checksums are filled in when a message is sent and checked when it is received; what is wrong is counted
 (``counts``) and not handed on. Of a frame that is shorter than described, what fits is read. With J1939 priority and
