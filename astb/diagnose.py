@@ -252,7 +252,12 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
 
-    for one in finding.readings:
+    checked = [
+        f"{row.file}, {row.column}: {row.check}: {row.found}; {row.consequence}"
+        for row in finding.quality
+        if not row.doubt
+    ]
+    for one in (*finding.readings, *checked):
         line(one)
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")

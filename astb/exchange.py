@@ -74,9 +74,10 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     if not source.is_file():
         raise RecordError(f"{source} is no file")
     keys = keys or LogKeys()
-    frames = ending in FRAME_ENDINGS or (ending in MDF_ENDINGS and keys.dbc is not None)
+    as_table = any(text.partition("=")[0].strip() == "format" for text in table)
+    frames = not as_table and (ending in FRAME_ENDINGS or (ending in MDF_ENDINGS and keys.dbc is not None))
     _refuse_idle_keys(source, keys, table, frames)
-    if not frames and (what := log_of_others(source)):
+    if not frames and not as_table and (what := log_of_others(source)):
         raise RecordError(f"{source} is {what}, not a table of samples; {OTHER_FORMS}")
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")

@@ -18,6 +18,7 @@ class Account:
         default_factory=dict
     )  #: what was left out, "CAN FD frame(s)", and how often
     first: dict[str, str] = field(default_factory=dict)  #: where the first of them stood, "line 12"
+    quality: list[dict[str, Any]] = field(default_factory=list)  #: what checks of the data found
 
     def take(self, sentence: str) -> None:
         """Say, once, how the file was taken: "the times are Unix times; the record begins at …"."""
@@ -35,6 +36,7 @@ class Account:
         """Take over what another reading tells."""
         for sentence in other.taken:
             self.take(sentence)
+        self.quality += other.quality
         for what, count in other.counts.items():
             self.leave_out(what, count, other.first.get(what, ""))
 
@@ -57,6 +59,6 @@ class Account:
 
     def as_meta(self) -> dict[str, Any]:
         """Return what a record's meta data keep of it, under one key; nothing if there is nothing to tell."""
-        told = {"taken": self.taken, "left_out": self.counts}
+        told = {"taken": self.taken, "left_out": self.counts, "quality": self.quality}
         kept = {key: value for key, value in told.items() if value}
         return {"reading": kept} if kept else {}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
 from bench_protocol.misfit import misfit
-from bench_protocol.units import UNITS
+from bench_protocol.unit_names import UnknownUnit, is_unit, read_unit
 from bench_records.exchange import Comment
 from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo
 from bench_records.recorder import Recorder
@@ -18,6 +19,7 @@ from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import in_words
 from bench_records.tables.joined import date_and_time
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
+from bench_records.tables.quality import Nulls, without_codes
 from bench_records.tables.reading import Series, of_sheet, read_sheet, refuse_falling
 from bench_records.tables.stamps import looks_like_a_stamp
 
@@ -28,8 +30,7 @@ if TYPE_CHECKING:
 TIME: Final = "time_s"
 #: What a clock may be called that has dates, or tells its unit.
 _CLOCKS: Final = ("time", "timestamp", "datetime", "date", "date/time", "zeit", "zeitstempel", "datum", "t")
-_COLUMN: Final = re.compile(r"(?P<name>\S+)(?: ?[\[(](?P<unit>[^\])]*)[\])])?")
-_SAME_UNIT: Final = {"°C": "degC", "µm": "um", "l": "litre", "-": ""}
+_COLUMN: Final = re.compile(r"(?P<name>\S+?)(?: ?(?:\[(?P<unit>[^\]]*)\]|\((?P<round>[^)]*)\)))?")
 #: From names of the table of signals to how the record describes them.
 Known = Callable[[str], SignalInfo | None]
 
@@ -43,6 +44,8 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
     thousands: str | None = None
     group: ColumnName | None = None  #: of an MDF file: only this one
     raw: bool = False
+    #: What stands for no value, by signal; of "": in all columns.
+    null: dict[str, list[float | str]] = msgspec.field(default_factory=dict)
 
 
 def import_keys(texts: Iterable[str]) -> ImportKeys:
@@ -52,7 +55,12 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
         key, equals, value = text.partition("=")
         if not equals:
             raise RecordError(f'--table {text}: KEY=VALUE would be right, such as "decimal=,"')
-        given[key.strip().replace("-", "_")] = {"\\t": "\t", "tab": "\t"}.get(value, value)
+        name = key.strip().replace("-", "_")
+        if name == "null" or key.startswith("null."):
+            codes = [_code(one) for one in value.split(";") if one.strip()]
+            given.setdefault("null", {})[key.strip().partition(".")[2]] = codes
+            continue
+        given[name] = {"\\t": "\t", "tab": "\t"}.get(value, value)
         if value.isdigit() and key.strip() in ("time", "date", "group"):
             given[key.strip()] = int(value)
     unknown = set(given) - set(ImportKeys.__struct_fields__)
@@ -65,12 +73,20 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
         raise RecordError(f"--table: {misfit(error, given, ImportKeys)}") from None
 
 
+def _code(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
+
+
 class _Found(NamedTuple):
     """What a file holds of one signal."""
 
     signal: SignalInfo
     series: Series
     scale: float  #: SI value of what its numbers count
+    zero: float = 0.0  #: SI value of their 0
 
 
 def read_table(
@@ -80,8 +96,6 @@ def read_table(
 
     RecordError, with line or column, for a table that is none, or a column that is no signal or has another unit.
     """
-    import numpy as np
-
     _refuse_idle_keys(path, keys, ("group", "raw"), "an MDF file")
     wanted = [keys.time if keys.time is not None else TIME]
     sheet = read_sheet(path, keys, wanted, account)
@@ -92,13 +106,14 @@ def read_table(
     ]
     chosen: dict[str, tuple[int, Source]] = {}
     signals: dict[str, SignalInfo] = {}
+    units: dict[str, tuple[float, float]] = {}
     for index, column in enumerate(sheet.columns):
         if index + 1 in clock:
             continue
         if not column.name and _is_empty(column):
             account.leave_out("column(s) without name and values")
             continue
-        signal = _signal(path, column.name, column.unit, known)
+        signal, units[column.name] = _signal(path, column.name, column.unit, known)
         twice = [one for one, other in signals.items() if other.name == signal.name]
         if twice:
             first = chosen[twice[0]][0] + 1
@@ -106,14 +121,32 @@ def read_table(
                 f"{path}: the columns {first} and {index + 1} are both {signal.name}; leave one of them out of the file"
             )
         signals[column.name] = signal
-        chosen[column.name] = (index, Source(column=index + 1, thousands=keys.thousands))
+        chosen[column.name] = (index, _source(index, signal.name, keys))
     found = of_sheet(sheet, keys, time, chosen, account)
+    nulls = {signals[key].name: source.codes for key, (_, source) in chosen.items()}
+    found = _without_codes(path, {signals[key].name: one for key, one in found.items()}, nulls, account)
+    by_name = {signal.name: key for key, signal in signals.items()}
     there = []
-    for key, one in found.items():
-        known_values = np.isfinite(one.values)  # what is empty was not measured: it is no sample
-        series = one._replace(times=one.times[known_values], values=one.values[known_values])
-        there.append(_Found(signals[key], series, signals[key].scale))
+    for name, one in found.items():
+        key = by_name[name]
+        there.append(_Found(signals[key], one.measured(), *units[key]))
     return _write(into, there, meta, account, path)
+
+
+def _source(index: int, signal: str, keys: ImportKeys) -> Source:
+    null = keys.null.get(signal, keys.null.get(""))
+    return Source(column=index + 1, thousands=keys.thousands, null=null)
+
+
+def _without_codes(
+    path: Path, columns: Mapping[str, Series], nulls: Nulls, account: Account
+) -> dict[str, Series]:
+    """Return columns without codes for no value; the ``account`` gets what was found."""
+    found, remarks = without_codes(path.name, columns, nulls)
+    for one in remarks:
+        account.take(f"{'doubtful: ' * one.doubt}{one.sentence()}")
+        account.quality.append(asdict(one))
+    return found
 
 
 def _is_empty(column: Column) -> bool:
@@ -125,14 +158,13 @@ def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
     decimal = keys.decimal
     if keys.time is not None:
         place = sheet.place(keys.time, f"{sheet.path}: --table time")
-        unit = keys.time_unit or sheet.columns[place].unit or "s"
-        return TimeSource(column=place + 1, unit=unit, decimal=decimal, date=keys.date)
+        return TimeSource(column=place + 1, unit=keys.time_unit, decimal=decimal, date=keys.date)
     if keys.date is not None:
         raise RecordError(
             f"--table date={keys.date} is a column of dates; --table time=COLUMN, of their times of day, is lacking"
         )
     if sheet.places(TIME):
-        return TimeSource(column=sheet.place(TIME, f"{sheet.path}: time") + 1, unit=keys.time_unit or "s")
+        return TimeSource(column=sheet.place(TIME, f"{sheet.path}: time") + 1, unit=keys.time_unit)
     if sheet.clock is None and (both := date_and_time(sheet)):
         return TimeSource(column=both[1] + 1, date=both[0] + 1)
     able = [index for index, column in enumerate(sheet.columns) if _base(column.name).lower() in _CLOCKS]
@@ -140,9 +172,9 @@ def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
         able = [sheet.clock]
     if len(able) == 1:
         column = sheet.columns[able[0]]
-        unit = keys.time_unit or (column.unit if column.unit in UNITS else "")
+        unit = keys.time_unit or (column.unit if is_unit(column.unit) else "")
         if unit or _dated(column):
-            return TimeSource(column=able[0] + 1, unit=unit or "s", decimal=decimal)
+            return TimeSource(column=able[0] + 1, unit=unit or None, decimal=decimal)
     hint = f"--table time={sheet.columns[able[0]].name or able[0] + 1}" if able else "--table time=COLUMN"
     raise RecordError(
         f"{sheet.path} has no column {TIME}; it has {', '.join(map(str, sheet.names))}; {hint}, and "
@@ -169,7 +201,7 @@ def read_mdf(
     A file of ours gives back the record that it was made of. In another one channels must be called as signals are, and
     are taken in their own unit. RecordError for what is no MDF file, or a channel that is no signal.
     """
-    others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format")]
+    others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format", "null")]
     _refuse_idle_keys(path, keys, others, "a table")
     with mdf_file.opened(path) as mdf:
         ours = _own_comment(mdf.header.description)
@@ -184,13 +216,16 @@ def read_mdf(
             mdf_file.find(places, place.name, None, f"{path}: the channel")  # a name in two groups
             own = told.get(place.name)
             unit = str(mdf.groups[place.group].channels[place.index].unit or "")
-            signal = own or _signal(path, place.name, unit, known)
+            signal, si = (own, (1.0, 0.0)) if own else _signal(path, place.name, unit, known)
             texts = {text: number for number, text in signal.names.items()}
             raw = own is not None or keys.raw
             times, values, _ = mdf_file.samples(path, mdf, place, raw, account, texts)
             refuse_falling(path, times, f"{place.name}, {place.title}")
-            scale = signal.scale if own is None else 1.0  # what stands in a file of ours is in SI
-            found.append(_Found(signal, Series(place.name, times, values), scale))
+            series = Series(place.name, times, values)
+            if own is None:
+                codes = {signal.name: _source(0, signal.name, keys).codes}
+                series = _without_codes(path, {signal.name: series}, codes, account)[signal.name].measured()
+            found.append(_Found(signal, series, *si))  # a file of ours is in SI
         if ours is None:
             if start := mdf_file.start_of(mdf):
                 account.take(f"the file says that it begins at {in_words(start, True)}")
@@ -215,21 +250,36 @@ def _own_comment(text: str) -> Comment | None:
         return None
 
 
-def _signal(path: Path, name: str, unit: str, known: Known) -> SignalInfo:
-    """Return the signal that a column is of; its unit has to be that in which the signal is shown."""
+def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo, tuple[float, float]]:
+    """Return the signal that a column is of, and the factor and zero that make SI of its unit.
+
+    RecordError for no signal, and for a unit that is not stated, not known or of another quantity.
+    """
     found = _COLUMN.fullmatch(name)
     signal = known(found["name"]) if found else None
     if found is None or signal is None:
         raise RecordError(f"{path}: the column {name!r} is no signal of the bench; `astb signals` lists them")
-    told = found["unit"] or unit
-    if _SAME_UNIT.get(told, told) != _SAME_UNIT.get(signal.unit, signal.unit):
-        said = f"{told}, but" if told else "no unit;"
+    told = found["unit"] or found["round"] or unit
+    if told.strip() in ("", "-", "1") and signal.unit in ("", "1"):
+        return signal, (signal.scale, 0.0)
+    right = (
+        f"right would be {signal.unit}, or another unit of the same quantity"
+        if signal.unit
+        else "it has none"
+    )
+    if not told:
+        raise RecordError(f"{path}: the column {name!r} states no unit; {right}")
+    try:
+        read = read_unit(told)
+    except UnknownUnit as error:
+        raise RecordError(f"{path}: the column {name!r}: {error}; {right}") from None
+    if not signal.unit or not read.measures(read_unit(signal.unit).unit.si):
         raise RecordError(
-            f"{path}: the column {name!r} is in {said} it has to be said that it is in {signal.unit}"
-            if signal.unit
-            else f"{path}: the column {name!r} is in {told}, and {signal.name} has no unit"
+            f"{path}: the column {name!r} is in {told}, which {signal.name} cannot have; {right}"
         )
-    return signal
+    if read.reading == "absolute":
+        raise RecordError(f"{path}: the column {name!r} is in {told}; {signal.name} is a gauge pressure")
+    return signal, (read.unit.factor, read.unit.zero)
 
 
 def _write(
@@ -246,7 +296,7 @@ def _write(
     """Write a record, its samples in the order of their times."""
     import numpy as np
 
-    series = [(one.series.times, one.series.values * one.scale) for one in found]
+    series = [(one.series.times, one.series.values * one.scale + one.zero) for one in found]
     places = [np.full(times.size, index, np.int16) for index, (times, _) in enumerate(series)]
     times = np.concatenate([times for times, _ in series]) if series else np.empty(0)
     if not times.size:

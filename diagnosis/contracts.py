@@ -173,12 +173,28 @@ class MeasuredRun:
         return counted
 
 
+@dataclass(frozen=True, slots=True)
+class DataQuality:
+    """What a check of the data found in a column of a file, and what follows: a row of the table of data quality."""
+
+    file: str
+    column: str
+    check: str
+    count: int  #: of its ``samples``; of missing stretches, how many there are
+    samples: int
+    first: str  #: where in the file the first of them stands
+    found: str
+    consequence: str
+    doubt: bool = False
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
     """Measured runs with the same channels; ``digest`` is the hash of the files they came from.
 
-    ``doubts`` are sentences on what of the data cannot be right: they are told before the verdict. ``readings`` are
-    sentences on how files were taken and what was left out of them.
+    ``quality`` is what checks of the data found; its doubtful rows are among the ``doubts``. ``doubts`` are sentences
+    on what of the data cannot be right: they are told before the verdict. ``readings`` are sentences on how files were
+    taken and what was left out of them.
     """
 
     channels: tuple[Channel, ...]
@@ -187,6 +203,7 @@ class Dataset:
     sources: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     readings: tuple[str, ...] = ()
+    quality: tuple[DataQuality, ...] = ()
 
     def of(self, *roles: Role) -> tuple[MeasuredRun, ...]:
         """Return the runs that have one of the roles."""

@@ -13,7 +13,7 @@ from typing import Final
 
 import msgspec
 
-from diagnosis.contracts import DiagnosisError, Parameter
+from diagnosis.contracts import DataQuality, DiagnosisError, Parameter
 
 #: Half the width of a 95 % interval, in standard deviations.
 Z95: Final = 1.959963984540054
@@ -27,6 +27,7 @@ class Verdict(StrEnum):
     AMBIGUOUS = "ambiguous"
     UNRESOLVED = "unresolved"
     UNKNOWN = "unknown"
+    DOUBTFUL = "data in doubt"  #: no effect was found, in data that are in doubt
     REMAINDER = "named + unexplained remainder"
 
 
@@ -345,7 +346,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
-    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
+    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files;
+    ``quality`` is the table of what checks of the data found.
     """
 
     verdict: Verdict
@@ -371,13 +373,14 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     traces: list[Trace] = []
     doubts: list[str] = []
     readings: list[str] = []
+    quality: list[DataQuality] = []
 
     def __post_init__(self) -> None:
         named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}
         if named and not self.causes:
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but no cause is given")
-        if self.verdict is Verdict.NO_EFFECT and self.causes:
-            raise DiagnosisError(f"the verdict is 'no effect', but causes are given: {self.names}")
+        if self.verdict in {Verdict.NO_EFFECT, Verdict.DOUBTFUL} and self.causes:
+            raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but causes are given: {self.names}")
         if self.suspects and self.verdict is not Verdict.UNRESOLVED:
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but suspects are given")
         if (self.verdict is Verdict.AMBIGUOUS) != bool(self.ambiguous_with):

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from bench_protocol.input_limits import Unfit, check_times
+from bench_protocol.unit_names import ReadUnit, UnknownUnit, read_unit
 from bench_protocol.units import UNITS
 from bench_records.layout import SECOND, RecordError
 from bench_records.tables.numbers import Point, in_plain_digits, numbers, without_missing
@@ -56,19 +57,32 @@ def read_clock(
         )
     if column.kind == "text" and looks_like_a_stamp(column.example):
         return _from_text(sheet, index, keys, account, where)
-    unit = UNITS.get(source.unit)
-    if unit is None or unit.si != "s":
-        known = ", ".join(name for name, one in UNITS.items() if one.si == "s")
+    said = source.unit or column.unit or "s"
+    unit = _of_time(said, f"{where}: time.unit" if source.unit else f"{where}: the unit in the head")
+    if source.unit and column.unit and source.ignore_head_unit:
+        account.take(f"the clock is read in {source.unit}, not in {column.unit} as its head says")
+    elif (
+        source.unit and column.unit and not _of_time(column.unit, f"{where}: the unit in the head").same(unit)
+    ):
         raise RecordError(
-            f'{where}: time.unit = "{source.unit}" is no unit of time; right would be one of {known}'
-        )
-    told = UNITS.get(column.unit)
-    if told is not None and told.si == "s" and told.factor != unit.factor:
-        raise RecordError(
-            f'{where}: the file says that the column is in {column.unit}; time.unit = "{source.unit}" says another one'
+            f'{where}: the file says that the column is in {column.unit}; time.unit = "{source.unit}" says another '
+            "one; if the head is wrong, ignore_head_unit = true lets time.unit count"
         )
     values = _exact(sheet, index, source, point, where)
-    return _from_numbers(values, unit.factor, source.unit, account, where, sheet)
+    return _from_numbers(values, unit.unit.factor, said, account, where, sheet)
+
+
+def _of_time(text: str, where: str) -> ReadUnit:
+    try:
+        unit = read_unit(text)
+    except UnknownUnit as error:
+        raise RecordError(
+            f"{where}: {error}; right would be such as s, ms or min (of a head that is wrong: time.unit with "
+            "ignore_head_unit = true)"
+        ) from None
+    if not unit.measures("s"):
+        raise RecordError(f'{where} = "{text}" is no unit of time; right would be such as s, ms or min')
+    return unit
 
 
 def _exact(sheet: Sheet, index: int, source: TimeSource, point: Point, where: str) -> Any:

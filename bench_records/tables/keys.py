@@ -40,11 +40,19 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     group: ColumnName | None = None  #: of an MDF file: number from 0, or name, of the group
     raw: bool = False  #: of an MDF file: the numbers that stand there, not what they are converted to
     time: ColumnName | None = None  #: the column of its own clock, where it has one
+    #: What stands for no value: numbers, such as 9.9e37 or -9999, and texts, such as "OVLD"; []: nothing does.
+    null: list[float | str] | None = None
+    ignore_head_unit: bool = False  #: the head of the column states a wrong unit, or none that is known
+
+    @property
+    def codes(self) -> list[float] | None:
+        """The numbers that stand for no value; None where nothing is said of it."""
+        return None if self.null is None else [one for one in self.null if not isinstance(one, str)]
 
 
 class TimeSource(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The column of the clock; ``unit`` is that of numbers, dates and times of day need none."""
 
     column: ColumnName = "time"
-    unit: str = "s"
+    unit: str | None = None  #: else the head says it, or it is s
     date: ColumnName | None = None  #: the column of the dates, where the other one holds times of day only

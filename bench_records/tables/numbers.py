@@ -93,6 +93,13 @@ def numbers(
     import pyarrow.compute as pc
 
     cells = without_missing(sheet, index, account)
+    if texts := [one for one in source.null or () if isinstance(one, str)]:
+        gone = pc.fill_null(pc.is_in(cells, pa.array(texts, cells.type)), False)
+        if account is not None and (count := pc.sum(gone).as_py()):
+            account.leave_out(
+                "declared code(s)", count, f"{sheet.at(first(gone))}, {sheet.columns[index].name}"
+            )
+        cells = pc.if_else(gone, pa.scalar(None, cells.type), cells)
     plain = in_plain_digits(cells, sheet, index, source, decimal, where)
     try:
         values = pc.cast(plain, "double")

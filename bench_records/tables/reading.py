@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from bench_protocol.unit_names import unit_in_name
 from bench_records.layout import SECOND, RecordError
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import Clock, check_order, read_clock
@@ -45,6 +46,20 @@ class Series(NamedTuple):
     values: Numbers
     unit: str = ""  #: as the file tells it, "" where it does not
     start: int | None = None  #: when 0 s was, in ns since 1970, where the file tells it
+    rows: npt.NDArray[np.int64] | None = None  #: where in the file each sample stands
+    row_word: str = "sample"
+
+    def measured(self) -> Series:
+        """Return times and values where there is a value: what is empty was not measured."""
+        import numpy as np
+
+        known = np.isfinite(self.values)
+        return self._replace(times=self.times[known], values=self.values[known], rows=None)
+
+    def at(self, index: int) -> str:
+        """Where a sample stands, in words."""
+        row = index + 1 if self.rows is None else self.rows[index]
+        return f"{self.row_word} {row}, {self.times[index]:.6g} s"
 
 
 def format_of(path: Path, keys: FileKeys) -> Format:
@@ -188,7 +203,15 @@ def _series(
     lost = ~known & np.isfinite(values)
     if lost.any():
         raise RecordError(f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has no time")
-    return Series(column.name, clock.seconds[known], values[known], column.unit, clock.start)
+    return Series(
+        column.name,
+        clock.seconds[known],
+        values[known],
+        column.unit or unit_in_name(column.name),
+        clock.start,
+        sheet.rows[known],
+        sheet.row_word,
+    )
 
 
 def _of_mdf(path: Path, wanted: Mapping[str, Source], account: Account) -> dict[str, Series]:

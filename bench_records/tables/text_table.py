@@ -8,13 +8,13 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.input_limits import TABLE_BYTES, Unfit, check_text_table, read_bounded
 from bench_protocol.text import UTF_8, WINDOWS, decode
-from bench_protocol.units import UNITS
+from bench_protocol.unit_names import is_unit, unit_in_name
 from bench_records.layout import RecordError
 from bench_records.tables.numbers import INFINITE, MISSING
 from bench_records.tables.sheet import Column, Sheet
@@ -31,7 +31,6 @@ _DELIMITERS: Final = (";", "\t", "|", ",", " ")
 _LOOKED_AT: Final = 400  # lines, for the head
 _BATCH: Final = 50_000
 _LIKE_A_NUMBER: Final = re.compile(r"[-+\u2212]?[\d.,'\u2019\u00a0\u202f ]*\d[\d.,]*([eE][-+]?\d+)?")
-_UNIT_IN_NAME: Final = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\]|\((?P<other>[^()]*)\))")
 _MISSING: Final = frozenset((*MISSING, *INFINITE))
 
 
@@ -228,9 +227,9 @@ class _Rows:
         """Whether a row is one of units: right below the head, and its only number is the unit 1."""
         if self.numbers or not self.head:
             return False
-        cells = [cell.strip().strip("[]()") for cell in row if cell.strip()]
-        return any(cell in UNITS and cell != "1" for cell in cells) and not any(
-            is_value(cell) and cell not in ("1", "-") for cell in cells
+        cells = [cell.strip() for cell in row if cell.strip()]
+        return _mostly_units(cells) and not any(
+            is_value(cell) and cell.strip("[]()") not in ("1", "-") for cell in cells
         )
 
     def _wrong_width(self, line: int, row: list[str]) -> str:
@@ -273,10 +272,10 @@ class _Rows:
 
     def _units(self, account: Account) -> list[str]:
         """The units that the file tells, in a row below the head or in the names."""
-        units = [_unit_in(name) for name in self.head[: self.width]]
+        units = [unit_in_name(name) for name in self.head[: self.width]]
         for line, row in self.above:
-            if self._is_units(row) or any(cell.strip().strip("[]()") in UNITS for cell in row):
-                units = [cell.strip().strip("[]()") for cell in row]
+            if self._is_units(row) or _mostly_units([cell.strip() for cell in row if cell.strip()]):
+                units = [cell.strip() or named for cell, named in zip_longest(row, units, fillvalue="")]
                 self.above.remove((line, row))
                 account.take(f"line {line} is taken as units: {', '.join(units)[:120]}")
                 break
@@ -294,6 +293,7 @@ class _Rows:
             account.take("an empty field at the end of rows is no column")
 
 
-def _unit_in(name: str) -> str:
-    found = _UNIT_IN_NAME.fullmatch(name)
-    return ((found["unit"] or found["other"] or "") if found else "").strip()
+def _mostly_units(cells: Sequence[str]) -> bool:
+    known = [cell for cell in cells if cell.strip("[]()") not in ("1", "-") and is_unit(cell)]
+    others = [cell for cell in cells if not is_unit(cell)]
+    return len(known) > 0 and len(known) >= len(others)

@@ -127,6 +127,8 @@ def _finding(
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
     verdict = final(judgement.verdict, left, len(alike))
+    if verdict is Verdict.NO_EFFECT and any(row.doubt for row in data.quality):
+        verdict = Verdict.DOUBTFUL
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     bound = at_most_left(data.of("select"), found.floors)
@@ -164,6 +166,7 @@ def _finding(
         traces=gain.traces,
         doubts=[*data.doubts, *contradicted(extended)],
         readings=list(data.readings),
+        quality=list(data.quality),
     )
 
 

@@ -32,6 +32,8 @@ from diagnosis.finding import (
 
 SENTENCES: Final = {
     Verdict.NO_EFFECT: "Nothing was found in these runs that contradicts the simulation.",
+    Verdict.DOUBTFUL: "These data do not show whether the simulation is right: they are in doubt. In what is left of "
+    "them, no contradiction was found.",
     Verdict.NAMED: "{causes}, which the model did not have.",
     Verdict.AMBIGUOUS: "{causes}, which the model did not have; {rivals} would explain these runs as well.",
     Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test. {near}",

@@ -19,6 +19,7 @@ TONES: Final = {
     Verdict.AMBIGUOUS: "open",
     Verdict.UNRESOLVED: "open",
     Verdict.UNKNOWN: "alarm",
+    Verdict.DOUBTFUL: "open",
 }
 HEADLINES: Final = {
     Verdict.NO_EFFECT: "No effect found that the model does not have",
@@ -27,6 +28,7 @@ HEADLINES: Final = {
     Verdict.AMBIGUOUS: "More than one cause explains these runs",
     Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
     Verdict.UNKNOWN: "Something is wrong that no known cause explains",
+    Verdict.DOUBTFUL: "The data are in doubt, and no effect is found in the rest of them",
 }
 
 

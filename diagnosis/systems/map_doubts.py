@@ -97,6 +97,31 @@ def map_doubts(
         columns, now, settled = columns | group, other, settled | group.keys()
 
 
+def nearer_unit(
+    columns: Mapping[str, Column],
+    name: str,
+    stated: str,
+    simulator: Simulator,
+    dataset: Dataset,
+    read: ReadRuns,
+) -> str | None:
+    """Return with which unit of a column the nominal simulation is much nearer: that of the map, or that ``stated``.
+
+    None where neither is, or nothing can be simulated with one of them.
+    """
+    channels = [channel.name for channel in dataset.channels]
+    other_columns = dict(columns) | {name: msgspec.structs.replace(columns[name], unit=stated)}
+    try:
+        runs = [read(one, [dataset.runs[0].experiment.record]) for one in (columns, other_columns)]
+        own, other = (_errors(one, simulator, channels) for one in runs)
+    except DiagnosisError:
+        return None
+    own_nearer, other_nearer = _clearly_nearer(other, own).any(), _clearly_nearer(own, other).any()
+    if own_nearer == other_nearer:
+        return None
+    return columns[name].unit if own_nearer else stated
+
+
 def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
     """Return of which channels (c,) the errors are so much smaller that the reading is doubted."""
     astray = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)

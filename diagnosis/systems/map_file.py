@@ -48,7 +48,7 @@ class TimeColumn(TimeSource, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[columns.x]``: SI = sign · factor of the unit · value + offset."""
 
-    unit: str
+    unit: str | None = None  #: else the head of the column states it
     reading: Literal["gauge", "absolute"] | None = None
     sign: Literal[1, -1] = 1
     offset: str | None = None
@@ -135,7 +135,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     own = simulator or mapping.simulator
     folder = map_path.parent if simulator is None else Path.cwd()
     if own is not None and own.lower().endswith(".fmu"):
-        units = {name: column.unit for name, column in mapping.columns.items()}
+        units = {name: column.unit or "" for name, column in mapping.columns.items()}
         holds = {name: column.hold for name, column in mapping.columns.items()}
         return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, holds, map_path)
     if mapping.fmu is not None:
@@ -264,8 +264,9 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
             if f"columns.{name}" not in known:
                 errors.note(f"{key} is no signal of {system.name}; it has {', '.join(signals)}")
             continue
-        with errors.noted():
-            conversion(column.unit, signal.unit, f"{key}.unit", system.units)
+        if column.unit is not None:
+            with errors.noted():
+                conversion(column.unit, signal.unit, f"{key}.unit", system.units)
         if (signal.unit == "Pa") != (column.reading is not None):
             right = '"gauge" or "absolute"' if signal.unit == "Pa" else "none: it is no pressure"
             errors.note(f"{key}.reading = {column.reading}; right would be {right}")

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from bench_protocol.account import Account
-from bench_protocol.units import UNITS, Unit
+from bench_protocol.unit_names import UnknownUnit
+from bench_protocol.units import Unit
 from bench_records.tables.keys import Source
+from bench_records.tables.quality import CHECKS, LEFT_OUT, Remark, examine
 from bench_records.tables.reading import Series
 from diagnosis.contracts import (
     Array,
     Channel,
+    DataQuality,
     Dataset,
     DiagnosisError,
     Experiment,
@@ -34,7 +37,7 @@ from diagnosis.systems.cutting import (
     resample,
     resample_held,
 )
-from diagnosis.systems.map_doubts import map_doubts
+from diagnosis.systems.map_doubts import map_doubts, nearer_unit
 from diagnosis.systems.map_file import (
     Column,
     FrameKeys,
@@ -46,7 +49,15 @@ from diagnosis.systems.map_file import (
     read_map,
     settings_of,
 )
-from diagnosis.systems.system import Errors, System, SystemSignal, conversion, difference, quantity
+from diagnosis.systems.system import (
+    Errors,
+    System,
+    SystemSignal,
+    conversion,
+    difference,
+    quantity,
+    unit_of,
+)
 from diagnosis.systems.tables import read_columns
 
 #: Reads the columns of a log of CAN frames, of which the keys lie in a folder; None for a file that is none.
@@ -88,11 +99,18 @@ def read_mapped(
     held = held_inputs(mapping, system)
     reader = _Reader(mapping, system, _described(simulator, given, where), where, accounts, held)
 
+    remarks: list[Remark] = []
+
     def table_of(path: Path) -> dict[str, Series]:
-        found = frames and frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
-        if found is not None:
-            return found
-        return read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path])
+        found = None
+        if frames is not None and mapping.file.format is None:
+            found = frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
+        if found is None:
+            found = read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path])
+        nulls = {name: column.codes for name, column in mapping.columns.items()}
+        found, told = examine(path.name, found, nulls, [one.name for one in system.inputs])
+        remarks.extend(told)
+        return found
 
     tables = [(path, table_of(path)) for path in paths]
 
@@ -109,12 +127,44 @@ def read_mapped(
     for path in (*paths, *system.sources):
         digest.update(path.read_bytes())
     dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
+    _settle_units(reader, mapping.columns, simulator, dataset, read)
+    remarks += _not_left_out(reader.missing.values(), remarks)
     doubts = [
+        *(one.sentence() for one in remarks if one.doubt),
         *map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read),
         *system.doubts(simulator, runs),
     ]
     readings = tuple(f"{path.name}: {line}" for path, one in accounts.items() for line in one.lines())
-    return simulator, replace(dataset, doubts=tuple(doubts), readings=readings)
+    quality = tuple(DataQuality(**asdict(one)) for one in remarks)
+    return simulator, replace(dataset, doubts=tuple(doubts), readings=readings, quality=quality)
+
+
+def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
+    """Return which outputs have gaps of their own, not of what was left out; of inputs every gap counts."""
+    left = {(one.file, one.column) for one in remarks if one.consequence.startswith(LEFT_OUT)}
+    return [one for one in missing if one.consequence != LEFT_OUT or (one.file, one.column) not in left]
+
+
+def _settle_units(
+    reader: _Reader,
+    columns: Mapping[str, Column],
+    simulator: Simulator,
+    dataset: Dataset,
+    read: Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]],
+) -> None:
+    """Let the map count against a head only where the simulation is much nearer with its unit. DiagnosisError else."""
+    for name, (path, stated) in list(reader.contradicted.items()):
+        unit = columns[name].unit
+        if nearer_unit(columns, name, stated, simulator, dataset, read) == unit:
+            reader.accounts[path].take(
+                f"{name} is read in {unit}, as the map says, not in {stated} as the head of its column says: the "
+                f"simulation is much nearer to it in {unit}"
+            )
+            continue
+        raise DiagnosisError(
+            f'{reader.where}: columns.{name}.unit = "{unit}": {path} says that "{columns[name].column}" is in {stated}'
+            f'; right would be unit = "{stated}", or ignore_head_unit = true if the head is wrong'
+        )
 
 
 def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], where: Path) -> None:
@@ -155,6 +205,9 @@ class _Reader:
     where: Path
     accounts: Mapping[Path, Account]
     held: frozenset[str]
+    #: By column, in which file another known unit stands than the map gives, and that unit.
+    contradicted: dict[str, tuple[Path, str]] = field(default_factory=dict)
+    missing: dict[tuple[Path, str], Remark] = field(default_factory=dict)
 
     def ambient(self, path: Path | None) -> float:
         """Return the pressure of the air around in Pa, for one file or for all."""
@@ -208,27 +261,66 @@ class _Reader:
         values = {}
         for name, column in columns.items():
             series, key = table[name], f"{self.where}: columns.{name}"
-            _refuse_other_unit(path, series, column, key)
-            si = _in_si(series.values, column, signals[name], ambient, key, self.system.units)
+            unit = self._unit(path, name, series, column)
+            si = _in_si(series.values, column, unit, signals[name], ambient, key, self.system.units)
             values[name] = (
                 resample_held(series.times, si, grid, whole=signals[name].whole)
                 if name in self.held
                 else resample(series.times, si, grid, gaps[name])
             )
+            self._remark_missing(path, name, grid, values[name])
         for signal in self.system.inputs:
-            if signal.name not in values:
-                continue
-            if not np.isfinite(values[signal.name]).any():
+            if signal.name in values and not np.isfinite(values[signal.name]).any():
                 raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
-            if holes := gaps_in(values[signal.name]):
-                start, stop = max(holes, key=lambda hole: hole[1] - hole[0])
-                many = "a gap" if len(holes) == 1 else f"{len(holes)} gaps, the longest"
-                lasts = (stop - start) * (grid[1] - grid[0])
-                self.accounts[path].take(
-                    f"{signal.name} has {many} of {lasts:.3g} s at {grid[start]:.6g} s; the simulation is driven by a "
-                    "straight line there, which may look like an error of the model"
-                )
         return grid, values
+
+    def _remark_missing(self, path: Path, name: str, grid: Array, values: Array) -> None:
+        holes = gaps_in(values)
+        if not holes:
+            return
+        start, stop = max(holes, key=lambda hole: hole[1] - hole[0])
+        check = CHECKS["missing"]
+        driven = any(one.name == name for one in self.system.inputs)
+        self.missing[path, name] = Remark(
+            path.name,
+            name,
+            check.name,
+            len(holes),
+            len(grid),
+            f"{grid[holes[0][0]]:.6g} s",
+            f"the longest gap is {(stop - start) * (grid[1] - grid[0]):.3g} s at {grid[start]:.6g} s",
+            check.input if driven else check.output,
+            check.doubt,
+        )
+
+    def _unit(self, path: Path, name: str, series: Series, column: Column) -> str:
+        """Return the unit of a column: that of the map, or that of the head, which may not contradict it."""
+        key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
+        if stated in ("", column.unit):
+            if column.unit is None:
+                raise DiagnosisError(f'{key} is missing, and {path} states none for "{series.name}"')
+            return column.unit
+        if column.ignore_head_unit and column.unit is not None:
+            self.accounts[path].take(
+                f"{name} is read in {column.unit}, as the map says, not in {stated} as the head of its column says"
+            )
+            return column.unit
+        try:
+            found = unit_of(stated, self.system.units)
+            said = found if column.unit is None else unit_of(column.unit, self.system.units)
+        except UnknownUnit as error:
+            raise DiagnosisError(
+                f'{key}: the head of "{series.name}" in {path}: {error}; right would be a known unit in the file, or '
+                "the unit in the map and ignore_head_unit = true"
+            ) from None
+        if found.reading and column.reading and found.reading != column.reading:
+            raise DiagnosisError(
+                f'{self.where}: columns.{name}.reading = "{column.reading}": {path} says that "{series.name}" is in '
+                f'{stated}; right would be reading = "{found.reading}", or ignore_head_unit = true if the head is wrong'
+            )
+        if not found.same(said):
+            self.contradicted.setdefault(name, (path, stated))
+        return column.unit or stated
 
 
 def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
@@ -247,12 +339,13 @@ def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
 def _in_si(
     values: Array,
     column: Column,
+    unit: str,
     signal: SystemSignal,
     ambient: float,
     where: str,
     units: Mapping[str, Unit],
 ) -> Array:
-    factor, zero = conversion(column.unit, signal.unit, f"{where}.unit", units, relative=signal.relative)
+    factor, zero = conversion(unit, signal.unit, f"{where}.unit", units, relative=signal.relative)
     offset = (
         0.0 if column.offset is None else difference(column.offset, signal.unit, f"{where}.offset", units)
     )
@@ -260,16 +353,6 @@ def _in_si(
     if column.reading is None or (column.reading == "gauge") == signal.gauge:
         return si
     return si - ambient if signal.gauge else si + ambient
-
-
-def _refuse_other_unit(path: Path, series: Series, column: Column, where: str) -> None:
-    """Refuse a unit of the map that is another one than that which the file tells."""
-    told, said = UNITS.get(series.unit), UNITS.get(column.unit)
-    if told is not None and said is not None and told != said:
-        raise DiagnosisError(
-            f'{where}.unit = "{column.unit}": {path} says that "{series.name}" is in {series.unit}; right would be '
-            f'unit = "{series.unit}", or a file that says what it holds'
-        )
 
 
 def _clock(

@@ -24,7 +24,7 @@ from bench_records.record import Record, read
 from bench_sim.model.actuator import actuator_sense
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
-from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.contracts import Array, Channel, DataQuality, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.systems.air_spring.gas import GAS
 from diagnosis.systems.air_spring.history import Past, remembered_loads, remembered_places
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
@@ -75,11 +75,17 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
                 "plans `screening` and `identification` make such records"
             )
         runs += [(Path(directory), run) for run in found]
+    told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
+    quality = tuple(DataQuality(**row) for row in told)  # of what was imported
     return Dataset(
         channels,
         tuple(_with_unique_names(runs)),
         digest.hexdigest(),
         tuple(str(directory) for directory in directories),
+        doubts=tuple(
+            f"{row.file}, {row.column}: {row.found}; {row.consequence}" for row in quality if row.doubt
+        ),
+        quality=quality,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_protocol.unit_names import ReadUnit, UnknownUnit, read_unit
 from bench_protocol.units import UNITS, Unit
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun, Simulator
 
@@ -121,6 +122,11 @@ class Errors:
             raise DiagnosisError("\n".join(dict.fromkeys(self._texts)))
 
 
+def unit_of(text: str, units: Mapping[str, Unit]) -> ReadUnit:
+    """Return the unit that a text names: one of ``units``, or in any usual spelling. UnknownUnit for none."""
+    return ReadUnit(units[text]) if text in units else read_unit(text)
+
+
 def conversion(
     unit: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> tuple[float, float]:
@@ -130,11 +136,19 @@ def conversion(
     """
     if unit == si:
         return 1.0, 0.0
-    found = units.get(unit)
-    if found is None or found.si != si:
-        known = ", ".join(sorted({si, *(name for name, one in units.items() if one.si == si)}))
-        raise DiagnosisError(f'{where}: "{unit}" is no unit of this quantity; right would be one of {known}')
-    return found.factor, 0.0 if relative else found.zero
+    try:
+        found = unit_of(unit, units)
+    except UnknownUnit as error:
+        raise DiagnosisError(f"{where}: {error}; right would be one of {_known(si, units)}") from None
+    if not found.measures(si):
+        raise DiagnosisError(
+            f'{where}: "{unit}" is no unit of this quantity; right would be one of {_known(si, units)}'
+        )
+    return found.unit.factor, 0.0 if relative else found.unit.zero
+
+
+def _known(si: str, units: Mapping[str, Unit]) -> str:
+    return ", ".join(sorted({si, *(name for name, one in units.items() if one.si == si)}))
 
 
 def quantity(

@@ -134,7 +134,13 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
     ("name", "content", "said"),
     [
         ("a.csv", "time_s,left.hight [mm]\n0,1\n", "'left.hight [mm]' is no signal of the bench"),
-        ("a.csv", "time_s,left.height [m]\n0,1\n", "is in m, but it has to be said that it is in mm"),
+        (
+            "a.csv",
+            "time_s,left.height [N]\n0,1\n",
+            "is in N, which left.height cannot have; right would be mm",
+        ),
+        ("a.csv", "time_s,left.height [furlong]\n0,1\n", '"furlong" is no known unit'),
+        ("a.csv", "time_s,left.bellows_pressure [bar(a)]\n0,1\n", "is a gauge pressure"),
         (
             "a.csv",
             "time_s,left.height [mm]\n0,1\n1,much\n",

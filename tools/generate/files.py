@@ -26,6 +26,7 @@ from bench_sim.model.quantities import QUANTITIES
 from bench_sim.rig.registers import UNAVAILABLE
 from bench_sim.rig.states import TRANSITIONS
 from tools.generate.canopen_page import canopen_page
+from tools.generate.checks_page import checks_page
 from tools.generate.dbc import dbc
 from tools.generate.eds import eds
 from tools.generate.faults_page import faults_page
@@ -376,6 +377,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "faults.md": faults_page(),
         ROOT / "docs" / "reference" / "wiring.md": wiring_page(),
         ROOT / "docs" / "reference" / "readers.md": readers_page(),
+        ROOT / "docs" / "reference" / "data-checks.md": checks_page(),
         ROOT / "docs" / "reference" / "command-line.md": commands_page(),
         SUMMARIES: command_summaries(),
         HIDDEN_EFFECT_PAGE: hidden_effect_page(),

@@ -1,0 +1,381 @@
+"""Checks of measured columns before anything is concluded from them: values that look valid and are no measurements.
+
+Each check looks at one column over its whole record. `CHECKS` says what it finds and what follows; the reference page
+of the checks is made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from bench_records.tables.reading import Series
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Mask = npt.NDArray[np.bool_]
+
+#: Codes are at most so many different values, in at most this part of the samples, and lie so many ranges of all other
+#: values away from these.
+CODES, CODE_SHARE, FAR = 3, 0.25, 3.0
+#: A value is reached and left by jumps of so many usual steps: one that comes again, and one that comes once.
+JUMP, JUMP_ONCE = 10.0, 25.0
+#: Usual steps are those that this part of all steps does not exceed; so many steps around are looked at as well.
+USUAL, AROUND = 0.85, 6
+#: Readings are equal for at least so many times as long as they usually are, and so many samples; chance makes that
+#: with less than this probability.
+CONSTANT = 20
+CHANCE = 1e-6
+#: A column that is held at more than this part of its values is coarse.
+HELD_LEVELS = 0.05
+#: Plateaus at a rail: their samples, how many plateaus, and their part of all samples; elsewhere neighbours are equal
+#: in less than this part.
+PLATEAU, PLATEAUS, RAIL_SHARE, SELDOM = 3, 3, 0.003, 0.3
+#: Another column moves if it moves at least this part of what it does on average, and so many times its noise.
+MOVING, ABOVE_NOISE = 0.3, 3.0
+#: A column is noisy whose third differences change sign so often and scatter by more than so many steps: those of white
+#: noise change it in 77 of 100 cases, those of a smooth signal hardly ever, and rounding scatters by a third of a step.
+TURNS, ABOVE_STEP = 0.6, 0.7
+#: A plateau without noise is entered at speed: it lasts so many times as long as the readings beside it.
+AT_SPEED = 8
+#: Fewer steps over the whole range are coarse.
+COARSE = 64
+#: With fewer different values a column is a switch, or still: that it is held shows nothing.
+LEVELS = 10
+#: Shorter columns show too little.
+LEAST = 30
+
+
+class Check(NamedTuple):
+    """One check: what it finds, what follows for outputs and inputs of a simulation, and whether that is a doubt."""
+
+    name: str
+    finds: str
+    output: str
+    input: str
+    doubt: bool
+
+
+LEFT_OUT: Final = "left out"
+STRAIGHT: Final = "left out; the simulation is driven by a straight line there"
+CHECKS: Final = {
+    check.name: check
+    for check in (
+        Check("declared code", "values that `null` of the column names", LEFT_OUT, STRAIGHT, False),
+        Check(
+            "undeclared code",
+            f"up to {CODES} different values, in at most {100 * CODE_SHARE:g} % of the samples, that lie {FAR:g} "
+            "ranges of all others away from these; or "
+            f"a value that is reached and left by jumps of {JUMP:g} usual steps "
+            f"({JUMP_ONCE:g} if it comes once)",
+            LEFT_OUT,
+            STRAIGHT,
+            True,
+        ),
+        Check(
+            "saturation",
+            f"the lowest or highest reading is held exactly while other columns move: for {CONSTANT} samples, or "
+            f"{PLATEAUS} times for {PLATEAU}, and the noise that the column has elsewhere is not there",
+            LEFT_OUT,
+            "kept",
+            True,
+        ),
+        Check(
+            "stuck",
+            f"another reading is held exactly for {CONSTANT} samples (of a held signal: {CONSTANT} times as long as "
+            "usual) while other columns move, and the noise that the column has elsewhere is not there, or it is left "
+            f"by a jump of {JUMP:g} usual steps",
+            LEFT_OUT,
+            "kept",
+            True,
+        ),
+        Check(
+            "coarse steps",
+            f"fewer than {COARSE} steps over the whole range, larger than the noise",
+            "kept; nothing smaller than a step is resolved",
+            "kept; nothing smaller than a step is resolved",
+            False,
+        ),
+        Check(
+            "missing", "stretches without samples, longer than `time.longest_gap`", LEFT_OUT, STRAIGHT, False
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What a check found in a column: how many of its samples, the first of them, and what follows."""
+
+    file: str
+    column: str
+    check: str
+    count: int
+    samples: int
+    first: str
+    found: str
+    consequence: str
+    doubt: bool
+
+    def sentence(self) -> str:
+        """The remark in words."""
+        return (
+            f"{self.file}, {self.column}: {self.check}, {self.count} of {self.samples} samples, first {self.first}: "
+            f"{self.found}; {self.consequence}"
+        )
+
+
+#: By column, the codes that it is said to have; an empty list says that it has none, None that nobody said it.
+Nulls = Mapping[str, Sequence[float] | None]
+
+
+def examine(
+    file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
+) -> tuple[dict[str, Series], list[Remark]]:
+    """Return the columns of a file without what is no measurement, and what was found.
+
+    ``inputs`` drive a simulation: what is held there is kept.
+    """
+    found, remarks = without_codes(file, columns, nulls, inputs)
+    signals = {name: _Signal.of(one) for name, one in found.items()}
+    for name, signal in signals.items():
+        if signal is None:
+            continue
+        others = [one for key, one in signals.items() if key != name and one is not None]
+        rail, stuck = (signal.in_column(mask) for mask in _held(signal, others, name not in inputs))
+        for check, mask in (("saturation", rail), ("stuck", stuck)):
+            held = _values(found[name].values[mask])
+            what = f"the readings are exactly {held} while other columns move"
+            _apply(found, remarks, file, name, check, mask, what, inputs)
+        if signal.steps < COARSE and not signal.noisy and len(signal.levels) > CODES + 1:
+            what = f"it is read in steps of {signal.step:.3g}, {signal.steps} in all"
+            _apply(found, remarks, file, name, "coarse steps", signal.in_column(), what, inputs)
+    return found, remarks
+
+
+def without_codes(
+    file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
+) -> tuple[dict[str, Series], list[Remark]]:
+    """Return the columns of a file without codes for no value, declared and undeclared ones, and what was found."""
+    found, remarks = dict(columns), list[Remark]()
+    for name, series in columns.items():
+        declared = nulls.get(name)
+        mask = _is_one_of(series.values, declared or ())
+        what = f"{_values(series.values[mask])} is no measurement"
+        _apply(found, remarks, file, name, "declared code", mask, what, inputs)
+        if declared is not None and not declared:
+            continue
+        mask = _on_known(_codes, found[name].values)
+        codes = _values(found[name].values[mask])
+        what = f"{codes} may be no measurement (null = [{codes}] of the column says so, null = [] that it is one)"
+        _apply(found, remarks, file, name, "undeclared code", mask, what, inputs)
+    return found, remarks
+
+
+def _apply(
+    found: dict[str, Series],
+    remarks: list[Remark],
+    file: str,
+    name: str,
+    check: str,
+    mask: Mask,
+    what: str,
+    inputs: Sequence[str],
+) -> None:
+    """Add the remark of a check, if it found anything, and leave out what it says."""
+    series, one = found[name], CHECKS[check]
+    if not mask.any():
+        return
+    consequence = one.input if name in inputs else one.output
+    samples, at = int(np.isfinite(series.values).sum()), series.at(int(np.argmax(mask)))
+    remarks.append(Remark(file, name, check, int(mask.sum()), samples, at, what, consequence, one.doubt))
+    if consequence.startswith(LEFT_OUT):
+        found[name] = series._replace(values=np.where(mask, np.nan, series.values))
+
+
+def _values(values: Numbers) -> str:
+    known = np.unique(values)
+    return ", ".join(f"{one:.9g}" for one in known[:CODES]) + (", …" if len(known) > CODES else "")
+
+
+def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
+    """Which values are codes, to the rounding of single precision."""
+    mask = np.zeros(len(values), np.bool_)
+    for code in codes:
+        mask |= np.isclose(values, code, rtol=1e-6, atol=0.0)
+    return mask
+
+
+def _on_known(check: Callable[[Numbers], Mask], values: Numbers) -> Mask:
+    mask = np.isfinite(values)
+    mask[mask] = check(values[mask])
+    return mask
+
+
+def _codes(values: Numbers) -> Mask:
+    """Which values (n,) lie far from all others, or are reached and left by jumps."""
+    if len(values) < LEAST:
+        return np.zeros(len(values), np.bool_)
+    far = _far(values)
+    rest = np.flatnonzero(~far)
+    mask = far.copy()
+    mask[rest] = _jumps(values[rest])
+    return mask
+
+
+def _far(values: Numbers) -> Mask:
+    levels, counts = np.unique(values, return_counts=True)
+    mask = np.zeros(len(values), np.bool_)
+    for low, high in sorted(np.ndindex(CODES + 1, CODES + 1), key=sum):
+        bulk = levels[low : len(levels) - high]
+        if not low + high or len(bulk) <= CODES + 1:
+            continue
+        reach = FAR * (bulk[-1] - bulk[0])
+        below = low == 0 or bulk[0] - levels[low - 1] > reach
+        above = high == 0 or levels[len(levels) - high] - bulk[-1] > reach
+        outside = int(counts[:low].sum() + counts[len(levels) - high :].sum())
+        if below and above and outside <= CODE_SHARE * len(values):
+            mask = (values < bulk[0]) | (values > bulk[-1])
+    return mask
+
+
+def _jumps(values: Numbers) -> Mask:
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+    levels = values[starts]
+    mask = np.zeros(len(values), np.bool_)
+    if len(levels) < LEAST:
+        return mask
+    steps = np.diff(levels)
+    before, after = steps[:-1], steps[1:]
+    heights = np.where(before * after < 0.0, np.minimum(abs(before), abs(after)), 0.0)
+    usual = float(np.quantile(abs(steps), USUAL))
+    lengths = np.diff(np.append(starts, len(values)))
+    places: dict[float, list[int]] = {}
+    for k in np.flatnonzero(heights > JUMP * usual):
+        around = np.concatenate((steps[max(k - AROUND, 0) : k], steps[k + 2 : k + 2 + AROUND]))
+        if heights[k] > JUMP * np.median(abs(around)):
+            places.setdefault(float(levels[k + 1]), []).append(int(k) + 1)
+    for level, runs in places.items():
+        at = np.flatnonzero(levels == level)
+        if lengths[at].sum() < 2 and not heights[runs[0] - 1] > JUMP_ONCE * usual:
+            continue
+        for run in at if 2 * len(runs) >= len(at) else runs:
+            mask[starts[run] : starts[run] + lengths[run]] = True
+    return mask
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """A column without what is missing, and what its noise and its steps are."""
+
+    rows: npt.NDArray[np.intp]  #: of the samples in the column
+    times: Numbers
+    values: Numbers
+    levels: Numbers  #: the different values, in order
+    step: float  #: between the nearest two of them
+    noise: float
+    noisy: bool  #: its noise moves it from step to step
+    size: int  #: of the column
+
+    @staticmethod
+    def of(series: Series) -> _Signal | None:
+        rows = np.flatnonzero(np.isfinite(series.values))
+        values = series.values[rows]
+        levels = np.unique(values)
+        if len(values) < LEAST or len(levels) < 2:
+            return None
+        gaps = np.diff(levels)
+        step = float(gaps[gaps > 1e-9 * (levels[-1] - levels[0])].min())
+        third = np.diff(values, 3)
+        third = third[third != 0.0]
+        noise = 1.4826 * float(np.median(abs(third))) / 20**0.5 if len(third) else 0.0
+        turns = float(np.mean(third[1:] * third[:-1] < 0.0)) if len(third) > LEAST else 0.0
+        noisy = turns > TURNS and noise > ABOVE_STEP * step
+        return _Signal(rows, series.times[rows], values, levels, step, noise, noisy, len(series.values))
+
+    def in_column(self, mask: Mask | None = None) -> Mask:
+        """Which samples of the column, missing ones among them, are these; all without a ``mask``."""
+        whole = np.zeros(int(self.size), np.bool_)
+        whole[self.rows if mask is None else self.rows[mask]] = True
+        return whole
+
+    @property
+    def steps(self) -> int:
+        """How many of its steps the range has."""
+        return round((self.levels[-1] - self.levels[0]) / self.step)
+
+    def runs(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Begin and end of each run of equal values."""
+        starts = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        return starts, np.append(starts[1:], len(self.values))
+
+    def moves(self, spans: Sequence[tuple[float, float]]) -> bool:
+        """Whether it moves between these times as it does elsewhere."""
+        lasts = 0.25 * float(np.mean([end - start for start, end in spans]))
+        usual = self._moved(np.linspace(self.times[0], self.times[-1] - lasts, 500), lasts)
+        if not lasts > 0.0 or usual <= ABOVE_NOISE * self.noise:
+            return False
+        quarters = [np.linspace(start, end - lasts, 4) for start, end in spans]
+        return self._moved(np.concatenate(quarters), lasts) > MOVING * usual
+
+    def _moved(self, times: Numbers, lasts: float) -> float:
+        first, last = (np.interp(one, self.times, self.values) for one in (times, times + lasts))
+        return float(np.mean(abs(last - first)))
+
+
+def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mask, Mask]:
+    """Which readings (n,) are held at a rail, and which elsewhere, while other columns move."""
+    rail, stuck = np.zeros((2, len(signal.values)), np.bool_)
+    if len(signal.levels) < LEVELS:
+        return rail, stuck
+    starts, ends = signal.runs()
+    lengths, held = ends - starts, signal.values[starts]
+    long = lengths >= CONSTANT * max(float(np.median(lengths)), 1.0)
+    # How likely chance holds a reading follows from how often neighbours are equal elsewhere.
+    equal = 1.0 - float((~long).sum()) / max(float(lengths[~long].sum()), 1.0)
+    if long.any():
+        long &= lengths * np.log(max(equal, 1e-3)) < np.log(CHANCE / len(signal.values))
+    if len(np.unique(held[long])) > max(CODES, HELD_LEVELS * len(signal.levels)):
+        long[:] = False  # held at many values: it is rounded more coarsely than it moves
+    beside = np.maximum(np.append(lengths[1:], 1), np.append(1, lengths[:-1]))
+    extremes = (signal.levels[0], signal.levels[-1])
+
+    def moving(chosen: Mask, all_of: bool = False) -> bool:
+        spans = [
+            (float(signal.times[a]), float(signal.times[b - 1]))
+            for a, b in zip(starts[chosen], ends[chosen], strict=True)
+        ]
+        moved = [one.moves(spans) for one in others]
+        return bool(spans) and bool(moved) and (all(moved) if all_of else any(moved))
+
+    for extreme in extremes:
+        at = held == extreme
+        if signal.noisy:
+            flat = at & (lengths >= PLATEAU)
+            often = (
+                equal < SELDOM
+                and flat.sum() >= PLATEAUS
+                and lengths[flat].sum() >= max(RAIL_SHARE * len(signal.values), PLATEAU * PLATEAUS)
+            )
+            clipped = (often or (at & long).any()) and moving(flat)
+        else:
+            # Without noise a plateau of the motion itself looks the same, but then not all other columns move.
+            flat = at & long & (lengths >= AT_SPEED * beside)
+            clipped = output and flat.sum() >= 2 and len(others) > 1 and moving(flat, all_of=True)
+        if clipped:
+            rail |= signal.values == extreme
+    usual = float(np.quantile(abs(np.diff(held)), USUAL))
+    for run in np.flatnonzero(
+        long & ~np.isin(held, [one for one in extremes if rail[signal.values == one].any()])
+    ):
+        alone = np.arange(len(held)) == run
+        jumps = [abs(held[k + 1] - held[k]) for k in (run - 1, run) if 0 <= k < len(held) - 1]
+        torn = max(jumps, default=0.0) > JUMP * usual
+        if (signal.noisy or torn) and moving(alone):
+            stuck[starts[run] : ends[run]] = True
+    return rail, stuck
