@@ -11,7 +11,7 @@ from bench_protocol.units import m
 
 SIDES: Final = ("left", "right")
 #: Where a value of a parameter or specimen file may come from.
-PROVENANCES: Final = ("measured", "data sheet", "assumed")
+PROVENANCES: Final = ("measured", "data sheet", "assumed", "derived")
 ACTUATORS: Final = ("vertical_left", "vertical_right", "lateral")
 #: Axes of the vibration platform.
 PLATFORM_AXES: Final = ("vertical", "lateral", "roll")

@@ -95,7 +95,7 @@ MODEL: Final = "model"
 _ORIGIN: Final = {"unit", "provenance", "source"}
 _VALUE: Final = {"value"} | _ORIGIN
 #: What a limit may be stated over, and the SI value of one.
-_OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm, "plate_mm": mm, "roll_mrad": mrad}
+OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm, "plate_mm": mm, "roll_mrad": mrad}
 _ENDS: Final = ("low", "high")
 _EXPECTED: Final = {"expected", "tolerance"} | _ORIGIN
 _BANDS: Final = (
@@ -103,7 +103,7 @@ _BANDS: Final = (
     {"low"} | _ORIGIN,
     {"high"} | _ORIGIN,
     _EXPECTED,
-    *({over} | _EXPECTED for over in _OVER),
+    *({over} | _EXPECTED for over in OVER),
 )
 
 
@@ -310,7 +310,7 @@ def _is_group(raw: Any) -> bool:
 def _limit(key: str, raw: Any, si: str) -> Band | dict[float, Band]:
     entry = _entry(key, raw, _BANDS)
     factor = _factor(key, entry, si)
-    if over := next((over for over in _OVER if over in entry), ""):
+    if over := next((over for over in OVER if over in entry), ""):
         return _curve(key, over, entry, factor)
     if "expected" in entry:
         return _around(key, entry["expected"], entry, factor)
@@ -329,7 +329,7 @@ def _curve(key: str, over: str, entry: Mapping[str, Any], factor: float) -> dict
     if not at or at != sorted(set(at)):
         raise _Unfit(f"{key}.{over} = {places} does not rise")
     return {
-        place * _OVER[over]: _around(key, one, entry, factor) for place, one in zip(at, expected, strict=True)
+        place * OVER[over]: _around(key, one, entry, factor) for place, one in zip(at, expected, strict=True)
     }
 
 

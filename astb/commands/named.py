@@ -1,6 +1,6 @@
 """`astb rigs`, `specimens`, `instruments`, `wirings`, `parameters` and `demos`: files that come with the bench."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from shutil import copytree
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -38,11 +38,26 @@ class Listed(NamedTuple):
 
 
 def _listing(
-    command: str, known: Callable[[], Mapping[str, Path]], tell: Callable[[str], Listed], text: str
+    command: str,
+    known: Callable[[], Mapping[str, Path]],
+    tell: Callable[[str], Listed],
+    text: str,
+    new: Callable[..., None] | None = None,
+    options: Sequence[Callable[[Any], Any]] = (),
 ) -> click.Command:
-    """Return the command that lists the ``known`` files of a kind, as ``tell`` has them, and copies one."""
+    """Return the command that lists the ``known`` files of a kind, as ``tell`` has them, and copies one.
 
-    def body(names: tuple[str, ...], target: Path | None, as_json: bool) -> None:
+    ``new`` makes one, with ``options``, where the first name is "new".
+    """
+
+    def body(names: tuple[str, ...], target: Path | None, as_json: bool, **rest: Any) -> None:
+        if new is not None and names[:1] == ("new",):
+            new(names[1:], **rest)
+            return
+        if any(rest.values()):
+            misuse(
+                f"--base, --preload, --set and --plan go with a file, as in astb {command} new mine.toml …"
+            )
         if target is not None:
             _copy(command, known(), names, target)
             return
@@ -54,6 +69,8 @@ def _listing(
             click.echo(f"{name}  {one.line}")
 
     body = JSON_OPTION(_COPY_OPTION(body))
+    for option in reversed(options):
+        body = option(body)
     names = click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_from(known))
     return click.command(command, help=text)(names(body))
 
@@ -111,6 +128,30 @@ def _specimen(name: str) -> Listed:
         f"{one.type}, no. {one.serial_number}, drawing: {one.drawing}; {carried}",
         {**one.facts, "preload_N": loads},
     )
+
+
+def _new_specimen(
+    names: tuple[str, ...],
+    base: str | None,
+    preload: tuple[str, ...],
+    values: tuple[str, ...],
+    measured_by: tuple[str, ...],
+) -> None:
+    from astb.specimen_new import new_specimen
+
+    if len(names) != 1 or not names[0].endswith(".toml") or not (preload or values):
+        misuse(
+            "one FILE.toml and what is different are needed, as in "
+            'astb specimens new mine.toml --preload AW0="45 kN"'
+        )
+    target = Path(names[0])
+    if target.exists():
+        misuse(f"{target} is there already, and somebody may have worked on it")
+    try:
+        new_specimen(target, base, preload, values, measured_by, lambda line: click.echo(line, err=True))
+    except (ValueError, OSError) as error:
+        misuse(error)
+    click.echo(target)
 
 
 def _instruments(name: str) -> Listed:
@@ -199,7 +240,32 @@ specimens_command = _listing(
     "specimens",
     _named("specimens"),
     _specimen,
-    """List the specimens that come with the bench, or what the file of each NAME says.""",
+    """List the specimens that come with the bench, or what the file of each NAME says.
+
+    `astb specimens new FILE --preload AW0="45 kN"` writes a specimen with other loads or another drawing, with limits
+    derived from the model of the spring. Limits that no plan measures are left out and printed.
+    """,
+    _new_specimen,
+    [
+        click.option("--base", metavar="NAME", help="With new: the specimen to begin with.  [default: astb]"),
+        click.option(
+            "--preload", multiple=True, metavar="CASE=VALUE", help='With new: of a load case, as AW0="45 kN".'
+        ),
+        click.option(
+            "--set",
+            "values",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="With new: a property of the drawing.",
+        ),
+        click.option(
+            "--plan",
+            "measured_by",
+            multiple=True,
+            metavar="PLAN",
+            help="With new: run this plan beside aw0 and aw3.",
+        ),
+    ],
 )
 instruments_command = _listing(
     "instruments",
