@@ -1,4 +1,4 @@
-"""Records to and from the files of other programs: the ending of the file's name says which."""
+"""Records to and from the files of other programs, in all forms that are known."""
 
 from __future__ import annotations
 
@@ -10,28 +10,24 @@ from typing import TYPE_CHECKING, Any, Final
 
 from astb.frames_import import LogKeys, read_frames_of
 from bench_protocol.account import Account
+from bench_protocol.file_forms import FileForm, ending_of, endings, form_of
 from bench_protocol.table import TABLE
 from bench_records.checksums import FRAMES, sha256_of, write_sums
-from bench_records.exchange import write_arrow, write_csv, write_mdf
-from bench_records.layout import RESULT, RecordError
+from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.recorder import Recorder
 from bench_records.report import write_report
-from bench_records.result import conclude, read_result
-from bench_records.workbook import write_run
-from drivers.can_files.reading import ENDINGS as FRAME_ENDINGS
-from drivers.can_files.reading import MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
+from bench_records.result import conclude
+from bench_records.tables import forms as tables
+from drivers.can_files import reading
 from drivers.can_log import read_frames, write_frames
 from test_plans.recording import recorded_signals
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
 
-TABLE_ENDINGS: Final = (".csv", ".parquet", ".arrow", ".mf4")
-#: What is written, but not read.
-_WRITTEN_ENDINGS: Final = (".xlsx",)
-#: What is read, but not written.
-_READ_ENDINGS: Final = (".txt", ".tsv", ".dat", ".feather", ".mdf")
+#: All forms of files: tables first, as an MDF file is one unless a DBC says what its frames are.
+FORMS: Final = (*tables.FORMS, *reading.FORMS)
 
 
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
@@ -40,8 +36,8 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
     Tables have ``rate`` rows a second; MDF 4 every sample; files of CAN frames those that the run kept, all of them.
     RecordError for what cannot be; OSError for a file that cannot be written.
     """
-    ending = _known_ending(target, *_WRITTEN_ENDINGS)
-    if ending in FRAME_ENDINGS:
+    form = _known_form(target, [one for one in FORMS if one.write is not None])
+    if form in reading.FORMS:
         if names:
             raise RecordError("frames are exported as they were on the bus: --signal is for CSV and MDF")
         source = directory / FRAMES
@@ -52,15 +48,9 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
                 f"{target} is what the run kept itself, and stays as it is; choose another file"
             )
         return f"{write_frames(read_frames(source), target)} frames"
-    record = read(directory)
-    if ending == ".xlsx":
-        result = read_result(directory) if (directory / RESULT).exists() else None
-        return f"{write_run(record, result, target, rate, names)} rows, checks and curves"
-    if ending == ".csv":
-        return f"{write_csv(record, target, rate, names)} rows"
-    if ending in (".parquet", ".arrow"):
-        return f"{write_arrow(record, target, rate, names)} rows"
-    return f"{write_mdf(record, target, names)} samples"
+    assert form.write is not None
+    count = form.write(read(directory), target, rate, names)
+    return f"{count} {'samples' if form.name == 'mdf' else 'rows'}"
 
 
 def import_file(source: Path, directory: Path, keys: LogKeys | None = None, table: Sequence[str] = ()) -> str:
@@ -70,15 +60,15 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     MESSAGE.SIGNAL, in the units of the DBC; ``keys`` say how it is meant. ``table`` are keys for the reader of
     tables, as KEY=VALUE. RecordError for what cannot be.
     """
-    ending = _known_ending(source, *_READ_ENDINGS)
+    form = _known_form(source, [one for one in FORMS if one.read is not None])
     if not source.is_file():
         raise RecordError(f"{source} is no file")
     keys = keys or LogKeys()
     as_table = any(text.partition("=")[0].strip() == "format" for text in table)
-    frames = not as_table and (ending in FRAME_ENDINGS or (ending in MDF_ENDINGS and keys.dbc is not None))
+    frames = not as_table and reading.frames_form(source, keys.dbc is not None) is not None
     _refuse_idle_keys(source, keys, table, frames)
-    if not frames and not as_table and (what := log_of_others(source)):
-        raise RecordError(f"{source} is {what}, not a table of samples; {OTHER_FORMS}")
+    if not frames and not as_table and (what := reading.log_of_others(source)):
+        raise RecordError(f"{source} is {what}, not a table of samples; {reading.OTHER_FORMS}")
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
     account = Account()
@@ -89,7 +79,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
         else:
             from bench_records.importing import import_keys, read_mdf, read_table
 
-            reader = read_mdf if ending in (".mf4", ".mdf") else read_table
+            reader = read_mdf if form.name in ("mdf", "MDF") else read_table
             count = reader(source, directory, _known_signals().get, meta, account, import_keys(table))
     except BaseException:
         rmtree(directory, ignore_errors=True)  # it was new or empty: half a record is none
@@ -110,7 +100,8 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
             ),
         }
     else:
-        where = f"for files of CAN frames ({', '.join(FRAME_ENDINGS)}, or .mf4 with --dbc), not for {source}"
+        known = ", ".join(endings([one for one in reading.FORMS if one.write is not None]))
+        where = f"for files of CAN frames ({known}, or .mf4 with --dbc), not for {source}"
         idle = {f"--{one.name}": (getattr(keys, one.name) is not None, where) for one in fields(keys)}
     for option, (given, why) in idle.items():
         if given:
@@ -144,9 +135,9 @@ def _known_signals() -> dict[str, SignalInfo]:
     return {one.name: one for one in recorded_signals(TABLE).values()}
 
 
-def _known_ending(path: Path, *others: str) -> str:
-    ending = ending_of(path)
-    if ending not in (*TABLE_ENDINGS, *FRAME_ENDINGS, *others):
-        known = ", ".join((*TABLE_ENDINGS, *FRAME_ENDINGS, *others))
-        raise RecordError(f"{path} ends in {ending or 'nothing'}; known are {known}")
-    return ending
+def _known_form(path: Path, forms: Sequence[FileForm]) -> FileForm:
+    form = form_of(path, forms)
+    if form is None:
+        known = ", ".join(endings(forms))
+        raise RecordError(f"{path} ends in {ending_of(path) or 'nothing'}; known are {known}")
+    return form

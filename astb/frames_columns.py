@@ -13,7 +13,7 @@ from bench_protocol.account import Account
 from bench_records.layout import RecordError
 from bench_records.tables.reading import Series
 from diagnosis.contracts import DiagnosisError
-from drivers.can_files.reading import ENDINGS, MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
+from drivers.can_files.reading import OTHER_FORMS, frames_form, log_of_others
 
 if TYPE_CHECKING:
     from bench_records.tables.keys import Source
@@ -27,8 +27,7 @@ def columns_of_frames(
 
     MDF files are logs where the keys name a DBC. DiagnosisError names the file, the key and what would be right.
     """
-    ending = ending_of(path)
-    if ending not in ENDINGS and not (ending in MDF_ENDINGS and keys.dbc is not None):
+    if frames_form(path, keys.dbc is not None) is None:
         if path.is_file() and (what := log_of_others(path)):
             raise DiagnosisError(f"{path} is {what}, not a table of samples; {OTHER_FORMS}")
         return None

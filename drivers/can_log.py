@@ -11,11 +11,12 @@ from typing import Final
 import can
 
 from bench_protocol.account import Account
+from bench_protocol.file_forms import endings
 from bench_protocol.frames import Block
 from bench_protocol.socketcand import iterate
 from bench_protocol.units import NS
 from drivers.can_files.frames import CanLogError
-from drivers.can_files.reading import ENDINGS, read_log
+from drivers.can_files.reading import FORMS, read_log
 from drivers.can_port import CanPort
 
 _PATIENCE: Final = 60.0  # s, for a slow disk at the end
@@ -93,15 +94,12 @@ def _messages(block: Block) -> Iterator[can.Message]:
 
 
 def _open_writer(path: Path) -> can.Listener:
-    _check_ending(path)
+    form = next((one for one in FORMS if path.suffix.lower() in one.endings), None)
+    if form is None or form.write is None:
+        known = ", ".join(endings([one for one in FORMS if one.write is not None]))
+        raise CanLogError(f"{path} ends in {path.suffix or 'nothing'}; files of CAN frames end in {known}")
     try:
-        return can.Logger(path)
+        writer: can.Listener = form.write(path)
     except (OSError, ValueError, ImportError, NotImplementedError) as error:
         raise CanLogError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from None
-
-
-def _check_ending(path: Path) -> None:
-    if path.suffix.lower() not in ENDINGS:
-        raise CanLogError(
-            f"{path} ends in {path.suffix or 'nothing'}; files of CAN frames end in {', '.join(ENDINGS)}"
-        )
+    return writer

@@ -21,7 +21,7 @@ from bench_protocol.units import UNITS, m
 from bench_records.layout import RecordError
 from bench_records.tables.keys import FileKeys, Source
 from bench_records.tables.numbers import numbers, of_the_file
-from bench_records.tables.reading import format_of, read_sheet
+from bench_records.tables.reading import read_sheet
 from bench_records.tables.sheet import Sheet
 from test_plans.analysis import Samples
 
@@ -88,8 +88,6 @@ def read_track(path: Path) -> TrackRecord:
     """Return the track of a table. NoTrack for a file that is none: gaps, units, places that do not rise."""
     try:
         keys = FileKeys()
-        if format_of(path, keys) == "mdf":
-            raise NoTrack(f"{path} is an MDF file; a table as CSV, Parquet or Arrow would be right")
         sheet = _plainly_named(read_sheet(path, keys, [], Account()))
         clock = _clock(sheet)
         columns = {name: sheet.place(name, str(path)) for name in WAYS if sheet.places(name)}

@@ -6,21 +6,21 @@ import json
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from bench_protocol.input_limits import SAMPLES_BYTES, Unfit, check_expansion, check_shape, check_size
 from bench_records.layout import RecordError
 from bench_records.tables.sheet import Column, Sheet
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from bench_records.tables.stamps import over_midnight
 
 
 def read_columnar(path: Path, parquet: bool) -> Sheet:
     """Return the sheet of a file of Parquet, or of Arrow (a file, which is Feather too, or a stream)."""
-    import numpy as np
-    import pyarrow as pa
-
     try:
         check_size(path, SAMPLES_BYTES)
         table = _parquet(path) if parquet else _arrow(path)
@@ -39,8 +39,6 @@ def read_columnar(path: Path, parquet: bool) -> Sheet:
 
 
 def _parquet(path: Path) -> pa.Table:
-    import pyarrow.parquet as pq
-
     with pq.ParquetFile(path) as file:
         check_shape(file.metadata.num_rows, len(file.schema_arrow))
         groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
@@ -61,14 +59,10 @@ def _width(column: Any) -> int:
 
 
 def _is_text(kind: Any) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_binary(kind))
 
 
 def _arrow(path: Path) -> pa.Table:
-    import pyarrow as pa
-
     with pa.OSFile(str(path)) as file:
         # A file is a stream between a mark and a list of its parts.
         start = 8 if file.read(8).startswith(b"ARROW1") else 0
@@ -80,8 +74,6 @@ def _arrow(path: Path) -> pa.Table:
 
 def _unpacked(file: Any) -> int:
     """The bytes that the columns in a stream of Arrow take; a packed buffer begins with its size."""
-    import pyarrow as pa
-
     total = 0
     for message in pa.ipc.MessageReader.open_stream(file):
         if message.type not in ("record batch", "dictionary"):
@@ -137,10 +129,6 @@ def _index(table: pa.Table, columns: list[Column]) -> int | None:
 
 
 def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
-    import numpy as np
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     kind = field.type
     if pa.types.is_dictionary(kind):
         check_expansion(path, _written_out(data))
@@ -173,9 +161,6 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
 
 def _written_out(data: pa.ChunkedArray) -> int:
     """The bytes of all values of a column whose chunks have each of them once."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if not _is_text(data.type.value_type):
         return 8 * len(data)
     lengths = (pc.take(pc.binary_length(one.dictionary), one.indices) for one in data.chunks)
@@ -183,24 +168,16 @@ def _written_out(data: pa.ChunkedArray) -> int:
 
 
 def _stamps(name: str, data: pa.ChunkedArray, zoned: bool) -> Column:
-    import pyarrow as pa
-
     cells, there = _ns(data, pa.timestamp("ns"))
     return Column(name, "stamp", cells, zoned=zoned, there=there)
 
 
 def _flat(data: pa.ChunkedArray) -> Any:
-    import pyarrow as pa
-
     whole = data.combine_chunks()
     return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
 
 
 def _ns(data: pa.ChunkedArray, kind: Any) -> tuple[Any, Any]:
-    import numpy as np
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     whole = _flat(data)
     zone = getattr(whole.type, "tz", None)
     cast = whole.cast(pa.timestamp("ns", zone) if zone else kind)
@@ -211,12 +188,6 @@ def _ns(data: pa.ChunkedArray, kind: Any) -> tuple[Any, Any]:
 
 def _of_day(name: str, data: pa.ChunkedArray) -> Column:
     """Times of day, from the first one on."""
-    import numpy as np
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    from bench_records.tables.stamps import over_midnight
-
     whole = _flat(data).cast(pa.time64("ns"))
     there = np.asarray(pc.is_valid(whole).to_numpy(zero_copy_only=False), np.bool_)
     cells = np.asarray(pc.fill_null(whole.cast(pa.int64()), 0).to_numpy(zero_copy_only=False), np.int64)

@@ -9,13 +9,12 @@ import msgspec
 #: How a column is named: by its name, or by its number from 1.
 ColumnName = str | int
 Decimal = Literal[".", ","]
-Format = Literal["csv", "parquet", "arrow", "mdf"]
 
 
 class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[file]``: what is not given is recognised where it is certain, and asked for where it is not."""
 
-    format: Format | None = None  #: else the suffix says it
+    format: str | None = None  #: else the suffix says it
     delimiter: str | None = None
     header: bool = True
     decimal: Decimal | None = None

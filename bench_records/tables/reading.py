@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from bench_protocol.file_forms import FileForm, form_of
 from bench_protocol.unit_names import unit_in_name
 from bench_records.layout import SECOND, RecordError
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import Clock, check_order, read_clock
-from bench_records.tables.columnar import read_columnar
+from bench_records.tables.forms import FORMS
 from bench_records.tables.joined import joined, refuse_halves
-from bench_records.tables.keys import ColumnName, FileKeys, Format, Source, TimeSource
+from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
 from bench_records.tables.numbers import Point, numbers, of_the_file
-from bench_records.tables.text_table import read_text_table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,17 +25,7 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-SUFFIXES: Final[Mapping[str, Format]] = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".tsv": "csv",
-    ".dat": "csv",
-    ".parquet": "parquet",
-    ".arrow": "arrow",
-    ".feather": "arrow",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-}
+MDF: Final = next(one for one in FORMS if one.name == "mdf")
 
 
 class Series(NamedTuple):
@@ -62,33 +52,33 @@ class Series(NamedTuple):
         return f"{self.row_word} {row}, {self.times[index]:.6g} s"
 
 
-def format_of(path: Path, keys: FileKeys) -> Format:
-    """Return how a file is read. RecordError for none, and for one whose suffix says nothing."""
-    kind = keys.format or SUFFIXES.get(path.suffix.lower())
+def format_of(path: Path, keys: FileKeys) -> FileForm:
+    """Return the form of a table. RecordError for no file, and for one whose suffix says nothing."""
     if not path.is_file():
         raise RecordError(f"{path}: no such file")
-    if kind is None:
-        raise RecordError(
-            f'{path}: the suffix "{path.suffix}" says no format; give file.format = "csv", "parquet", "arrow" or "mdf"'
-        )
-    return kind
+    named = [one for one in FORMS if one.name == keys.format]
+    form = named[0] if named else None if keys.format else form_of(path, FORMS)
+    if form is None or (form.read is None and form is not MDF):
+        known = ", ".join(f'"{one.name}"' for one in FORMS if one.read is not None or one is MDF)
+        said = f'file.format = "{keys.format}"' if keys.format else f'the suffix "{path.suffix}"'
+        raise RecordError(f"{path}: {said} says no format that is read; give file.format = one of {known}")
+    return form
 
 
 def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
     """Return the sheet of a file that is no MDF file."""
-    kind = format_of(path, keys)
-    return (
-        read_text_table(path, keys, wanted, account)
-        if kind == "csv"
-        else read_columnar(path, kind == "parquet")
-    )
+    form = format_of(path, keys)
+    if form.read is None:
+        raise RecordError(f"{path} is an MDF file; a table as CSV, Parquet or Arrow would be right")
+    sheet: Sheet = form.read(path, keys, wanted, account)
+    return sheet
 
 
 def column_names(
     path: Path, keys: FileKeys, account: Account, wanted: Sequence[ColumnName] = ()
 ) -> list[str]:
     """Return the names of all columns, or channels, of a file."""
-    if format_of(path, keys) == "mdf":
+    if format_of(path, keys) is MDF:
         with mdf_file.opened(path) as mdf:
             return sorted({place.name for place in mdf_file.places(path, mdf, account)})
     return read_sheet(path, keys, wanted, account).names
@@ -101,7 +91,7 @@ def read_series(
 
     RecordError names file, key, line or group, and what would be right; the ``account`` is told the rest.
     """
-    if format_of(path, keys) == "mdf":
+    if format_of(path, keys) is MDF:
         return _of_mdf(path, wanted, account)
     names = [time.column, *(source.column for source in wanted.values())]
     sheet = read_sheet(path, keys, names, account)

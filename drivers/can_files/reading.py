@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from bench_protocol.account import Account
+from bench_protocol.file_forms import FileForm, ending_of, endings, form_of
 from drivers.can_files.asc import read_asc
 from drivers.can_files.candump import Stamps, read_candump
 from drivers.can_files.frames import CanLogError, Frames
+from drivers.can_files.mdf import read_mdf_frames
 from drivers.can_files.text import UNKNOWN, lines_of
 from drivers.can_files.trc import read_trc
 
-ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
-#: What may hold frames beside columns.
-MDF_ENDINGS: Final = (".mf4", ".mdf")
-_PACKED: Final = ".gz"
+
+def _blf(path: Path, account: Account, _: Stamps | None) -> Frames:
+    from drivers.can_files.blf import read_blf  # it imports python-can
+
+    return read_blf(path, account)
+
+
+def _writer(path: Path) -> Any:
+    import can
+
+    return can.Logger(path)
+
+
+#: What reads returns frames, of a path, an account, and how the stamps of a candump are meant; what writes returns a
+#: writer of python-can. MDF files may hold frames beside columns.
+FORMS: Final = (
+    FileForm("BLF", (".blf",), _blf, _writer),
+    FileForm("ASC", (".asc",), lambda path, account, _: read_asc(path, account), _writer),
+    FileForm("candump", (".log",), read_candump, _writer),
+    FileForm("TRC", (".trc",), lambda path, account, _: read_trc(path, account), _writer),
+    FileForm("MDF", (".mf4", ".mdf"), lambda path, account, _: read_mdf_frames(path, account)),
+)
 #: What is said of those that are not read.
-OTHER_FORMS: Final = f"known are {', '.join(ENDINGS)}, which the programs that write others can often export"
+_ENDINGS: Final = ", ".join(endings([one for one in FORMS if one.write is not None]))
+OTHER_FORMS: Final = f"known are {_ENDINGS}, which the programs that write others can often export"
 _OTHERS: Final = {
     "***BUSMASTER": "a log of BUSMASTER",
     "Time Stamp,ID,Extended": "a log of SavvyCAN",
@@ -36,10 +56,10 @@ _PAUSE: Final = 50  #: usual intervals without a frame that are told, if they ta
 _UNIX: Final = 10**17  #: ns; earlier times count from the beginning of something
 
 
-def ending_of(path: Path) -> str:
-    """Return the ending that says the form, in small letters; that of what is packed."""
-    ending = path.suffix.lower()
-    return Path(path.stem).suffix.lower() if ending == _PACKED else ending
+def frames_form(path: Path, dbc: bool) -> FileForm | None:
+    """Return the form of a log of frames; None for another file, which an MDF file is without a ``dbc``."""
+    form = form_of(path, FORMS)
+    return form if form is None or form.write is not None or form.recognises is not None or dbc else None
 
 
 def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Frames:
@@ -48,26 +68,14 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
     ``stamps`` says how those of a candump are meant, where the file does not. CanLogError for what is no log, for one
     without a frame, and for a clock that goes back or leaps.
     """
-    ending = ending_of(path)
-    if ending not in (*ENDINGS, *MDF_ENDINGS):
+    form = form_of(path, FORMS)
+    if form is None or form.read is None:
         raise CanLogError(
-            f"{path} ends in {ending or 'nothing'}; files of CAN frames end in {', '.join(ENDINGS)}, or these and .gz"
+            f"{path} ends in {ending_of(path) or 'nothing'}; files of CAN frames end in {_ENDINGS}, or these and .gz"
         )
-    if ending == ".blf":
-        from drivers.can_files.blf import read_blf  # it imports python-can
-
-        frames = read_blf(path, account)
-    elif ending in MDF_ENDINGS:
-        from drivers.can_files.mdf import read_mdf_frames
-
-        frames = read_mdf_frames(path, account)
-    elif ending == ".log":
-        frames = read_candump(path, account, stamps)
-    else:
-        reader: Callable[[Path, Account], Frames] = read_asc if ending == ".asc" else read_trc
-        frames = reader(path, account)
+    frames: Frames = form.read(path, account, stamps)
     if not len(frames):
-        raise CanLogError(_without(path, ending, account))
+        raise CanLogError(_without(path, ending_of(path), account))
     _check_clock(path, frames, account)
     return frames
 
