@@ -1,180 +1,262 @@
-"""What motion tells of dimensions, without air: places, the bolster's mass, frames and lags, beside what is stated."""
+"""Motions without air that show the dimensions of a rig, and the fit of all of them beside what is stated."""
 
 from __future__ import annotations
 
-from cmath import phase
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from math import sqrt, tau
+from collections.abc import Mapping
+from math import ceil, hypot, inf, pi, sqrt, tau
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from acceptance.checking.report import MoveLine, Plausibility
-from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
+from acceptance.checking.rigid_body import (
+    ACCELEROMETER,
+    CELLS_ACROSS,
+    FORCES,
+    LASERS,
+    LATERAL,
+    LATERAL_FORCE,
+    PISTONS,
+    ROLL,
+    UNSEEN,
+    WANTED,
+    Estimate,
+    Motion,
+    RigidBody,
+)
+from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, place
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, first_harmonic, without_inertia
-from test_plans.analysis.cells import CELLS, ahead_of, bearing, cell_moment, described, unseen, upward_force
-from test_plans.analysis.geometry import actuator_moment, roll_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS, harmonic
-from test_plans.analysis.uncertainty import Captured, Measured, measured
+from test_plans.analysis import Samples, first_harmonic
+from test_plans.analysis.cells import CELLS, ahead_of, described, unseen
+from test_plans.analysis.readings import GENERATOR, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import STEP, measured
 from test_plans.description import Description
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
-from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
+from test_plans.stamps import stamps_of
 from test_plans.steps.cell_loads import CENTRED
 from test_plans.steps.shaking import generator_cycles
 
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
-PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
-#: Pressed on its stops the bolster is shaken about this force on each side, upright and in roll.
-PRESSED: Final = 12 * kN
-PRESS_RATE: Final = 10 * kN / s
-SWING: Final = 1 * mm
-TILT: Final = 1 * mrad
+#: The bolster hangs so far above the place where it rests, and nearer to it while one side is lowered.
+HIGH: Final = 12 * mm
+LOW: Final = 6 * mm
+RATE: Final = 10 * mm / s
+#: One spring at a time is pressed with this force beyond the hanging bolster, in steps; from `CONTACT` on it carries.
+PRESSED: Final = 20 * kN
+CONTACT: Final = 3 * kN
+PRESS_STEP: Final = 0.5 * mm
+PRESS_RATE: Final = 2 * mm / s
+PRESS_WAY: Final = 25 * mm
+STEP_FORCE: Final = 5 * kN
+BOTH: Final = 12 * kN
+SETTLE: Final = 0.5 * s
+REST: Final = 1 * s
 SLOW: Final = 0.5 * Hz
-FAST: Final = 2 * Hz
-#: Off its stops: what the actuators give is the bolster's inertia.
-HANGING: Final = 2 * mm
-HANGING_FREQUENCY: Final = 3 * Hz
 LEAD: Final = 1
-CYCLES: Final = 4
-RATE: Final = 200 * Hz
-#: What is not in the instruments: the stops' own friction and the frame's damping.
-METHOD: Final = 0.004
-#: And sideways: a bolster that is held there while it rolls pulls at springs and cells.
-HELD: Final = 0.025
-#: What frame and oil lose at each frequency, beside their stiffness.
-OIL: Final = 0.05
-#: Of a rig whose instruments nobody has described.
-UNSURE: Final = 0.07
-UNSURE_LAG: Final = 1e-3 * s
-
-Find = Callable[..., float]
+CYCLES: Final = 6
+LEAST: Final = 5 * s
+#: Sideways the slow motion tells heights by a small force, so it lasts longer; it stays clear of the bump stop.
+SIDEWAYS: Final = 48 * s
+CLEAR: Final = 0.6
+#: Of what the lateral actuator may push with.
+PART: Final = 0.5
+ALIGNED: Final = 200 * Hz
+#: Sines of the hanging bolster: axis, amplitude (m or rad), frequency.
+HANGING: Final = (
+    ("vertical", 5 * mm, SLOW),
+    ("vertical", 3 * mm, 3 * Hz),
+    ("roll", 5 * mrad, SLOW),
+    ("roll", 2 * mrad, 3 * Hz),
+    ("lateral", 16 * mm, SLOW),
+    ("lateral", 3 * mm, 4 * Hz),
+    ("lateral", 1 * mm, 12 * Hz),
+    ("platform_roll", 5 * mrad, SLOW),
+)
+#: And of the bolster that is pressed on both stops.
+ON_THE_STOPS: Final = (("vertical", 1 * mm, SLOW), ("roll", 1 * mrad, SLOW), ("vertical", 1 * mm, 2 * Hz))
+#: Fastest wave where the bench streams it, and how many samples a cycle needs.
+STREAMED: Final = 4 * Hz
+SAMPLES: Final = 5
+#: Set-points of a streamed wave, with straight lines between them, which make (πf/rate)²/3 of it something else.
+STREAM: Final = 50 * Hz
+READ: Final = (
+    *LASERS,
+    *PISTONS,
+    *FORCES,
+    *VERTICAL_CELLS,
+    *SHEAR_CELLS,
+    LATERAL,
+    LATERAL_FORCE,
+    ACCELEROMETER,
+    ROLL,
+)
+_SETPOINT: Final = {"platform_roll": "platform.roll_setpoint", "lateral": "lateral.displacement_setpoint"}
 
 
 class Measuring:
-    """Measures dimensions of a ``bench`` that is armed and without air, and compares them with what is stated."""
+    """Moves a ``bench`` that is armed and without air, and compares what the motions show with what is stated."""
 
     def __init__(self, bench: Bench, lines: list[MoveLine]) -> None:
         self._bench, self._lines = bench, lines
-        #: What is stated, and the same with what was measured in the place of what it contradicts.
-        self._stated = Description(bench.wiring.rig, bench.dimensions or UNKNOWN)
-        self._rig = self._stated
+        self._rig = Description(bench.wiring.rig, bench.dimensions or UNKNOWN)
+        self._instruments = bench.instruments or NO_INSTRUMENTS
+        self._motions: list[Motion] = []
+        self._names = tuple(name for name in READ if bench.has(name))
+        #: Where the pistons stand while the bolster rests on its stops.
+        self._resting = dict[str, float]()
+
+    def resting(self) -> None:
+        """Note where the bolster rests."""
+        self._resting = {name: self._bench.average(name, over=REST) for name in PISTONS}
 
     def hanging(self) -> None:
-        """Shake the bolster off its stops: the balance of forces is its mass times its acceleration."""
-        cells = bearing(self._rig)
-        needs = (*FORCES, *cells, *HEIGHTS)
-        if not self._has("bolster_mass", needs, (*map(lag, needs), *CELLS)):
-            return
-        times, values = self._shake("vertical", HANGING, HANGING_FREQUENCY, needs)
+        """Shake the bolster, and the platform below it, while the bolster hangs on the actuators."""
+        self._to(HIGH, HIGH)
+        for axis, amplitude, frequency in HANGING:
+            setpoint = _SETPOINT.get(axis)
+            if setpoint is None or self._bench.has(setpoint):
+                self._shake(axis, amplitude, frequency)
 
-        def mass(rig: Mapping[str, float], read: Mapping[str, Samples]) -> float:
-            of = self._harmonics(times, HANGING_FREQUENCY, rig, read)
-            down = -0.5 * sum(of(name) for name in HEIGHTS)
-            borne = upward_force({cell: of(cell) for cell in cells}, rig)
-            left_over = complex(borne) - sum(of(force) for force in FORCES)
-            return float((left_over / ((tau * HANGING_FREQUENCY) ** 2 * down)).real)
-
-        self._compare("bolster_mass", "by its inertia", mass, values)
-
-    def tilted(self, before: Captured, after: Captured) -> None:
-        """Compare where the lasers stand with what they saw when the platform rolled and the bolster stayed."""
+    def one_by_one(self) -> None:
+        """Press one spring while the other hangs free: moment over force of the cells is where it stands."""
         for side in SIDES:
-            height = f"{side}.height"
-            if not self._has(across(height), (height, "platform.roll"), ()):
-                continue
-
-            def place(_: Mapping[str, float], one: Captured, other: Captured, name: str = height) -> float:
-                return -(other[name] - one[name]) / (other["platform.roll"] - one["platform.roll"])
-
-            self._compare(across(height), "by the roll of the platform", place, before, after)
-
-    def lifted(self, side: str, before: Captured, after: Captured) -> None:
-        """Compare where the other actuator stands: it stayed where it was when this one lifted its side."""
-        other = f"vertical_{SIDES[1 - SIDES.index(side)]}"
-        if not self._has(across(other), HEIGHTS, tuple(map(across, HEIGHTS))):
-            return
-
-        def place(rig: Mapping[str, float], one: Captured, two: Captured) -> float:
-            way = {name: np.asarray(two[name] - one[name]) for name in HEIGHTS}
-            turned = float(roll_of(way, rig))
-            return rig[across(f"{side}.height")] - float(way[f"{side}.height"]) / turned
-
-        self._compare(across(other), f"by lifting the {side} side", place, before, after)
+            self._to(LOW, LOW)
+            before = self._still()
+            self._tilt(side, HIGH)
+            self._keep(before, side)
+            self._to(LOW, LOW)
+            self._press(side)
+        self._to(LOW, LOW)
 
     def pressed(self) -> None:
-        """Shake the bolster on its stops: springs that are alike tell how far from the middle they stand."""
-        needs = (*FORCES, *bearing(self._rig), *HEIGHTS, *PISTONS)
-        places = (*map(across, HEIGHTS), *(across(f"vertical_{side}") for side in SIDES))
-        if not self._has("spring_half_spacing", (*FORCES, *HEIGHTS), places):
-            return
-        self._bench.vertical.preload(PRESSED, PRESSED, rate=PRESS_RATE, within=10 * s)
+        """Shake the bolster on both stops."""
+        self._bench.vertical.preload(BOTH, BOTH, within=10 * s)
         self._bench.vertical.hold_position()
-        free = self._bench.has(*FREE_SIDEWAYS)
-        if free:
-            self._bench.lateral.push(0.0, rate=LATERAL_RATE)
-        seen = tuple(name for name in needs if self._bench.has(name))
-        upright = self._shake("vertical", SWING, SLOW, seen)
-        rolled = self._shake("roll", TILT, SLOW, seen)
-        if free:
-            self._bench.lateral.hold_position()
-        more = METHOD if free else HELD
-        self._spacing(upright, rolled, more)
-        if all(name in seen for name in needs):
-            self._cells(rolled, more)
-            self._ahead(upright)
-            if self._has("bolster_mass", needs, tuple(map(lag, (*FORCES, *PISTONS)))):
-                self._late(*self._shake("vertical", SWING, FAST, needs))
-
-    # -- inside ----------------------------------------------------------------------------------------------------
-
-    def _spacing(self, upright: tuple[Samples, Any], rolled: tuple[Samples, Any], more: float) -> None:
-        """b² = K_roll / K_z of two stops that are alike: 2 k b² over 2 k."""
-        (times, flat), (later, turned) = upright, rolled
-
-        def spacing(
-            rig: Mapping[str, float], flat: Mapping[str, Samples], turned: Mapping[str, Samples]
-        ) -> float:
-            down = -first_harmonic(times, 0.5 * (flat["left.height"] + flat["right.height"]), SLOW)
-            force = first_harmonic(times, flat[FORCES[0]] + flat[FORCES[1]], SLOW)
-            moment = actuator_moment(turned, rig)
-            angle = first_harmonic(later, roll_of(turned, rig), SLOW)
-            return sqrt(abs(first_harmonic(later, moment, SLOW) / angle) / abs(force / down))
-
-        self._compare("spring_half_spacing", "by rolling on the stops", spacing, flat, turned, more=more)
-
-    def _cells(self, rolled: tuple[Samples, Any], more: float) -> None:
-        """The moment in the upright cells is that of the actuators: else the cells stand elsewhere."""
-        times, values = rolled
-        if self._rig.lacks(*CELLS):
-            return
+        for axis, amplitude, frequency in ON_THE_STOPS:
+            times, values = self._shake(axis, amplitude, frequency)
+            if (axis, frequency) == ("vertical", SLOW):
+                self._ahead(times, values)
         self._tell_unseen()
 
-        def ratio(rig: Mapping[str, float], read: Mapping[str, Samples]) -> float:
-            moment = actuator_moment(read, rig)
-            cells = first_harmonic(times, cell_moment(read, rig), SLOW)
-            return abs(first_harmonic(times, moment, SLOW) / cells)
+    def compare(self) -> None:
+        """Fit all dimensions at once, and note each beside what is stated."""
+        lacking = self._bench.lacks(*LASERS, *PISTONS, *FORCES)
+        if lacking or not self._motions:
+            self._lines.append(_untold("dimensions", f"cannot be measured: {lacking or 'nothing moved'}"))
+            return
+        late = {name: one.within for name, one in stamps_of(self._bench).items()}
+        fit = RigidBody(self._rig.dimensions.known, self._motions, self._instruments, late)
+        found = fit.estimates()
+        seen = [one for one in found if one.contradicted or one.unresolved != UNSEEN]
+        for one in seen:
+            self._note(one)
+        names = {one.name for one in seen}
+        if others := [name for name in self._rig.dimensions.known if name not in names]:
+            self._lines.append(_untold(", ".join(others), UNSEEN))
 
-        one = self._measured(ratio, values)
-        u = self._sure(one) + more
-        places = [across(cell) for cell in bearing(self._rig)]
-        stated = np.mean([abs(self._rig[name]) for name in places])
-        known = max(self._off(name) for name in places) / stated
-        self._note(
-            "places of the load cells, by the moment of the actuators",
-            bool(abs(one.value - 1.0) <= u + known),
-            f"{one.value * stated:.4g} ± {u * stated:.2g} m from the middle",
-            f"{stated:.4g} m",
+    # -- motions -----------------------------------------------------------------------------------------------------
+
+    def _to(self, left: float, right: float, rate: float = RATE) -> None:
+        """Bring the pistons to so much above where they rest (m)."""
+        resting = [self._resting[name] for name in PISTONS]
+        self._bench.vertical.move_to(resting[0] + left, resting[1] + right, rate=rate)
+        self._bench.wait(SETTLE)
+
+    def _tilt(self, side: str, up: float) -> None:
+        """Bring one piston to ``up`` m above its place of rest, and turn the bolster about the other spring."""
+        names = ("spring_half_spacing", across(f"vertical_{side}"))
+        spring, piston = (1.0, 1.0) if self._rig.lacks(*names) else (abs(self._rig[name]) for name in names)
+        other = LOW + (up - LOW) * (spring - piston) / (spring + piston)
+        left, right = (up if one == side else other for one in SIDES)
+        self._to(left, right, PRESS_RATE)
+
+    def _keep(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
+        """Keep the change of all readings since ``before``; only the spring of one ``side`` has moved."""
+        after = self._still()
+        change = {name: complex(after[name][0] - before[name][0]) for name in self._names}
+        noise = {name: hypot(after[name][1], before[name][1]) for name in self._names}
+        self._motions.append(Motion(0.0, change, noise, side))
+
+    def _shake(self, axis: Any, amplitude: float, frequency: float) -> tuple[Samples, dict[str, Samples]]:
+        """Keep the amplitudes of all readings for a sine; return its samples, aligned."""
+        bench = self._bench
+        names = [name for name in self._names if bench.receiver.rates.get(name, inf) >= SAMPLES * frequency]
+        streamed = not bench.wiring.capabilities.generator
+        if (streamed and frequency > STREAMED) or not {*LASERS, *PISTONS, *FORCES} <= {*names}:
+            return np.zeros(0), {}
+        cycles = max(
+            CYCLES, ceil((SIDEWAYS if axis == "lateral" and frequency == SLOW else LEAST) * frequency)
         )
+        if axis == "lateral" and not self._rig.lacks("stop_gap"):
+            amplitude = min(amplitude, CLEAR * self._rig["stop_gap"])
+        if axis == "lateral" and not self._rig.lacks("lateral_force_max", "bolster_mass"):
+            heaviest = self._rig["bolster_mass"] * (tau * frequency) ** 2
+            amplitude = min(amplitude, PART * self._rig["lateral_force_max"] / heaviest)
+        size = {"roll_amplitude" if "roll" in axis else "amplitude": amplitude}
+        with bench.capture(*names, *GENERATOR) as capture:
+            bench.generator.run(axis, "sine", frequency=frequency, cycles=LEAD + cycles + 1, **size)
+        times, values = capture.aligned(ALIGNED)
+        steady = generator_cycles(times, values, LEAD, cycles, frequency)
+        begin, end = times[steady][0], times[steady][-1]
+        amplitudes, noise = dict[str, complex](), dict[str, float]()
+        for name in names:
+            at, read = capture.times(name), capture.values(name)
+            inside = (at >= begin) & (at <= end) & np.isfinite(read)
+            found = _sine(at[inside], read[inside], frequency)
+            amplitudes[name], noise[name] = (
+                found[0],
+                hypot(found[1], self._step(name) * sqrt(2 / inside.sum())),
+            )
+        pace = min(STREAM, *(bench.receiver.rates[name] for name in names))
+        rough = (pi * frequency / pace) ** 2 / 3 if streamed else 0.0
+        self._motions.append(Motion(frequency, amplitudes, noise, rough=rough))
+        return times[steady], {name: series[steady] for name, series in values.items()}
 
-    def _ahead(self, upright: tuple[Samples, Any]) -> None:
+    def _press(self, side: str) -> None:
+        """Lower one side until its spring carries `PRESSED`, and keep the change since it has carried `CONTACT`."""
+        bench, force = self._bench, FORCES[SIDES.index(side)]
+        hanging = bench.average(force, over=SETTLE)
+        low, step, before, carried = 1 * mm, PRESS_STEP, None, 0.0
+        while low > -PRESS_WAY:
+            self._tilt(side, low)
+            carries = bench.average(force, over=SETTLE) - hanging
+            if carries >= PRESSED:
+                break
+            if carries >= CONTACT and before is None:
+                before = self._still()
+            if carries > carried + 0.1 * kN and carries > CONTACT:
+                stiffness = (carries - carried) / step
+                step = min(step, STEP_FORCE / stiffness)
+            carried = carries
+            low -= step
+        if before is not None:
+            self._keep(before, side)
+
+    def _still(self) -> dict[str, tuple[float, float]]:
+        """Return mean of each reading at rest, and its standard deviation."""
+        with self._bench.capture(*self._names) as capture:
+            self._bench.wait(REST)
+        found = {}
+        for name in self._names:
+            values = capture.values(name)
+            values = values[np.isfinite(values)]
+            scatter, step = float(np.std(values)), self._step(name)
+            found[name] = (
+                float(np.mean(values)),
+                hypot(scatter / sqrt(values.size), step if 2 * scatter < step else 0.0),
+            )
+        return found
+
+    def _step(self, name: str) -> float:
+        """Return the standard deviation of a reading by the step of its converter."""
+        piece = self._instruments.pieces.get(name)
+        return STEP * (piece.instrument.resolution if piece else self._bench.table[name].step)
+
+    def _ahead(self, times: Samples, values: Mapping[str, Samples]) -> None:
         """Where the springs' force acts lengthwise: seats or actuators that are off there show in no sum of cells."""
-        times, values = upright
         cells = [cell for cell in described(self._rig) if cell in values]
         if self._rig.lacks(*CELLS) or {"force upward", "pitch moment"} & set(unseen(self._rig, cells)):
             return
@@ -184,8 +266,15 @@ class Measuring:
             force, moment = (first_harmonic(times, one, SLOW) for one in both)
             return float((moment / force).real)
 
-        one = self._measured(place, values)
-        u = one.expanded if one.expanded is not None else UNSURE * abs(one.value)
+        (one,) = measured(
+            place,
+            self._rig,
+            values,
+            instruments=self._instruments,
+            came=self._bench.receiver.rates,
+            averaged=20,
+        )
+        u = one.expanded if one.expanded is not None else 0.07 * abs(one.value)
         verdict = Plausibility.FINE if abs(one.value) <= u + CENTRED else Plausibility.DOUBTFUL
         more = (
             ""
@@ -203,6 +292,8 @@ class Measuring:
 
     def _tell_unseen(self) -> None:
         """Say which forces and moments the load cells do not tell, as they stand: loads and roll are needed."""
+        if self._rig.lacks(*CELLS):
+            return
         cells = [cell for cell in described(self._rig) if self._bench.has(cell)]
         blind = unseen(self._rig, cells)
         self._lines.append(
@@ -216,111 +307,52 @@ class Measuring:
             )
         )
 
-    def _late(self, times: Samples, values: Mapping[str, Samples]) -> None:
-        """Lags by a sine on the stops: lasers beside the pistons, cells beside the forces, and the frame between."""
-        for side, piston, height in zip(SIDES, PISTONS, HEIGHTS, strict=True):
-
-            def late(
-                rig: Mapping[str, float], read: Mapping[str, Samples], at: str = piston, seen: str = height
-            ) -> float:
-                laser, moved = (first_harmonic(times, read[one], FAST) for one in (seen, at))
-                return float(rig[lag(at)] - phase(laser / moved) / (tau * FAST))
-
-            def frame(
-                rig: Mapping[str, float],
-                read: Mapping[str, Samples],
-                at: str = piston,
-                seen: str = height,
-                force: str = f"vertical_{side}.force",
-            ) -> float:
-                of = self._harmonics(times, FAST, rig, read)
-                return abs(of(force)) / abs(of(at) - of(seen))
-
-            self._compare(lag(height), "beside its piston, by a sine", late, values)
-            if not self._rig.lacks(lag(height)):
-                self._compare(
-                    "vertical_frame_stiffness", f"on the {side}, by a sine", frame, values, more=OIL
-                )
-        for cell in bearing(self._rig):
-
-            def behind(rig: Mapping[str, float], read: Mapping[str, Samples], cell: str = cell) -> float:
-                of = self._harmonics(times, FAST, rig, read)
-                down = -0.5 * sum(of(piston) for piston in PISTONS)
-                force = without_inertia(sum(of(one) for one in FORCES), down, rig["bolster_mass"], FAST)
-                return -phase(first_harmonic(times, read[cell], FAST) / force) / (tau * FAST)
-
-            self._compare(lag(cell), "beside the forces, by a sine", behind, values)
-
-    def _shake(
-        self, axis: Any, amplitude: float, frequency: float, names: tuple[str, ...]
-    ) -> tuple[Samples, dict[str, Samples]]:
-        bench = self._bench
-        size = {"roll_amplitude" if axis == "roll" else "amplitude": amplitude}
-        with bench.capture(*names, *GENERATOR) as capture:
-            bench.generator.run(axis, "sine", frequency=frequency, cycles=LEAD + CYCLES + 1, **size)
-        times, values = capture.aligned(RATE)
-        steady = generator_cycles(times, values, LEAD, CYCLES, frequency)
-        return times[steady], {name: series[steady] for name, series in values.items()}
-
-    @staticmethod
-    def _harmonics(
-        times: Samples, frequency: float, rig: Mapping[str, float], read: Mapping[str, Samples]
-    ) -> Callable[[str], complex]:
-        """Return how to ask for the amplitude of a signal, free of its stated lag."""
-        return lambda name: harmonic(rig, times, read[name], frequency, name)
-
-    def _has(self, name: str, signals: tuple[str, ...], dimensions: tuple[str, ...]) -> bool:
-        lacking = self._bench.lacks(*signals) or self._rig.lacks(*dimensions)
-        if lacking:
-            self._lines.append(
-                MoveLine(
-                    what=_words(name), verdict=Plausibility.UNTOLD, found=f"cannot be measured: {lacking}"
-                )
+    def _note(self, one: Estimate) -> None:
+        """Note an estimate beside what is stated."""
+        stated = self._rig.stated(one.name)
+        if one.name == CELLS_ACROSS:
+            known = [
+                abs(self._rig[place(cell)[1]]) for cell in described(self._rig) if cell in VERTICAL_CELLS
+            ]
+            mean = float(np.mean(known))
+            value, u, si, right = one.value * mean, one.uncertainty * mean, "m", f"{mean:.4g} m"
+        else:
+            value, u, si = one.value, one.uncertainty, NAMES[one.name]
+            right = _shown(stated.value, stated.uncertainty, si) if stated else "not stated"
+        verdict, found = Plausibility.FINE, _shown(value, u, si)
+        if one.contradicted:
+            verdict = Plausibility.DOUBTFUL
+            found += ": what is stated is wrong"
+            if one.rivals:
+                found += f", or that of {' or '.join(map(_words, one.rivals))}"
+        elif one.unresolved:
+            verdict = Plausibility.UNTOLD
+            shown = f"{found}, which is not" if np.isfinite(u) else "not"
+            found = f"{shown} known to {WANTED:.0%}: {one.unresolved}"
+        elif stated is None and one.name != CELLS_ACROSS:
+            verdict = Plausibility.UNTOLD
+        elif stated and stated.value and si != "s":
+            off = value / stated.value - 1
+            if abs(off) > WANTED and abs(value - stated.value) > u:
+                found += f", {off:+.1%} from what is stated"
+        self._lines.append(
+            MoveLine(
+                what=_words(one.name), verdict=verdict, found=found, right=right, value=value, uncertainty=u
             )
-        return not lacking
+        )
 
-    def _measured(self, find: Find, *captures: Captured) -> Measured:
-        instruments = self._bench.instruments or NO_INSTRUMENTS
-        came = self._bench.receiver.rates
-        (one,) = measured(find, self._rig, *captures, instruments=instruments, came=came, averaged=20)
-        return one
 
-    def _sure(self, one: Measured, si: str = "1") -> float:
-        """Return how far off a value may be: by its instruments, or as far as those of nobody knows whom."""
-        if one.expanded is not None:
-            return one.expanded
-        return UNSURE_LAG if si == "s" else UNSURE * abs(one.value)
+def _sine(times: Samples, values: Samples, frequency: float) -> tuple[complex, float]:
+    """Return the complex amplitude of a sine on a slow drift, and the standard deviation of each of its parts."""
+    turn = tau * frequency * times
+    columns = np.column_stack([np.cos(turn), -np.sin(turn), np.ones_like(times), times - times.mean()])
+    solved, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    scatter = float(np.std(values - columns @ solved))
+    return complex(solved[0], solved[1]), scatter * sqrt(2 / times.size)
 
-    def _off(self, name: str) -> float:
-        stated = self._rig.stated(name)
-        return stated.uncertainty if stated else 0.0
 
-    def _compare(self, name: str, how: str, find: Find, *captures: Captured, more: float = METHOD) -> None:
-        """Note what was found of a dimension beside what is stated, with the uncertainties of both."""
-        one, si = self._measured(find, *captures), NAMES[name]
-        u = self._sure(one, si) + (0.0 if si == "s" else more * abs(one.value))
-        found = _shown(one.value, u, si)
-        stated = self._stated.stated(name)
-        if stated is None:
-            self._lines.append(
-                MoveLine(
-                    what=f"{_words(name)}, {how}",
-                    verdict=Plausibility.UNTOLD,
-                    found=found,
-                    right="not stated",
-                )
-            )
-            return
-        good = abs(one.value - stated.value) <= u + stated.uncertainty
-        if not good:
-            known = {**self._rig.dimensions.known, name: replace(stated, value=one.value, uncertainty=u)}
-            self._rig = Description(self._rig.rig, replace(self._rig.dimensions, known=known))
-        self._note(f"{_words(name)}, {how}", good, found, _shown(stated.value, stated.uncertainty, si))
-
-    def _note(self, what: str, good: bool, found: str, right: str) -> None:
-        verdict = Plausibility.FINE if good else Plausibility.DOUBTFUL
-        more = "" if good else ": what is stated is wrong"
-        self._lines.append(MoveLine(what=what, verdict=verdict, found=found + more, right=right))
+def _untold(what: str, why: str) -> MoveLine:
+    return MoveLine(what=what, verdict=Plausibility.UNTOLD, found=why)
 
 
 def _words(name: str) -> str:
@@ -328,5 +360,5 @@ def _words(name: str) -> str:
 
 
 def _shown(value: float, u: float, si: str) -> str:
-    unit, factor = {"s": ("ms", 1e-3), "N/m": ("MN/m", 1e6)}.get(si, (si, 1.0))
-    return f"{value / factor:.4g} ± {u / factor:.2g} {unit}"
+    unit, factor = {"s": ("ms", 1e-3), "N/m": ("MN/m", 1e6), "1": ("", 1.0)}.get(si, (si, 1.0))
+    return f"{value / factor:.4g} ± {u / factor:.2g} {unit}".rstrip()

@@ -1,9 +1,9 @@
 """One small move of each axis, without air: what it is measured by, with which sign and scale, and how soon.
 
-The bolster is first lifted by 5 mm, off what it rests on, and shaken there; then each axis goes 2 mm (2 mrad) and
-back, and the lateral actuator pushes with 500 N where it can. Each axis is first tried with a tenth of it. At last the
-bolster is pressed on what it rests on with 12 kN on each side, and shaken by 1 mm. Whatever happens, the bench is
-brought to rest at the end. What the moves tell of the rig's dimensions is compared with what is stated.
+The bolster is first lifted by 5 mm, off what it rests on; then each axis goes 2 mm (2 mrad) and
+back, and the lateral actuator pushes with 500 N where it can. Each axis is first tried with a tenth of it. Then follow
+the motions of `measuring`, whose fit is compared with what is stated of the rig's dimensions. Whatever happens, the
+bench is brought to rest at the end.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
         book.note(
             "the way up", bench.state == "ACTIVE", f"from rest to {bench.state}", "ACTIVE by its sequences"
         )
-        for part in (_lift, _hanging, _sides, _platform, _sideways, _push, _pressed):
+        for part in (_lift, _sides, _platform, _sideways, _push, _hanging, _one_by_one, _pressed):
             try:
                 part(bench, book)
             except NotAvailable as error:
@@ -87,8 +87,6 @@ class _Moves:
         self._known: set[str] = set()  #: axes that have been felt
         self.lines: list[MoveLine] = []
         self.dimensions = Measuring(bench, self.lines)
-        #: What changed when one side was lifted: it tells where actuators stand once it is known where lasers do.
-        self.lifts: dict[str, dict[str, float]] = {}
 
     def note(self, what: str, good: bool, found: str, right: str = "") -> None:
         verdict = Plausibility.FINE if good else Plausibility.DOUBTFUL
@@ -183,6 +181,7 @@ def _sum(changes: Mapping[str, float], names: tuple[str, ...]) -> float | None:
 def _lift(bench: Bench, book: _Moves) -> None:
     """Lift both sides: heights go with the actuators, and what these carry the cells no longer do."""
     _in_displacement(bench, "vertical")
+    book.dimensions.resting()
     pistons = {f"vertical_{side}.displacement": LIFT for side in SIDES}
     forces = tuple(f"vertical_{side}.force" for side in SIDES)
     heights = tuple(f"{side}.height" for side in SIDES)
@@ -218,20 +217,24 @@ def _sides(bench: Bench, book: _Moves) -> None:
                 + (": are the sides swapped?" if swapped else ""),
                 signal.show(STEP),
             )
-        book.lifts[side] = changes
         book.by({name: -STEP}, RATE)
 
 
 def _hanging(bench: Bench, book: _Moves) -> None:
-    """Shake what hangs on the actuators: its mass."""
+    """Shake what hangs on the actuators, and the platform below it."""
+    _in_displacement(bench, "lateral")
     book.dimensions.hanging()
 
 
+def _one_by_one(bench: Bench, book: _Moves) -> None:
+    """Press one spring after the other."""
+    book.dimensions.one_by_one()
+
+
 def _pressed(bench: Bench, book: _Moves) -> None:
-    """Shake the bolster on what it rests on: how far apart that stands, and how late transducers are."""
-    for side, changes in book.lifts.items():
-        book.dimensions.lifted(side, dict.fromkeys(changes, 0.0), changes)
+    """Shake the bolster on what it rests on, and compare all that was measured with what is stated."""
     book.dimensions.pressed()
+    book.dimensions.compare()
 
 
 def _platform(bench: Bench, book: _Moves) -> None:
@@ -244,8 +247,6 @@ def _platform(bench: Bench, book: _Moves) -> None:
         step = TILT if axis == "roll" else STEP
         also = () if axis == "lateral" else tuple(f"{side}.height" for side in SIDES)
         changes = book.by({name: step}, step / STEP * RATE, *also)
-        if axis == "roll":
-            book.dimensions.tilted(dict.fromkeys(changes, 0.0), changes)
         for one in also:
             if one in changes and axis == "vertical":
                 book.compare(f"{one} falls as the platform rises", one, changes[one], -changes[name])

@@ -36,6 +36,8 @@ class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
     verdict: Plausibility
     found: str
     right: str = ""
+    value: float | None = None  #: of a dimension, SI
+    uncertainty: float | None = None  #: the expanded one, SI
 
 
 class Missing(msgspec.Struct, frozen=True, kw_only=True):

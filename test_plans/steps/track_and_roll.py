@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from math import sqrt
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,15 +12,19 @@ import numpy.typing as npt
 
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
+from bench_records.result import CheckVerdict
 from test_plans.analysis import Samples, first_harmonic, without_lag
+from test_plans.analysis.cells import CELLS, bearing, cell_moment, guiding
 from test_plans.analysis.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
 from test_plans.analysis.readings import GENERATOR, HEIGHTS
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.loads import Load
+from test_plans.steps.air import LOAD, PRESSURE
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
-from test_plans.steps.of_the_bench import MASS, check_roll_stiffness, of_the_stated_mass, stated
+from test_plans.steps.of_the_bench import MASS, SPACING, check_roll_stiffness, of_the_stated_mass, stated
 from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, Values, check_band, generator_cycles
+from test_plans.steps.stiffness import VERTICAL_SECANT
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -51,6 +56,15 @@ ROLL_WAIT: Final = 1.5 * s
 ROLL_AVERAGE: Final = 0.5 * s
 #: So many samples such a mean has at least.
 AVERAGED: Final = 5
+#: Ratio of what two transducers see of one roll, beside their uncertainty.
+ALIKE: Final = 0.01
+#: How well the stiffness of springs shows how far apart they stand: the gas is warmer in a slow roll than in a loop.
+SPACING_WITHIN: Final = 0.04
+#: Least share of the stiffness that the gas has where no air passes between the springs.
+TIGHT_SHARE: Final = 0.5
+CONTRADICTED: Final = "the description contradicts the measurement"
+CHECK: Final = "astb check-rig --allow-motion measures it"
+PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
 
 
 def track_excitation(run: Run) -> None:
@@ -108,6 +122,7 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
     with run.phase("roll"):
         names = [f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure")]
         names += [f"vertical_{side}.force" for side in SIDES]
+        names += filter(bench.has, dict.fromkeys((*PISTONS, *bearing(run.rig), *guiding(run.rig))))
         rolled = []
         force = load.actuator_force(run.rig)
         for more in (load.roll_load, -load.roll_load):
@@ -116,9 +131,90 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
             rolled.append(bench.averages(*names, over=ROLL_AVERAGE))
         bench.vertical.preload(force, force, rate=ROLL_RATE, within=PRELOAD_WITHIN)
         stiffness, swing = run.measure(_between, run.rig, *rolled, averaged=AVERAGED)
-        check_roll_stiffness(run, ROLL_STIFFNESS, stiffness, load.limits.band("roll_stiffness"))
+        if contradiction := description_contradicted(run, rolled[0], rolled[1], float(stiffness)):
+            run.warn(contradiction)
+            run.lack((ROLL_STIFFNESS,), contradiction)
+        else:
+            check_roll_stiffness(run, ROLL_STIFFNESS, stiffness, load.limits.band("roll_stiffness"))
         limit = run.specimen.limits.band("roll_pressure_difference")
         check_band(run, PARTED, swing, "bar", limit)
+
+
+def description_contradicted(
+    run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
+) -> str:
+    """Return in words which dimension a roll of the free bolster contradicts, by means at two rests; "" if none.
+
+    Lasers and pistons show the same roll, load cells and actuators the same moment. Where only one of both is wrong, it
+    is the place of the lasers or of the cells; where both are, that of the actuators.
+    """
+    found = {}
+    if all(name in one for name in PISTONS) and not run.rig.lacks("vertical_frame_stiffness"):
+        (found["roll"],) = run.measure(_roll_ratio, run.rig, one, other, averaged=AVERAGED)
+    if all(cell in one for cell in (*bearing(run.rig), *guiding(run.rig))) and not run.rig.lacks(*CELLS):
+        (found["moment"],) = run.measure(_moment_ratio, run.rig, one, other, averaged=AVERAGED)
+    wrong = {
+        name: ratio
+        for name, ratio in found.items()
+        if ratio.expanded is not None and abs(ratio.value - 1.0) > ALIKE + ratio.expanded
+    }
+    if wrong:
+        of = {"roll": "lasers", "moment": "load cells"}
+        told = "; ".join(
+            f"the {name} by the {of[name]} is {ratio.value:.3f} ± {ratio.expanded:.3f} times that by the actuators"
+            for name, ratio in wrong.items()
+        )
+        named = "vertical actuators" if len(wrong) == len(of) else of[next(iter(wrong))]
+        return (
+            f"{CONTRADICTED}: {told}; the stated places of the {named}, or their scales, are wrong. {CHECK}"
+        )
+    return _spacing_contradicted(run, one, other, stiffness)
+
+
+def _roll_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Return the roll that the lasers see over that of the pistons, whose frames give way."""
+    more = {name: np.asarray(other[name] - one[name]) for name in one}
+    left, right = (
+        more[f"vertical_{side}.displacement"]
+        + more[f"vertical_{side}.force"] / rig["vertical_frame_stiffness"]
+        for side in SIDES
+    )
+    spacing = rig[ACTUATORS[0]] - rig[ACTUATORS[1]]
+    return float(roll_of(more, rig) * spacing / (left - right))
+
+
+def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Return the moment that the load cells bear over that of the vertical actuators."""
+    more = {name: np.asarray(other[name] - one[name]) for name in one}
+    return float(cell_moment(more, rig) / actuator_moment(more, rig))
+
+
+def _spacing_contradicted(
+    run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
+) -> str:
+    """Return in words that the springs stand elsewhere: K_roll = (k_l + k_r) b² of springs that are good upright.
+
+    Air that passes between the springs lowers K_roll as well, but then their pressures hardly change.
+    """
+    judged = {check.name: check for check in run.checks if check.verdict is CheckVerdict.PASS}
+    names = [name.of(side=side) for name in (VERTICAL_SECANT["slow"], LOAD, PRESSURE) for side in SIDES]
+    stated = run.rig.stated(SPACING)
+    if stated is None or not all(name in judged for name in names):
+        return ""
+    numbers = [judged[name].number for name in names]
+    upright, load, pressure = (sum(numbers[k : k + 2]) for k in (0, 2, 4))
+    found = sqrt(stiffness / upright)
+    moved, swing = (
+        (other[f"left.{what}"] - one[f"left.{what}"]) - (other[f"right.{what}"] - one[f"right.{what}"])
+        for what in ("height", "bellows_pressure")
+    )
+    gas = abs(swing / moved) * load / pressure / (0.5 * upright)
+    if abs(found / stated.value - 1.0) <= SPACING_WITHIN or gas < TIGHT_SHARE:
+        return ""
+    return (
+        f"{CONTRADICTED}: spring_half_spacing is stated as {stated.value:.4g} m, and roll over vertical stiffness of "
+        f"springs that are good upright gives {found:.3g} m within {SPACING_WITHIN:.0%}. {CHECK}"
+    )
 
 
 def _between(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:

@@ -69,11 +69,12 @@ def test_our_rig_is_sound_and_its_commander_notices_nothing():
     assert "held by the commander with token" in report.identity
 
 
+@pytest.mark.slow
 def test_our_rig_moves_as_it_says():
     memory = RigInMemory(Rig(load(), seed=1))
     with memory.bench() as bench:
         lines = move_each(bench)
-    assert [one.what for one in lines if one.verdict is not Plausibility.FINE] == []
+    assert [one.what for one in lines if one.verdict is Plausibility.DOUBTFUL] == []
     assert "a push to the left moves to the left" in {one.what for one in lines}
 
 
@@ -90,7 +91,8 @@ def test_a_strange_rig_is_sound_and_tells_what_it_lacks(rig, absent, tmp_path):
     assert lines["left.height"].rate == pytest.approx(20 if rig is VirtualPlc else 100, rel=0.03)
 
 
-@pytest.mark.parametrize("rig", [VirtualPlc, pytest.param(VirtualHall, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", [VirtualPlc, VirtualHall])
 def test_a_strange_rig_moves_as_its_wiring_says(rig, tmp_path):
     virtual = rig()
     assert moves_of(virtual, wired(virtual, tmp_path)) == []

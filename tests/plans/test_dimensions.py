@@ -45,6 +45,7 @@ from test_plans.instruments import ordinary as ordinary_instruments
 from test_plans.plans.separating import MENU
 from test_plans.programmes.motions import Stand, Stretch
 from test_plans.programmes.trajectory import trajectory
+from test_plans.steps.track_and_roll import CONTRADICTED
 
 slow = pytest.mark.slow
 metres = st.floats(0.3, 2.5)
@@ -373,3 +374,27 @@ def test_further_runs_are_foretold_for_the_rig_that_was_measured_on():
     rolls = Stretch((), Stand(roll=0.02), condition=())
     (at,) = {float(np.ptp([one[0] for one in trajectory(rolls, wide).heights.values()]))}
     assert at == pytest.approx(2 * 1.23 * 0.02)
+
+
+@slow
+@pytest.mark.parametrize(
+    ("names", "named"),
+    [
+        ((), ""),
+        (("spring_half_spacing",), "spring_half_spacing"),
+        (tuple(across(f"{side}.height") for side in SIDES), "lasers"),
+        (tuple(across(f"vertical_{side}") for side in SIDES), "vertical actuators"),
+        (tuple(f"{cell} across" for cell in VERTICAL_CELLS), "load cells"),
+    ],
+)
+def test_a_description_that_lies_is_told_and_does_not_reject_a_sound_spring(names, named, tmp_path):
+    built = load("astb").with_values(spring_half_spacing=1.23, actuator_half_spacing=1.1, bolster_mass=2400.0)
+    sound = ordinary().built(dimensions_of(built))
+    wrong = {name: replace(sound.known[name], value=1.05 * sound.known[name].value) for name in names}
+    with RigInMemory(Rig(built, seed=1)).bench() as bench:
+        bench.dimensions = replace(sound, known={**sound.known, **wrong})
+        bench.instruments = ordinary_instruments()
+        result = execute(plans()["aw0"], bench, tmp_path)
+    told = [one for one in result.warnings if one.startswith(CONTRADICTED)]
+    assert result.verdict is (Outcome.INCOMPLETE if names else Outcome.PASS)
+    assert len(told) == bool(names) and all(named in one for one in told)
