@@ -11,9 +11,11 @@ const news = document.getElementById("news");
 const link = new Link();
 window.addEventListener("stopped", tell); // by stop.js, which was there first
 await window.astb.entered;
+let lacksStop = ""; // not known until the rig is described
 link.listen(tell);
 link.begin();
 const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/api/plans") };
+lacksStop = panel.about.lacks_stop;
 find("rig").textContent = panel.about.name;
 find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
 document.getElementById("estop").title = "Tells the rig over its wires to take its safe position: the actuators hold, the air is let off. It is not the emergency stop of the hardware.";
@@ -60,7 +62,7 @@ function tell() {
   state.className = `state ${fault ? "fault" : LIVE.includes(rig.state) ? "up" : ""}`;
   find("state").textContent = rig.state.replaceAll("_", " ");
   find("why").textContent = [rig.reason, fault && rig.first_out].filter(Boolean).join(", ");
-  const idle = panel.about.lacks_stop ? "none on this rig" : access.token ? "" : "not from this page";
+  const idle = lacksStop ? "none on this rig" : access.token ? "" : "not from this page";
   document.getElementById("estop").classList.toggle("watching", idle !== "");
   find("stops").textContent = idle || "by software";
   find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", no run on the rig"}`;
