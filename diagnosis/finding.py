@@ -1,7 +1,6 @@
 """The finding: what a diagnosis says, with all it rests on, as JSON that people and programs read.
 
-Numbers are in the unit that stands beside them, which is the one that people read; only ``models`` is in SI, to be
-loaded again.  What is not known is null: JSON has no NaN.
+Numbers are in the unit beside them; only ``models`` is in SI. What is not known is null: JSON has no NaN.
 """
 
 from __future__ import annotations
@@ -150,8 +149,7 @@ class Coverage(msgspec.Struct, frozen=True, kw_only=True):
 class Trace(msgspec.Struct, frozen=True, kw_only=True):
     """Measured and predicted, before and after, in one channel of a report run.
 
-    ``times`` to ``after`` show a few seconds in detail; ``error_times`` to ``error_after`` the errors over the whole
-    run, thinned to their extremes.
+    ``times`` to ``after`` show a few seconds in detail; ``error_times`` to ``error_after`` the extremes of all errors.
     """
 
     run: str
@@ -342,12 +340,11 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a diagnosis concluded.
+    """Everything that a diagnosis concluded; ``quality`` is what checks of the data found.
 
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
-    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files;
-    ``quality`` is the table of what checks of the data found.
+    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
     """
 
     verdict: Verdict
@@ -379,7 +376,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}
         if named and not self.causes:
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but no cause is given")
-        if self.verdict in {Verdict.NO_EFFECT, Verdict.DOUBTFUL} and self.causes:
+        if self.causes and self.verdict in {Verdict.NO_EFFECT, Verdict.DOUBTFUL}:
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but causes are given: {self.names}")
         if self.suspects and self.verdict is not Verdict.UNRESOLVED:
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but suspects are given")

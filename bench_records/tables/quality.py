@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 #: Codes are at most so many different values, in at most this part of the samples, and lie so many ranges of all other
 #: values away from these.
 CODES, CODE_SHARE, FAR = 3, 0.25, 3.0
+#: Beside few other values, as of a column that stands still, a code is so many times larger than all of them; from a
+#: size on a value is a code whatever stands beside it.
+LARGER, HUGE = 1000.0, 1e30
 #: A value is reached and left by jumps of so many usual steps: one that comes again, and one that comes once.
 JUMP, JUMP_ONCE = 10.0, 25.0
 #: Usual steps are those that this part of all steps does not exceed; so many steps around are looked at as well.
@@ -70,7 +73,8 @@ CHECKS: Final = {
         Check(
             "undeclared code",
             f"up to {CODES} different values, in at most {100 * CODE_SHARE:g} % of the samples, that lie {FAR:g} "
-            "ranges of all others away from these; or "
+            f"ranges of all others away from these (beside few others: {LARGER:g} times as large; beyond {HUGE:g}"
+            " always); or "
             f"a value that is reached and left by jumps of {JUMP:g} usual steps "
             f"({JUMP_ONCE:g} if it comes once)",
             LEFT_OUT,
@@ -219,12 +223,11 @@ def _on_known(check: Callable[[Numbers], Mask], values: Numbers) -> Mask:
 
 def _codes(values: Numbers) -> Mask:
     """Which values (n,) lie far from all others, or are reached and left by jumps."""
-    if len(values) < LEAST:
-        return np.zeros(len(values), np.bool_)
-    far = _far(values)
-    rest = np.flatnonzero(~far)
-    mask = far.copy()
-    mask[rest] = _jumps(values[rest])
+    mask = abs(values) > HUGE
+    for check in (_far, _jumps):
+        rest = np.flatnonzero(~mask)
+        if len(rest) >= LEAST:
+            mask[rest] = check(values[rest])
     return mask
 
 
@@ -233,9 +236,11 @@ def _far(values: Numbers) -> Mask:
     mask = np.zeros(len(values), np.bool_)
     for low, high in sorted(np.ndindex(CODES + 1, CODES + 1), key=sum):
         bulk = levels[low : len(levels) - high]
-        if not low + high or len(bulk) <= CODES + 1:
+        if not low + high or not len(bulk):
             continue
         reach = FAR * (bulk[-1] - bulk[0])
+        if len(bulk) <= CODES + 1:
+            reach = LARGER * abs(bulk).max() or np.inf
         below = low == 0 or bulk[0] - levels[low - 1] > reach
         above = high == 0 or levels[len(levels) - high] - bulk[-1] > reach
         outside = int(counts[:low].sum() + counts[len(levels) - high :].sum())

@@ -126,9 +126,7 @@ def _finding(
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
-    verdict = final(judgement.verdict, left, len(alike))
-    if verdict is Verdict.NO_EFFECT and any(row.doubt for row in data.quality):
-        verdict = Verdict.DOUBTFUL
+    verdict = verdict_on(final(judgement.verdict, left, len(alike)), data)
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     bound = at_most_left(data.of("select"), found.floors)
@@ -168,6 +166,12 @@ def _finding(
         readings=list(data.readings),
         quality=list(data.quality),
     )
+
+
+def verdict_on(verdict: Verdict, data: Dataset) -> Verdict:
+    """Return the verdict that data in doubt allow: that nothing was found shows nothing in them."""
+    doubtful = any(row.doubt for row in data.quality)
+    return Verdict.DOUBTFUL if doubtful and verdict is Verdict.NO_EFFECT else verdict
 
 
 def _causes(

@@ -99,20 +99,7 @@ def read_mapped(
     held = held_inputs(mapping, system)
     reader = _Reader(mapping, system, _described(simulator, given, where), where, accounts, held)
 
-    remarks: list[Remark] = []
-
-    def table_of(path: Path) -> dict[str, Series]:
-        found = None
-        if frames is not None and mapping.file.format is None:
-            found = frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
-        if found is None:
-            found = read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path])
-        nulls = {name: column.codes for name, column in mapping.columns.items()}
-        found, told = examine(path.name, found, nulls, [one.name for one in system.inputs])
-        remarks.extend(told)
-        return found
-
-    tables = [(path, table_of(path)) for path in paths]
+    tables = [(path, reader.table(path, frames)) for path in paths]
 
     def read(columns: Mapping[str, Column], records: Sequence[str]) -> list[MeasuredRun]:
         wanted = [(path, table) for path, table in tables if path.stem in records]
@@ -123,12 +110,11 @@ def read_mapped(
     simulator = system.sized(simulator, runs)
     if own is not None or mapping.simulator is not None:
         check_contract(simulator, min(runs, key=lambda run: len(run.outputs)).experiment)
-    digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
-    for path in (*paths, *system.sources):
-        digest.update(path.read_bytes())
-    dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
+    dataset = Dataset(
+        reader.channels, runs, _digest(map_path, paths, system), tuple(str(path) for path in paths)
+    )
     _settle_units(reader, mapping.columns, simulator, dataset, read)
-    remarks += _not_left_out(reader.missing.values(), remarks)
+    remarks = [*reader.remarks, *_not_left_out(reader.missing.values(), reader.remarks)]
     doubts = [
         *(one.sentence() for one in remarks if one.doubt),
         *map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read),
@@ -137,6 +123,13 @@ def read_mapped(
     readings = tuple(f"{path.name}: {line}" for path, one in accounts.items() for line in one.lines())
     quality = tuple(DataQuality(**asdict(one)) for one in remarks)
     return simulator, replace(dataset, doubts=tuple(doubts), readings=readings, quality=quality)
+
+
+def _digest(map_path: Path | None, paths: Sequence[Path], system: System) -> str:
+    digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
+    for path in (*paths, *system.sources):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
@@ -208,6 +201,20 @@ class _Reader:
     #: By column, in which file another known unit stands than the map gives, and that unit.
     contradicted: dict[str, tuple[Path, str]] = field(default_factory=dict)
     missing: dict[tuple[Path, str], Remark] = field(default_factory=dict)
+    remarks: list[Remark] = field(default_factory=list)
+
+    def table(self, path: Path, frames: FrameReader | None) -> dict[str, Series]:
+        """Return the columns of a file without what checks of the data leave out; they add to the remarks."""
+        mapping, account = self.mapping, self.accounts[path]
+        found = None
+        if frames is not None and mapping.file.format is None:
+            found = frames(path, mapping.frames, self.where.parent, mapping.columns, account)
+        if found is None:
+            found = read_columns(path, mapping.file, mapping.time, mapping.columns, account)
+        nulls = {name: column.codes for name, column in mapping.columns.items()}
+        clean, remarks = examine(path.name, found, nulls, [one.name for one in self.system.inputs])
+        self.remarks.extend(remarks)
+        return clean
 
     def ambient(self, path: Path | None) -> float:
         """Return the pressure of the air around in Pa, for one file or for all."""

@@ -1,13 +1,17 @@
 """Files that somebody else wrote: all formats give the same numbers, gaps stay gaps, errors say what would be right."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diagnosis.contracts import DiagnosisError
+from astb.frames_columns import columns_of_frames
+from diagnosis.contracts import DataQuality, Dataset, DiagnosisError
+from diagnosis.engine.diagnose import verdict_on
+from diagnosis.finding import Verdict
 from diagnosis.systems.cutting import pieces_by_length, pieces_by_reversals, resample, reversals
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.system import difference, quantity
@@ -351,3 +355,85 @@ def test_reversals_are_the_turning_points_and_noise_is_none(legs: list[int], noi
 def test_pieces_by_length_cover_all_but_a_short_rest() -> None:
     assert pieces_by_length(25, 10) == [(0, 10), (10, 20), (20, 25)]
     assert pieces_by_length(24, 10) == [(0, 10), (10, 20)]
+
+
+@pytest.mark.parametrize(
+    ("head", "factor", "unit", "right"),
+    [
+        ("F [KN]", 1e-3, "", True),
+        ("F/kN", 1e-3, "", True),
+        ("F [kgf]", 1.0 / 9.80665, "", True),
+        ("F [N]", 1.0, ', unit = "newton"', True),
+        ("F [KN]", 1e-3, ', unit = "kN"', True),
+        ("F [KN]", 1.0, ', unit = "N"', True),  # the head is wrong, and the simulation shows it
+        ("F [KN]", 1e-3, ', unit = "N"', False),
+        ("F [furlong]", 1.0, ', unit = "N"', False),
+        ("F [furlong]", 1.0, ', unit = "N", ignore_head_unit = true', True),
+        ("F [mm]", 1.0, "", False),
+        ("F", 1.0, "", False),
+    ],
+)
+def test_a_unit_in_a_head_is_converted_noted_or_refused(
+    tmp_path: Path, head: str, factor: float, unit: str, right: bool
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = [
+        f"{1e3 * t:.0f},{x:.9f},{p:.9f},{factor * f:.9f}"
+        for t, x, p, f in zip(TIME, X, PRESSURE, FORCE, strict=True)
+    ]
+    path.write_text(f"t,x,p,{head}\n" + "\n".join(rows), encoding="utf-8")
+    old = 'force = { column = "F", unit = "N", noise = "0.1 N" }'
+    mapping = write_map(tmp_path)
+    text = mapping.read_text(encoding="utf-8")
+    assert old in text
+    mapping.write_text(text.replace(old, f'force = {{ column = "{head}"{unit} }}'), encoding="utf-8")
+    if not right:
+        with pytest.raises(DiagnosisError, match=r"columns\.force\.unit"):
+            read_mapped([path], mapping)
+        return
+    _, dataset = read_mapped([path], mapping)
+    assert dataset.runs[0].outputs[:, 0] == pytest.approx(FORCE, rel=1e-5)
+    contradicts = head in ("F [KN]", "F [furlong]") and factor == 1.0
+    assert any("as the head of its column says" in line for line in dataset.readings) is contradicts
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.sampled_from((9.9e37, -9999.0, 65535.0, 0.0)),
+    st.floats(0.001, 0.05),
+    st.integers(0, 1000),
+)
+def test_a_code_never_reaches_a_simulation_without_a_doubt(code: float, share: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    force = FORCE + 0.1 * rng.standard_normal(len(FORCE))
+    places = rng.random(len(FORCE)) < share
+    places[rng.integers(len(FORCE))] = True
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.csv"
+        table = np.column_stack((1e3 * TIME, X, PRESSURE, np.where(places, code, force)))
+        np.savetxt(path, table, delimiter=",", header="t,x,p,F", comments="", fmt="%.9g")
+        _, dataset = read_mapped([path], write_map(Path(folder)))
+    assert any("undeclared code" in doubt for doubt in dataset.doubts)
+    (row,) = (row for row in dataset.quality if row.doubt)
+    assert (row.file, row.column, row.count) == ("a.csv", "force", places.sum())
+    assert f"line {np.argmax(places) + 2}," in row.first
+    seen = dataset.runs[0].outputs[:, 0]
+    assert np.abs(seen - FORCE)[np.isfinite(seen)].max() < 1.0 + np.ptp(FORCE)
+
+
+def test_nothing_found_in_data_in_doubt_is_no_finding_of_nothing() -> None:
+    rows = [
+        DataQuality("a.csv", "force", "stuck", 10, 100, "line 3", "", "kept", doubt)
+        for doubt in (True, False)
+    ]
+    for row in rows:
+        data = Dataset((), (), quality=(row,))
+        expected = Verdict.DOUBTFUL if row.doubt else Verdict.NO_EFFECT
+        assert verdict_on(Verdict.NO_EFFECT, data) is expected
+        assert verdict_on(Verdict.NAMED, data) is Verdict.NAMED
+
+
+def test_the_format_of_the_map_counts_before_the_ending(tmp_path: Path) -> None:
+    mapping = write_map(tmp_path, '[file]\nformat = "csv"')
+    _, dataset = read_mapped([write_csv(tmp_path / "a.asc")], mapping, frames=columns_of_frames)
+    assert len(dataset.runs) == 1

@@ -123,6 +123,22 @@ def test_random_smooth_columns_with_noise_are_not_doubted(seed: int, size: int, 
 
 
 def test_short_and_empty_columns_are_taken_as_they_are() -> None:
-    for values in (np.empty(0), np.full(40, np.nan), np.array([1.0, 9.9e37])):
+    for values in (np.empty(0), np.full(40, np.nan), np.array([1.0, 9999.0])):
         clean, checks = found({"x": values, "way": WAY})
         assert not checks and np.array_equal(clean["x"].values, values, equal_nan=True)
+
+
+@pytest.mark.parametrize("bulk", [3.0, 0.0])
+@pytest.mark.parametrize("size", [12, 100])
+def test_a_huge_code_is_found_beside_values_that_stand_still(bulk: float, size: int) -> None:
+    values = np.full(size, bulk)
+    values[5] = 9.9e37
+    clean, checks = found({"pressure": values})
+    assert checks == {"undeclared code": "pressure"} and np.isnan(clean["pressure"].values[5])
+
+
+def test_a_code_beside_few_values_is_found_and_a_switch_is_none() -> None:
+    values = np.where(TIME < 10.0, 2.0, 3.0)
+    assert not found({"x": values})[1]
+    values[100:103] = -9999.0
+    assert found({"x": values})[1] == {"undeclared code": "x"}
