@@ -264,7 +264,7 @@ def test_a_unit_that_is_refused_leaves_a_choice(si: str, unit: str) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
-        ('unit = "l/s"', 'unit = "l/h"', r'columns.flow.unit: "l/h" is no unit .*l/s.*m3/s'),
+        ('unit = "l/s"', 'unit = "l/tick"', r'columns.flow.unit: "l/tick" is no .*l/s.*m3/s'),
         ('unit = "l/s"', 'unit = "bar"', r'columns.flow.unit: "bar" is no unit .*l/s'),
         ('"0.5 l/(s.m)" }\nlower', '"0.5 l/s" }\nlower', r'upper_hole.low = "0.5 l/s": .*l/\(s.m\)'),
         ('"1 mm" }\nlower', '"1 mm", hold = true }\nlower', r"columns.upper.hold: upper is an output"),
@@ -285,7 +285,7 @@ def test_what_is_wrong_in_a_map_is_said(tanks: dict[str, Path], before: str, aft
 
 def test_everything_that_is_wrong_in_a_map_is_said_at_once(tanks: dict[str, Path]) -> None:
     folder = tanks["discrete"].parent
-    wrong = MAP.replace('unit = "l/s"', 'unit = "l/h"').replace('noise = "1 mm"', 'noise = "1 s"', 1)
+    wrong = MAP.replace('unit = "l/s"', 'unit = "l/tick"').replace('noise = "1 mm"', 'noise = "1 s"', 1)
     wrong = wrong.replace('upper_area = { spread = "10 %"', 'uper_area = { spread = "10 %"')
     wrong = wrong.replace("lower_hole = { spread", 'lower_hole = { value = "2 bar", spread')
     wrong += '[settings]\nlower_area = "3 s"\n[fmu.effects.e]\nvariable = "none"\ntypical = "1 m"\n'
