@@ -137,6 +137,8 @@ def _known_signals() -> dict[str, SignalInfo]:
 
 def _known_form(path: Path, forms: Sequence[FileForm]) -> FileForm:
     form = form_of(path, forms)
+    if form is None and path.is_file() and (how := tables.export_of(path)):
+        raise RecordError(f"{path} is not read in this form; {how} makes a table of it")
     if form is None:
         known = ", ".join(endings(forms))
         raise RecordError(f"{path} ends in {ending_of(path) or 'nothing'}; known are {known}")

@@ -21,8 +21,8 @@ def junit(result: Result) -> bytes:
     """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure.
 
     The time of a check is that since the one before, and the run itself has what comes after the last: together they
-    are the time of the suite. Only a run in real time has a time stamp. Parameters stand in the names of suite and
-    cases: two runs of a plan would hide each other.
+    are the time of the suite. Only a run in real time has a time stamp. Parameters and the serial number of the
+    specimen stand in the names of suite and cases: two runs of a plan would hide each other.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
@@ -77,7 +77,10 @@ def junit(result: Result) -> bytes:
 
 
 def _given(result: Result) -> str:
-    given = ", ".join(f"{name}={text}" for name, text in sorted(result.parameters.items()))
+    texts = [f"{name}={text}" for name, text in sorted(result.parameters.items())]
+    if result.specimen is not None and result.specimen.serial_number:
+        texts.append(result.specimen.serial_number)
+    given = ", ".join(texts)
     return f" [{given}]" if given else ""
 
 

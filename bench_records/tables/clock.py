@@ -196,10 +196,20 @@ def _in_utc(ns: Any, zone: str, where: str) -> Any:
         try:
             local = local.tz_localize(zone, ambiguous=[True] * len(local))
         except Exception:
-            raise RecordError(
-                f'{where}: file.zone = "{zone}" has no such times, or is no zone as "Europe/Berlin" is'
-            ) from None
+            raise RecordError(f'{where}: file.zone = "{zone}" {_why_not(local, zone)}') from None
     return local.tz_convert("UTC").asi8 if local.unit == "ns" else local.tz_convert("UTC").as_unit("ns").asi8
+
+
+def _why_not(local: Any, zone: str) -> str:
+    """Return why local stamps are none of a zone."""
+    try:
+        lost = local.tz_localize(zone, ambiguous=[True] * len(local), nonexistent="NaT").isna()
+    except Exception:  # pandas and the zones of Python have many names for it
+        return 'is no zone; one such as "Europe/Berlin" would be right'
+    return (
+        f"has no {local[lost][0]:%Y-%m-%d %H:%M:%S}: summer time skips that hour, so the clock was not set forward; a "
+        'zone without summer time, such as "Etc/GMT-1" for UTC+1, would be right'
+    )
 
 
 def _from_spans(column: Column, account: Account) -> Clock:

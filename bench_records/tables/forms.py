@@ -35,6 +35,14 @@ def _write_workbook(record: Record, path: Path, rate: float, names: Sequence[str
     return write_run(record, result, path, rate, names)
 
 
+#: What other forms become a table with.
+EXPORTS: Final = {
+    ".tdms": "after `pip install nptdms`, "
+    "python -c \"import nptdms; nptdms.TdmsFile('{0}').as_dataframe().to_csv('{1}.csv')\"",
+    ".xlsx": "`ssconvert {0} {1}.csv`, or *Save as* CSV UTF-8 in Excel",
+    ".xls": "`ssconvert {0} {1}.csv`, or *Save as* CSV UTF-8 in Excel",
+    ".mat": "parquetwrite('{1}.parquet', struct2table(load('{0}'))) in MATLAB",
+}
 #: What reads returns a sheet, of a path, keys, the names of columns that are wanted, and an account. What writes
 #: returns the number of rows, of a record, a path, a rate (Hz) and the names of signals.
 FORMS: Final = (
@@ -44,3 +52,8 @@ FORMS: Final = (
     FileForm("mdf", (".mf4", ".mdf"), None, _write_mdf),  # it is read by channel: each has a clock of its own
     FileForm("xlsx", (".xlsx",), None, _write_workbook),
 )
+
+
+def export_of(path: Path) -> str:
+    """Return the command that makes a table of a file of a form that is not read; "" if none is known."""
+    return EXPORTS.get(path.suffix.lower(), "").format(path.name, path.stem)

@@ -11,7 +11,7 @@ from bench_protocol.unit_names import unit_in_name
 from bench_records.layout import SECOND, RecordError
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import Clock, check_order, read_clock
-from bench_records.tables.forms import FORMS
+from bench_records.tables.forms import FORMS, export_of
 from bench_records.tables.joined import joined, refuse_halves
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
 from bench_records.tables.numbers import Point, numbers, of_the_file
@@ -61,6 +61,8 @@ def format_of(path: Path, keys: FileKeys) -> FileForm:
     if form is None or (form.read is None and form is not MDF):
         known = ", ".join(f'"{one.name}"' for one in FORMS if one.read is not None or one is MDF)
         said = f'file.format = "{keys.format}"' if keys.format else f'the suffix "{path.suffix}"'
+        if not keys.format and (how := export_of(path)):
+            raise RecordError(f"{path} is not read in this form; {how} makes a table of it")
         raise RecordError(f"{path}: {said} says no format that is read; give file.format = one of {known}")
     return form
 

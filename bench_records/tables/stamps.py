@@ -29,12 +29,14 @@ _DATE: Final = (
     r"|(?P<month>[^\W\d_]{3,9}\.?\s\d{1,2},?\s\d{4})))"
 )
 _TIME: Final = (
-    r"(?P<h>\d{1,3}):(?P<m>\d{2})(?::(?P<s>\d{2}))?(?:[.,](?P<f>\d{1,9})\d*|:(?P<ms>\d{3}))?"
+    r"(?P<h>\d{1,3}):(?P<m>\d{2})(?::(?P<s>\d{2}))?(?:[.,](?P<f>\d{1,9})\d*|:(?P<ms>\d{3,9}))?"
     r"(?:\s?(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
 _ZONE: Final = r"(?:\s?(?P<zone>Z|z|UTC|GMT|CES?T|MES?Z|[+-]\d{2}(?::?\d{2})?))?"
 _STAMP: Final = re.compile(rf"{_DATE}(?:[T\s,;_]+{_TIME}{_ZONE})?")
 _OF_DAY: Final = re.compile(rf"(?:(?P<days>-?\d+) days?,?\s+\+?)?{_TIME}")
+_SPAN: Final = re.compile(r"P(?:(\d+)D)?T(?=\d)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:[.,](\d{1,9})\d*)?S)?")
+_HOUR: Final = 3600 * SECOND
 #: A fall by a day, less a minute of what may lie between, is midnight.
 _MIDNIGHT: Final = 60 * SECOND
 
@@ -59,7 +61,7 @@ class NotAStamp(Exception):
 
 def looks_like_a_stamp(text: str) -> bool:
     """Whether a cell is a date or a time of day."""
-    return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text))
+    return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text) or _SPAN.fullmatch(text))
 
 
 def looks_like_a_date(text: str) -> bool:
@@ -81,11 +83,22 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
     ns = np.zeros(len(cells), np.int64)
     there = np.array([cell is not None for cell in cells])
     example = next((cell for cell in cells if cell is not None), "")
-    if _OF_DAY.fullmatch(example):
+    if _SPAN.fullmatch(example):
+        for index, cell in enumerate(cells):
+            if cell is not None:
+                ns[index] = _span(cell, index)
+        return Stamps(ns, there, dated=False, zoned=False, told=("the times are durations",))
+    parts = np.zeros(len(cells), np.int64)
+    if first := _OF_DAY.fullmatch(example):
         for index, cell in enumerate(cells):
             if cell is not None:
                 ns[index] = _of_day(cell, index)
-        return Stamps(*over_midnight(ns, there), dated=False, zoned=False, told=())
+                parts[index] = _digits(_OF_DAY.fullmatch(cell))
+        ns, told = _whole_milliseconds(ns, there, parts)
+        if first["s"] is None:
+            ns, there = over_midnight(ns, there, _HOUR)
+            told.append("the times are minutes and seconds, and go on after each hour")
+        return Stamps(*over_midnight(ns, there), dated=False, zoned=False, told=told)
     days = _Days(cells, dates)
     zones = set()
     for index, cell in enumerate(cells):
@@ -99,10 +112,51 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
             raise NotAStamp(index, "hh:mm:ss would be right")
         offset = _zone(found["zone"])
         zones.add(offset is None)
+        parts[index] = _digits(found)
         ns[index] = days.of(found, index) * DAY + of_day - (offset or 0) * 60 * SECOND
     if len(zones) == 2:
         raise NotAStamp(0, "some stamps name a zone and some do not")
-    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, told=days.told)
+    ns, told = _whole_milliseconds(ns, there, parts)
+    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, told=[*days.told, *told])
+
+
+def _span(cell: str, index: int) -> int:
+    """Nanoseconds of a duration as ISO 8601 writes it, such as PT1M2.5S."""
+    found = _SPAN.fullmatch(cell)
+    if found is None:
+        raise NotAStamp(index, "PT1.5S would be right")
+    days, hours, minutes, seconds = (int(one or 0) for one in found.groups()[:4])
+    whole = ((days * 24 + hours) * 60 + minutes) * 60 + seconds
+    return whole * SECOND + int((found[5] or "").ljust(9, "0"))
+
+
+def _digits(found: re.Match[str] | None) -> int:
+    """The digits behind the seconds as a whole number with their count in front: 1 000 000 000 times it, and they."""
+    text = (found and (found["f"] or found["ms"])) or ""
+    return len(text) * SECOND + int(text or 0)
+
+
+def _whole_milliseconds(
+    ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], parts: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], list[str]]:
+    """Take the digits behind the seconds as whole milliseconds, where as decimals they make no even clock.
+
+    ``parts`` are those of `_digits`. Programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, .0990.
+    """
+    import numpy as np
+
+    lengths, digits = parts // SECOND, parts % SECOND
+    read = digits * 10 ** (9 - lengths)
+    milliseconds = ns - read + digits * (SECOND // 1000)
+    odd = lengths[there]
+    if odd.size < 3 or not ((odd != 3) & (odd > 0)).any() or odd.max() > 4 or digits.max() >= 1000:
+        return ns, []
+    steps, others = np.diff(ns[there]), np.diff(milliseconds[there])
+    falls = (steps < 0) & (others >= 0)
+    uneven = steps.max() > 5 * np.median(steps)
+    if (falls.any() or uneven) and others.min() >= 0 and others.max() <= 2 * np.median(others):
+        return milliseconds, ["the digits behind the seconds are whole milliseconds"]
+    return ns, []
 
 
 def _of_day(cell: str, index: int) -> int:
@@ -207,16 +261,16 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
 
 
 def over_midnight(
-    ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_]
+    ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], period: int = DAY
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Times of day that go on after midnight."""
+    """Times of day that go on after midnight, or what begins anew after another ``period`` (ns)."""
     import numpy as np
 
     rows = np.flatnonzero(there)
     steps = np.diff(ns[rows])
     midnight = (steps < 0) & (
-        steps + DAY <= np.maximum(_MIDNIGHT, 10 * np.median(np.abs(steps)) if steps.size else 0)
+        steps + period <= np.maximum(_MIDNIGHT, 10 * np.median(np.abs(steps)) if steps.size else 0)
     )
     ns = ns.copy()
-    ns[rows[1:]] += np.cumsum(midnight) * DAY
+    ns[rows[1:]] += np.cumsum(midnight) * period
     return ns, there

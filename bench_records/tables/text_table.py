@@ -48,6 +48,7 @@ def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], ac
     RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
     """
     lines = text_lines(path, keys.encoding, account)
+    _refuse_segments(path, lines)
     delimiter = keys.delimiter or _delimiter(lines, keys, wanted)
     try:
         check_text_table(path, delimiter)
@@ -62,10 +63,28 @@ def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], ac
     return reading.sheet(account)
 
 
+def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
+    """Refuse a LabVIEW measurement file with more than one segment: RecordError."""
+    if not lines[0].startswith("LabVIEW Measurement"):
+        return
+    ends = [number for number, line in enumerate(lines, 1) if line.startswith("***End_of_Header***")]
+    if len(ends) > 2:  # the first one is that of the file
+        raise RecordError(
+            f"{path}: a second segment begins before line {ends[2]} (***End_of_Header***); one clock and one head "
+            "are read, so cut the file there"
+        )
+
+
 def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
     """The lines of a file of text, without their ends. RecordError for what is no text."""
     try:
-        text, name = decode(read_bounded(path, TABLE_BYTES), encoding)
+        content = read_bounded(path, TABLE_BYTES)
+        try:
+            text, name = decode(content, encoding)
+        except Unfit:
+            if b"\0" not in content:
+                raise
+            text, name = decode(_without_zeros(content, account), encoding)
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     except OSError as error:
@@ -77,6 +96,16 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
     if not text.strip("\x1a\r\n\t ,;"):
         raise RecordError(f"{path} is empty: a head with names, and rows below it, would be a table")
     return io.StringIO(text.rstrip("\x1a"), newline=None).read().split("\n")
+
+
+def _without_zeros(content: bytes, account: Account) -> bytes:
+    """The lines without a byte 0, which a file has where the power was cut; the others are empty and counted."""
+    lines = content.split(b"\n")
+    cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
+    if len(cut) * 10 > len(lines):
+        return content  # so many are in no text
+    account.leave_out("line(s) with bytes 0, as after a power cut", len(cut), f"line {cut[0]}")
+    return b"\n".join(b"" if b"\0" in line else line for line in lines)
 
 
 def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:

@@ -31,12 +31,14 @@ _BESIDE: Final = re.compile(
     r"\s*(date\b|internal\s|no\s+internal\s|begin\s+trigger|end\s+trigger|//)", re.IGNORECASE
 )
 _BLOCK: Final = re.compile(r"\s*begin\s+trigger", re.IGNORECASE)
+_STAMPED: Final = re.compile(r"\s*-?\d")
 _OWN_ID: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 _START: Final = ("start", "of")
 _NAMED: Final = "frame(s) with a name in the place of the identifier"
 _BASE_MEANT: Final = (
     "a line `base hex  timestamps absolute`, as it is true of the file, before the first frame"
 )
+_LENGTHS: Final = "CAN FD frame(s) whose columns DLC and data length do not agree"
 _FDF, _REMOTE_FLAG = 0x1000, 0x10
 _SIZES: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 
@@ -58,7 +60,7 @@ def read_asc(path: Path, account: Account) -> Frames:
     """Return the data frames of an ASC file. CanLogError, with the line, for what would have to be guessed."""
     log = _Log(path, account)
     for line in lines_of(path, account):
-        if line.text.lstrip()[:1].isdigit():
+        if _STAMPED.match(line.text):
             _timed(log, line)
         elif found := _BASE.fullmatch(line.text):
             if log.base:
@@ -100,7 +102,9 @@ def _unknown(log: _Log, line: Line) -> None:
 
 def _timed(log: _Log, line: Line) -> None:
     words = line.text.split()
-    stamp = nanoseconds(words[0])
+    stamp = nanoseconds(words[0].removeprefix("-"))
+    if stamp is not None and words[0].startswith("-"):
+        stamp = None if log.relative else -stamp  # before the trigger
     if stamp is None:
         _unknown(log, line)
         return
@@ -167,8 +171,18 @@ def _fd(log: _Log, line: Line, words: list[str]) -> None:
         leave_out_line(log.account, line)
         return
     code, length = _number(rest[2], 16), _number(rest[3], 10)
-    if code is None or length is None or code > 15 or length not in (0, _SIZES[code]):
+    if code is None or length is None:
         leave_out_line(log.account, line)
+        return
+    if code > 15:  # some write the code as a decimal number
+        code = _number(rest[2], 10) or code
+    if code > 15 or length not in (0, _SIZES[code]):
+        log.account.leave_out(
+            _LENGTHS,
+            at=f"line {line.number}: DLC {rest[2]} before data length {rest[3]}"
+            if line.ended
+            else line.shown,
+        )
         return
     behind = rest[4 + length :]
     flags = _number(behind[2], 16) if len(behind) > 2 else None

@@ -6,6 +6,7 @@ import gzip
 import struct
 import zlib
 from collections.abc import Generator, Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,6 +31,11 @@ _LOGG: Final = b"LOGG"
 _OBJECT_BYTES: Final = 64 << 20
 
 
+# A frame that came before the start of the log has a negative time; python-can takes all of them as positive.
+blf.OBJ_HEADER_V1_STRUCT = struct.Struct("<LHHq")
+blf.OBJ_HEADER_V2_STRUCT = struct.Struct("<LBxHq8x")
+
+
 class _Reader(blf.BLFReader):
     """python-can's reader, which also tells what it does not read."""
 
@@ -38,7 +44,10 @@ class _Reader(blf.BLFReader):
         self.unpacked = 0
         file = opened(path)
         try:
+            head = blf.FILE_HEADER_STRUCT.unpack(file.read(blf.FILE_HEADER_STRUCT.size))
+            file.seek(0)
             super().__init__(file)
+            self.start_timestamp = _start(head[14:22])
         except BaseException:
             file.close()
             raise
@@ -108,9 +117,20 @@ class _Reader(blf.BLFReader):
         yield from super()._parse_data(data)
 
 
+def _start(told: tuple[int, ...]) -> float:
+    """The start of a log in s since 1970; 0 if it tells none. Some programs write 1000 ms for a second."""
+    year, month, _, day, hour, minute, second, milliseconds = told
+    try:
+        start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return 0.0
+    return (start + timedelta(milliseconds=milliseconds)).timestamp()
+
+
 def read_blf(path: Path, account: Account) -> Frames:
     """Return the data frames of a BLF file. CanLogError for a file that is none."""
     frames = Frames("frame")
+    frames.local = True
     with opened(path) as file:
         try:
             begins = file.read(len(_LOGG))

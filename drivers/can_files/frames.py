@@ -31,6 +31,7 @@ class Frames:
 
     def __init__(self, unit: str = "line") -> None:
         self.unit = unit
+        self.local = False  #: the times are local ones, in a zone that the log does not name
         self.kinds: dict[Kind, int] = {}
         self.times = array("q")  #: ns
         self.places = array("q")

@@ -129,7 +129,10 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
             account.take(f"nothing came for {steps[longest] / _SECOND:.6g} s before {at(longest)}")
     if times[0] >= _UNIX:
         began = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=int(times[0]) // 1000)
-        account.take(f"the times are of the day; the record begins {began:%Y-%m-%d %H:%M:%S} UTC")
+        zone = (
+            "by the clock of the computer that wrote the file, which names no zone" if frames.local else "UTC"
+        )
+        account.take(f"the times are of the day; the record begins {began:%Y-%m-%d %H:%M:%S} {zone}")
 
 
 def _put_in_order(path: Path, frames: Frames, times: np.ndarray, account: Account) -> None:

@@ -42,6 +42,7 @@ class _Log:
 def read_trc(path: Path, account: Account) -> Frames:
     """Return the data frames of a trace. CanLogError for a version or a column that nobody knows here."""
     log = _Log(path, account)
+    log.frames.local = True
     for line in lines_of(path, account):
         text = line.text.strip()
         if found := _KEY.fullmatch(text):

@@ -4,13 +4,14 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench_records.junit import junit, write_junit
 from bench_records.layout import Phase
-from bench_records.result import check, conclude
+from bench_records.result import SpecimenFacts, check, conclude
 
 values = st.sampled_from([1.0, 2.0, 5.0, math.nan])
 
@@ -101,3 +102,13 @@ def test_runs_with_other_parameters_have_other_names(given_to: list[dict[str, st
         found.setdefault(told[0].find("testcase/error").get("message"), set()).update(names)
     for key, names in found.items():
         assert not any(names & others for other, others in found.items() if other != key)
+
+
+def test_runs_of_two_specimens_have_other_names() -> None:
+    names = []
+    for number in ("A1", "A2"):
+        result = conclude("aw0", "", "", [check("pressure", 1.0, high=2.0)])
+        facts = SpecimenFacts(type="spring", serial_number=number)
+        suite = ET.fromstring(junit(msgspec.structs.replace(result, specimen=facts)))[0]
+        names += [suite.get("name"), *(case.get("name") for case in suite.iter("testcase"))]
+    assert len(set(names)) == len(names) == 6

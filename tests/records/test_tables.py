@@ -13,17 +13,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bench_protocol.account import Account
 from bench_records.layout import RecordError
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_records.tables.reading import Series, read_series
+from bench_records.tables.stamps import read_stamps
 from tools.generate.readers_page import table
 
 TIMES = np.arange(30) / 100.0
 X = np.round(np.linspace(-20.0, 1250.25, 30), 4)
 P = np.round(5.0 + 0.5 * np.sin(np.arange(30)), 3)
 START = datetime(2026, 3, 19, 10, 0, tzinfo=UTC)
+#: Of a LabVIEW measurement file: what stands above a segment, and above the first.
+SEGMENT = "Channels\t2\n***End_of_Header***\n"
+LVM = f"LabVIEW Measurement\n***End_of_Header***\n{SEGMENT}"
 
 
 def csv(
@@ -36,6 +42,10 @@ def csv(
     rows = [cells(*row) for row in zip(TIMES, X, P, strict=True)]
     text = above + "\n".join([head, *rows]) + "\n" + below
     return text.replace(*change, 1).encode() if change[0] else text.encode()
+
+
+def clock(form: Callable[[float], str]) -> bytes:
+    return csv(cells=lambda t, x, p: f"{form(t)},{x:.4f},{p:.3f}")
 
 
 def times(form: Callable[[datetime], str]) -> bytes:
@@ -129,6 +139,15 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "was set": (csv(below="1700000000,1,2\n"), ".csv", {}, "before line 32 the clock leaps by 53.1 years"),
     "no time": (csv(below=",1,2\n"), ".csv", {}, "line 32 has no time"),
     "summer time": (times(lambda t: (t.replace(month=10, day=25, hour=2, minute=59, second=59, microsecond=900_000) + (t - START) - timedelta(hours=t.microsecond > 95_000)).strftime("%Y-%m-%d %H:%M:%S.%f")), ".csv", {"zone": "Europe/Berlin"}, "begins at 2026-10-25 00:59:59.900 UTC"),
+    "hours of minutes": (clock(lambda t: f"{int(3599.9 + t) // 60 % 60:02d}:{(3599.9 + t) % 60:05.2f}"), ".csv", {}, "minutes and seconds"),
+    "unpadded milliseconds": (clock(lambda t: f"10:00:00.{round(1000 * t)}"), ".csv", {}, "whole milliseconds"),
+    "four digits": (clock(lambda t: f"10:00:0{(round(100 * t) + 85) // 100}.{(round(100 * t) + 85) % 100 * 10:04d}"), ".csv", {}, "whole milliseconds"),
+    "four digits behind a colon": (clock(lambda t: f"10:00:00:{round(1e4 * t):04d}"), ".csv", {}, "times of day"),
+    "durations": (clock(lambda t: f"PT1M{2.5 + t:.2f}S"), ".csv", {}, "durations"),
+    "skipped hour": (clock(lambda t: f"2026-03-29 02:59:59.{round(1e3 * t):03d}"), ".csv", {"zone": "Europe/Berlin"}, "has no 2026-03-29 02:59:59"),
+    "power cut": (csv() + bytes(4096), ".csv", {}, r"1 line with bytes 0.*line 32"),
+    "segments": (csv("time\tx\tp", lambda t, x, p: f"{t:.2f}\t{x:.4f}\t{p:.3f}", LVM, f"{SEGMENT}time\tx\tp\n0.3\t1\t2\n"), ".lvm", {"format": "csv"}, "a second segment begins before line 37"),
+    "workbook": (b"PK", ".xlsx", {}, "ssconvert a.xlsx a.csv"),
     "parquet": (with_time(TIMES), ".parquet", {}, ""),
     "index": (parquet(FRAME), ".parquet", {}, ""),
     "dates in the index": (indexed(DATES.rename("when")), ".parquet", {}, "the index when is the clock"),
@@ -177,3 +196,25 @@ def test_every_form_of_a_table_is_what_the_page_says(form, tmp_path) -> None:
 
 def test_the_page_lists_every_form() -> None:
     assert [form.name for form in table("tables").forms] == list(FORMS)
+
+
+@given(
+    step=st.sampled_from([1, 2, 5, 10, 40, 100, 1000]),
+    begin=st.integers(0, 10**6),
+    gap=st.integers(0, 3000),
+    digits=st.sampled_from([0, 3, 4, 6]),
+)
+def test_decimals_behind_seconds_stay_decimals(step: int, begin: int, gap: int, digits: int) -> None:
+    """Whatever a clock skips, and whether zeros stand at its end."""
+    ms = begin + step * np.arange(50) + gap * (np.arange(50) > 25)
+    cells = []
+    for one in ms.tolist():
+        fraction = f"{one % 1000:03d}000"
+        fraction = fraction[:digits] if digits else fraction.rstrip("0")
+        second = one // 1000
+        cells.append(
+            f"{second // 3600:02d}:{second // 60 % 60:02d}:{second % 60:02d}"
+            + f".{fraction}" * bool(fraction)
+        )
+    found = read_stamps(cells)
+    np.testing.assert_array_equal(found.ns, ms * 10**6)

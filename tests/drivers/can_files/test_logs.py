@@ -1,6 +1,7 @@
 """Logs of CAN frames in every form that people have: equal, or left out and counted, or refused."""
 
 import random
+import struct
 
 import can
 import numpy as np
@@ -318,6 +319,45 @@ def test_a_blf_may_break_off_anywhere(tmp_path) -> None:
         same(found, frames[: len(found)], within=1000)
         assert 0 < len(found) <= len(frames)
         assert account.left_out == "1 end of a file that breaks off" or len(found) == len(frames)
+
+
+@form("blf start")
+def test_a_blf_with_frames_before_its_start_and_a_second_of_1000_ms(tmp_path) -> None:
+    from can.io import blf
+
+    frames = recording()
+    content = bytearray(by_python_can(frames, ".blf"))
+    head = list(blf.FILE_HEADER_STRUCT.unpack(content[: blf.FILE_HEADER_STRUCT.size]))
+    start = head[14:22]
+    head[21] = 1000  # the milliseconds of the start
+    content[: blf.FILE_HEADER_STRUCT.size] = blf.FILE_HEADER_STRUCT.pack(*head)
+    late, account = read(tmp_path, "a.blf", bytes(content))
+    early, _ = read(tmp_path, "a.blf", by_python_can(frames, ".blf"))
+    assert late[0].time - early[0].time == pytest.approx((1000 - start[7]) * 10**6, abs=1000)
+    assert "UTC" not in str(account.taken)
+    message = struct.pack("<HBBL8s", 1, 0, 8, 0x100, bytes(range(8)))
+    before = bytearray(blf_object(1, message))
+    before[24:32] = struct.pack("<q", -5_000_000)
+    found, _ = read(
+        tmp_path, "a.blf", with_objects(by_python_can([], ".blf"), bytes(before) + blf_object(1, message))
+    )
+    assert found[1].time - found[0].time == pytest.approx(5_000_000, abs=1000)
+
+
+@form("asc before")
+@form("asc dlc")
+@form("asc lengths")
+def test_stamps_below_zero_and_lengths_in_asc(tmp_path) -> None:
+    head = "base hex  timestamps absolute\n"
+    found, account = read(tmp_path, "a.asc", head + "-0.002000 1 100 Rx d 1 07\n0.001000 1 100 Rx d 1 08\n")
+    assert [one.time for one in found] == [-2_000_000, 1_000_000] and account.counts == {}
+    data = " ".join(["07"] * 64)
+    for code, length in (("f", 64), ("15", 64), ("10", 16)):
+        found, account = read(tmp_path, "a.asc", f"{head}0.001 CANFD 1 Rx 100 1 0 {code} {length} {data}\n")
+        assert [len(one.data) for one in found] == [length] and account.counts == {}
+    refused(
+        tmp_path, "a.asc", f"{head}0.001 CANFD 1 Rx 100 1 0 40 15 {data}\n", "DLC 40 before data length 15"
+    )
 
 
 @form("blf damaged")
