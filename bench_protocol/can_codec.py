@@ -172,7 +172,7 @@ def encode_into(
 
 
 @cached
-def _word(record: Any) -> Any:
+def data_word(record: Any) -> Any:
     """Return the data of a frame as one number, little-endian."""
     word = np.uint64(0)
     for byte in range(8):
@@ -194,7 +194,7 @@ def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
         tally[Tally.CORRUPT] += 1
         return False
     if message.token_bit >= 0 and token != ANYBODY:
-        given = np.int64(_word(record) >> np.uint64(message.token_bit) & np.uint64(0xFFFF))
+        given = np.int64(data_word(record) >> np.uint64(message.token_bit) & np.uint64(0xFFFF))
         own = token != NOBODY and given == token
     if not own:
         tally[Tally.STRANGE] += 1
@@ -282,7 +282,7 @@ def decode_into(
             continue
         times[row] = record.time
         tally[Tally.ACCEPTED] += 1
-        word = _word(record)
+        word = data_word(record)
         for k in range(message.first, message.first + message.count):
             place = fields[k]
             mask = (np.uint64(1) << np.uint64(place.bits)) - np.uint64(1)

@@ -13,6 +13,8 @@ FRAME_BITS: Final = 64
 FIELD_BITS_MAX: Final = 53
 #: The signal with which a commander says whose frame this is: what the rig drew for it with the lease.
 TOKEN: Final = "control.token"
+#: Published as `rig.lease` while the token is known to the holder's Modbus connection alone. No token has this value.
+HIDDEN_TOKEN: Final = 0xFFFF
 #: What a DBC file allows as the name of a message.
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}")
 

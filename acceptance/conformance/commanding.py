@@ -2,7 +2,8 @@
 
 import struct
 from collections.abc import Callable
-from typing import Final
+from contextlib import closing
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from bench_protocol.registers import LEASE_ADDRESS, WATCHDOG_ADDRESS
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
+
+if TYPE_CHECKING:
+    from drivers.can_port import CanPort
 
 _CYCLE: Final = 1.0 / COMMAND_RATE
 #: The rig tells its counters ten times a second.
@@ -60,12 +64,12 @@ class Stream:
             self._task.cancel()
             self._task = None
 
-    def send(self, change: Callable[[Block], None] | None = None) -> None:
-        """Send one block, changed by ``change`` where that is given."""
+    def send(self, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None) -> None:
+        """Send one block, changed by ``change`` and through another ``port`` where they are given."""
         block = self._encoder.encode(self.values, self._rows, self._access.clock.now())
         if change:
             change(block)
-        self._access.listener.port.send(block)
+        (port or self._access.listener.port).send(block)
 
 
 def command(access: RawAccess) -> list[Notebook]:
@@ -84,7 +88,7 @@ def command(access: RawAccess) -> list[Notebook]:
     try:
         token = line.words(LEASE_ADDRESS, 1, function=3)[0]
         leases.note("a token is drawn", token != 0, "one" if token else "none", "one")
-        _lease(access, leases)
+        _lease(access, leases, token)
         _settings(line, settings)
         if access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
             _commands(access, token, commands)
@@ -103,6 +107,7 @@ def command(access: RawAccess) -> list[Notebook]:
         "nobody holds it" if after == 0 else "still held",
         "nobody holds it",
     )
+    _joins(access, leases)
     if shown:
         _ends(access, left)
     return [leases, settings, commands, left]
@@ -117,8 +122,51 @@ def _ends(access: RawAccess, book: Notebook) -> None:
         note_rest(access, book, "the holder's connection is closed")
 
 
-def _lease(access: RawAccess, book: Notebook) -> None:
+def _joins(access: RawAccess, book: Notebook) -> None:
+    """Take the lease on CAN alone, and look which Modbus connection may join it."""
+    encoder, values, port = Encoder(TABLE), np.zeros(len(TABLE.signals)), access.listener.port
+    rows = encoder.rows(["LeaseRequest"])
+
+    def request(token: int) -> None:
+        values[TABLE.index["lease.nonce"]], values[TABLE.index["lease.token"]] = nonce, token
+        port.send(encoder.encode(values, rows, access.clock.now()))
+
+    def answered() -> bool:
+        listener = access.listener
+        return listener.latest("lease.nonce") == nonce and listener.latest("rig.lease") > 0
+
+    nonce = int(np.nan_to_num(access.listener.latest("lease.nonce"))) ^ 0x5A5A
+    request(0)
+    granted = access.wait_for(answered, TOLD)
+    book.note("asked for on CAN", granted, "granted" if granted else "no answer", "granted")
+    if not granted:
+        return
+    token = int(access.listener.latest("rig.lease"))
+    line, other, stream = access.modbus(), access.modbus(), Stream(access, token)
+    stream.start()
+    try:
+        joins = other.write(LEASE_ADDRESS, struct.pack(">H", token))
+        book.refusal("somebody else writes the token, which all can read on CAN", joins, NO_AUTHORITY)
+        request(line.words(LEASE_ADDRESS, 1, function=3)[0])
+        access.wait(2 * _CYCLE)
+        code = line.write(LEASE_ADDRESS, struct.pack(">H", token))
+        found = "it joins" if code == 0 else f"exception {code}"
+        book.note(
+            "the Modbus connection whose key comes from the holder on CAN", code == 0, found, "it joins"
+        )
+    finally:
+        stream.stop()
+        request(token)
+        access.wait(2 * _CYCLE)
+        line.close()
+        other.close()
+
+
+def _lease(access: RawAccess, book: Notebook, token: int) -> None:
     other = access.modbus()
+    hidden = other.words(LEASE_ADDRESS, 1, function=3)[0] != token
+    found = "another number" if hidden else "the token"
+    book.note("somebody else reads, before the first command", hidden, found, "another number")
     before = _told(access, "rig.strangers")
     book.refusal("somebody else asks for it", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
     setting = TABLE["generator.cycles"]
@@ -162,15 +210,23 @@ def _settings(line: ModbusConnection, book: Notebook) -> None:
 def _commands(access: RawAccess, token: int, book: Notebook) -> None:
     stream = Stream(access, token)
 
-    def counted(counter: str, change: Callable[[Block], None] | None = None) -> float:
+    def counted(
+        counter: str, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None
+    ) -> float:
         before = _told(access, counter)
         for _ in range(WRONG):
-            stream.send(change)
+            stream.send(change, port)
             access.wait(_CYCLE)
         return _told(access, counter) - before
 
-    def note(what: str, counter: str, right: int, change: Callable[[Block], None] | None = None) -> None:
-        found = counted(counter, change)
+    def note(
+        what: str,
+        counter: str,
+        right: int,
+        change: Callable[[Block], None] | None = None,
+        port: "CanPort | None" = None,
+    ) -> None:
+        found = counted(counter, change, port)
         book.note(what, found == right, f"{counter} rises by {found:g} of {WRONG}", f"by {right} of {WRONG}")
 
     note("sound ones", "rig.rejected_commands", 0)
@@ -178,6 +234,13 @@ def _commands(access: RawAccess, token: int, book: Notebook) -> None:
     stream.values[TABLE.index[TOKEN]] = token ^ 0x5A5A
     note("with another token", "rig.strangers", WRONG)
     stream.set(TOKEN, token)
+    stream.send()  # a holder without valid commands for 2 s loses the lease
+    other = "with the right token, from another connection"
+    if access.listener.port.local_ports:
+        with closing(access.can()) as port:
+            note(other, "rig.strangers", WRONG, port=port)
+    else:
+        book.skip(other, "on this bus frames have no sender")
     for bit in ("hold", "active"):
         stream.set(f"control.{bit}", 1.0)
     counted("rig.rejected_commands")

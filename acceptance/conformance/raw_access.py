@@ -161,6 +161,8 @@ class RawAccess:
         unit: int = 1,
     ) -> None:
         self.clock, self._unit = clock, unit
+        #: Opens a further CAN connection.
+        self.can = can
         self.listener = Listener(can(), clock)
         self._connect = connect
 

@@ -20,6 +20,12 @@ Carry = Callable[[Block, str], Block]
 
 # Written at once to one client. Larger blocks are cut, so that "drop the oldest" never drops a whole burst.
 _FRAMES_PER_WRITE: Final = 1024
+# Parsed at once of what one client has sent: some 0.5 ms of work before the others have their turn.
+_BYTES_AT_ONCE: Final = 8192
+# A line counts as one frame, and so do as many bytes without one.
+_BYTES_PER_FRAME: Final = 64
+# A client may be ahead of its share by so long, s: commands of one cycle come together.
+_AHEAD: Final = 0.05
 
 
 def _whole(block: Block, peer: str) -> Block:
@@ -44,6 +50,9 @@ class _CanClient(Connection):
         self._queue: deque[tuple[int, bytes]] = deque()
         self._queued = 0
         self._bad_lines = 0
+        self._unread = b""
+        self._paid_until = 0.0
+        self._waking: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
@@ -55,11 +64,42 @@ class _CanClient(Connection):
     def connection_lost(self, exc: Exception | None) -> None:
         del exc
         self.stop_timer()
+        if self._waking is not None:
+            self._waking.cancel()
+        self._unread = b""
         self._queue.clear()
         self._hub.forget(self)
 
+    @property
+    def throttled(self) -> bool:
+        """Whether the client has sent more than its share, and what it sends is not read for now."""
+        return self._waking is not None
+
     def data_received(self, data: bytes) -> None:
+        self._unread += data
+        if not self.throttled:
+            self._read()
+
+    def _read(self) -> None:
+        """Take what has come, a portion at a time, and pause where the client is too far ahead of its share."""
+        self._waking = None
+        assert self.transport is not None
+        while self._unread and not self.transport.is_closing():
+            now = self.loop.time()
+            if (wait := self._paid_until - now - _AHEAD) > 0:
+                self.transport.pause_reading()
+                self._waking = self.loop.call_later(wait, self._read)
+                return
+            portion, self._unread = self._unread[:_BYTES_AT_ONCE], self._unread[_BYTES_AT_ONCE:]
+            frames = max(self._take(portion), len(portion) // _BYTES_PER_FRAME)
+            self._paid_until = max(now, self._paid_until) + frames * self._hub.time_per_frame(self)
+        self.transport.resume_reading()
+
+    def _take(self, data: bytes) -> int:
+        """Act on the lines in ``data``; return how many there are."""
+        lines = 0
         for event in self._parser.feed(data):
+            lines += event.block.size if isinstance(event, socketcand.Sent | socketcand.Received) else 1
             match event:
                 case socketcand.Sent(block) if self._opened:
                     self._hub.take(block, self)
@@ -69,6 +109,7 @@ class _CanClient(Connection):
                     self._command(word, arguments)
                 case socketcand.Malformed(reason):
                     self._refuse(reason)
+        return lines
 
     def _command(self, word: str, arguments: tuple[str, ...]) -> None:
         bus = self._hub.bus
@@ -147,8 +188,13 @@ class CanHub:
     a client sends, before anybody hears it. ``publish`` and ``relay`` may be called from any thread.
 
     Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
-    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected. One
-    place beyond ``clients_max`` is kept for the client of which ``holds(peer)`` is true.
+    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
+
+    Clients together may send ``frames_per_second``, which is more than a bus of 1 Mbit/s carries. Each has the same
+    share; of a client that sends more the hub reads no further until its time has come. So a flood delays its sender,
+    not the commander, and no frame is lost. The holder does not share with the others.
+
+    One place beyond ``clients_max`` is kept for the client of which ``holds(peer)`` is true.
     """
 
     def __init__(
@@ -165,6 +211,7 @@ class CanHub:
         clients_max: int = 32,
         holds: Holds | None = None,
         bad_lines_max: int = 100,
+        frames_per_second: float = 10_000.0,
     ) -> None:
         self.bus = bus
         self.queue_max = queue_max
@@ -183,6 +230,7 @@ class CanHub:
         self._closed = False
         self._thread = 0
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._frames_per_second, self._holds = frames_per_second, holds
         self._home: asyncio.AbstractEventLoop | None = None  # also while the hub is cut off
 
     @property
@@ -251,6 +299,13 @@ class CanHub:
     def forget(self, client: _CanClient) -> None:
         if self._clients.leave(client):
             self._on_peer_lost(client.name)
+
+    def time_per_frame(self, client: _CanClient) -> float:
+        """Return how long (s) one frame of ``client`` takes of its share."""
+        if self._holds is not None and self._holds(client.name):
+            return 1.0 / self._frames_per_second
+        sharing = 1 + sum(other.throttled for other in self._clients if other is not client)
+        return sharing / self._frames_per_second
 
     def take(self, block: Block, sender: _CanClient) -> None:
         """Stamp what ``sender`` has sent and pass it on."""

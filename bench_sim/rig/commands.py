@@ -10,14 +10,16 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.can_codec import NOBODY, Decoder, Tally, decode_into
-from bench_protocol.frames import FRAME, Block
+from bench_protocol.can_codec import NOBODY, Decoder, Tally, data_word, decode_into
+from bench_protocol.e2e import crc8
+from bench_protocol.frames import FRAME, LENGTH_MAX, Block
 from bench_protocol.realtime.ring import Ring, take
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
 from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Mode
-from bench_sim.rig.controls import LOST_TICKS, SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
+from bench_sim.rig.controls import SLEW_TICKS, TICK_NS, TRIES_MAX, ControlBit, Happened, Target
+from bench_sim.rig.peers import PORT_MASK
 from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 
 #: Frames that are taken in one tick, and that wait at most: a flood beyond loses the oldest.
@@ -33,6 +35,12 @@ assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
 _NONCE_ROW: Final = TABLE.index["lease.nonce"]
 assert TABLE.index["lease.token"] == _NONCE_ROW + 1
 
+_CONTROL: Final = TABLE.messages[TABLE.message_index["Control"]]
+_CONTROL_IDENTIFIER: Final = _CONTROL.identifier
+_CONTROL_DATA_ID: Final = _CONTROL.data_id
+_TOKEN_BIT: Final = _CONTROL.token_bit
+
+_LEASE_ROW: Final = TABLE.index["rig.lease"]
 _REJECTED_ROW: Final = TABLE.index["rig.rejected_commands"]
 _WIND_ROW: Final = TABLE.index["car.wind_setpoint"]
 _STRANGERS_ROW: Final = TABLE.index["rig.strangers"]
@@ -170,6 +178,47 @@ class Incoming(NamedTuple):
 
 
 @compiled
+def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
+    """Let ``sender`` be the commander if a Control message of its ``block`` carries the token.
+
+    Only the holder can know it so far, because it was returned on the Modbus connection of the holder alone. From now
+    on every client of the bus can read it, but it is valid for this sender only.
+    """
+    for k in range(block.size):
+        record = block[k]
+        if record.id != _CONTROL_IDENTIFIER or record.extended != 0 or record.length != LENGTH_MAX:
+            continue
+        if crc8(record["data"], _CONTROL_DATA_ID) != record["data"][0]:
+            continue
+        token = np.int64(data_word(record) >> np.uint64(_TOKEN_BIT) & np.uint64(0xFFFF))
+        if _may_prove(c, sender, token):
+            c.commander = sender
+            published[_LEASE_ROW] = token
+            return
+
+
+@compiled
+def _may_prove(c: Any, sender: int, token: int) -> bool:
+    """Return whether ``token`` makes ``sender`` the commander; note a wrong one.
+
+    Where frames have no sender, guesses cannot be told from commands and are not counted.
+    """
+    if sender == 0:
+        return bool(token == c.token)
+    place = 0
+    while place < c.suspects.size and c.suspects[place] != sender and c.suspects[place] != 0:
+        place += 1
+    if place == c.suspects.size or c.tries[place] >= TRIES_MAX:
+        return False
+    if token == c.token:
+        return True
+    if token != NOBODY:
+        c.suspects[place] = sender
+        c.tries[place] += 1
+    return False
+
+
+@compiled
 def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
     """Take the frames that have come since the last tick; return whether the supervisor must decide on them.
 
@@ -189,15 +238,17 @@ def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
 
 @compiled
 def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: Any) -> None:
-    """Take frames from one ``sender`` (a TCP port, 0 where the wire knows none), stamped with the tick.
+    """Take frames from one ``sender`` (`peers.sender_of`), stamped with the tick.
 
-    Only the holder's frames act, those with its token from one sender while it is alive.
+    Only frames of the holder's own connection act, and only with its token.
     """
+    if c.token != 0 and c.commander < 0:
+        _prove(c, block, sender, published)
     receiving = incoming.receiving
     tally = receiving.tally
     for k in range(block.size):
         block[k].time = c.tick * TICK_NS
-    heard = c.commander < 0 or c.commander == sender or c.tick - c.command_tick >= LOST_TICKS
+    heard = c.token != 0 and c.commander == sender
     strangers = tally[Tally.STRANGE]
     count = decode_into(
         block,
@@ -216,16 +267,13 @@ def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: 
     )
     if tally[Tally.STRANGE] != strangers:
         published[_STRANGERS_ROW] += tally[Tally.STRANGE] - strangers
-        published[_STRANGER_ROW] = sender
+        published[_STRANGER_ROW] = sender & PORT_MASK
         published[_IDENTIFIER_ROW] = tally[Tally.STRANGE_IDENTIFIER]
     published[_REJECTED_ROW] = tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
     signals, values = receiving.sample_signals[:count], receiving.sample_values[:count]
     for k in range(count):
-        if signals[k] == _CONTROL_ROW:
-            c.commander = sender
-        elif (
-            signals[k] == _NONCE_ROW and c.asked == 0
-        ):  # the first of several who ask in one tick is answered
+        # Of several who ask in one tick the holder is answered, else the first.
+        if signals[k] == _NONCE_ROW and (c.asked == 0 or (heard and c.asked_sender != sender)):
             c.asked = 1
             c.asked_sender = sender
             c.asked_nonce = np.int64(values[k])

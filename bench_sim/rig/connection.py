@@ -39,11 +39,12 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
-        if next(_connections) % _COLLECT_EVERY == 0 and not gc.isenabled():
+        number = next(_connections)
+        if number % _COLLECT_EVERY == 0 and not gc.isenabled():
             gc.collect(0)
         # A client that is gone again already has no address any more.
         host, port = (transport.get_extra_info("peername") or ("unknown", 0))[:2]
-        self.name = peer_name(self.kind, host, port)
+        self.name = peer_name(self.kind, host, port, number)
         sock = transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

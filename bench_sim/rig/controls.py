@@ -25,6 +25,11 @@ LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 #: Ticks after which a commander who says nothing on either wire holds the bench no longer: his sockets may be open.
 GONE_TICKS: Final = round(2 * s / TICK)
+#: Guessing a token: after so many wrong ones a connection can no longer command under this lease, and after so many
+#: such connections no other one can either. Together 80 tries of 65 533 tokens. A client that still sends the token
+#: of its last lease for up to 0.2 s is not shut out.
+TRIES_MAX: Final = 10
+SUSPECTS_MAX: Final = 8
 #: Set-points arrive at COMMAND_RATE; the rig draws a straight line to each within one such period.
 SLEW_TICKS: Final = MEDIUM
 
@@ -112,10 +117,11 @@ CONTROLS: Final = np.dtype(
         ("bits", "<i8"),  # `ControlBit` of the last valid command
         ("changed", "<i8"),  # how often they have changed since the supervisor was asked
         ("token", "<i8"),  # of the lease, 0 while nobody holds the bench
-        (
-            "commander",
-            "<i8",
-        ),  # TCP port from which the holder commands, 0 where the wire knows none, -1 for nobody
+        # `peers.sender_of` the connection by which the holder commands, 0 on SocketCAN, -1 before it has proven itself
+        ("commander", "<i8"),
+        # connections that sent a wrong token while no commander was known, and how often each of them did
+        ("suspects", "<i8", (SUSPECTS_MAX,)),
+        ("tries", "<i8", (SUSPECTS_MAX,)),
         ("granted", "<i8"),  # when the lease was granted
         ("expiring", "<i8"),  # 1: no connection ends the lease, only silence does
         (

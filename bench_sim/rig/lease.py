@@ -1,22 +1,24 @@
 """The lease: who holds the bench, over both protocols, by which token, and when that ends."""
 
 from collections.abc import Callable
-from random import Random
+from random import Random, SystemRandom
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.e2e import mark_of
+from bench_protocol.messages import HIDDEN_TOKEN
 from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 from bench_sim.rig.controls import LOST_TICKS, Happened
-from bench_sim.rig.peers import is_can, port_of
+from bench_sim.rig.peers import PORT_MASK, is_can, sender_of
 
 _LEASE_ROW: Final = TABLE.index["rig.lease"]
 _HOLDER_ROW: Final = TABLE.index["rig.holder"]
 _NONCE_ROW: Final = TABLE.index["lease.nonce"]
+_REQUEST_IDENTIFIER: Final = TABLE.messages[TABLE.message_index["LeaseRequest"]].identifier
 _STRANGERS_ROW: Final = TABLE.index["rig.strangers"]
 _STRANGER_ROW: Final = TABLE.index["rig.stranger"]
 _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
@@ -25,10 +27,18 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 class Lease:
     """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
 
-    It is granted to a Modbus connection, and ends with it, or to whoever asks on CAN, and ends when he falls silent.
-    One that was granted on CAN may be joined by one Modbus connection that writes its token. That of a commander ends,
-    too, when he has been silent on both wires for long enough that the bench is safe: his connections may be open and
-    nobody behind them. A connection that has lost the lease so is refused until it asks for it again.
+    It is granted to a Modbus connection, and ends with it, or to a CAN connection that asks, and ends when it is silent
+    or closed. The holder has at most one connection on each wire, and each is identified by its name, never by a port
+    or by a token that others can read:
+
+    * Granted on Modbus: the token is returned on that connection alone. The first CAN connection that commands with it
+      is the holder's. When that one is closed, another token is drawn.
+    * Granted on CAN: every Modbus connection reads a key of its own in the place of the token. The CAN connection sends
+      the key of the one that may join.
+
+    A lease ends, too, when the commander has been silent on both wires for long enough that the bench is safe: the
+    connections may be open and nobody behind them. A connection that has lost the lease so is refused until it asks
+    for it again.
 
     ``on_change`` is called when the bench has a new holder or none, ``on_end`` when the holder of the bench, or one of
     the two wires to it, is gone.
@@ -46,10 +56,14 @@ class Lease:
         self._controls, self._values = controls, values
         self._on_change, self._on_end = on_change, on_end
         self._chance = Random(f"token {seed}")
+        self._key_chance = Random(f"key {seed}")
+        self._keys: dict[str, int] = {}
         self._last = 0
         #: The Modbus connection that holds the bench; None for nobody, or somebody who has only CAN.
         self.owner: str | None = None
         self.watchdog_ms = 0
+        #: The Modbus connection that held this lease before the watchdog of its writes ran out; it may join again.
+        self._former: str | None = None
         #: Modbus connections that held the bench, were silent for too long, and do not know yet that they lost it.
         self._lapsed: frozenset[str] = frozenset()
         controls["commander"] = -1
@@ -60,9 +74,9 @@ class Lease:
         """The token of the holder, 0 while nobody holds the bench."""
         return int(self._controls["token"])
 
-    def shuffle(self, entropy: int) -> None:
-        """Draw other tokens than another rig of the same seed: its commander may still be on the bus."""
-        self._chance = Random(f"token {entropy}")
+    def draw_unpredictably(self) -> None:
+        """Draw tokens and keys from the operating system: no client can compute them."""
+        self._chance = self._key_chance = SystemRandom()
 
     # -- what peers may do ---------------------------------------------------------------------------------------
 
@@ -76,12 +90,25 @@ class Lease:
             return self.owner == peer
         if self.token == 0:
             return word is not None or peer not in self._lapsed
-        return self.token == word
+        return peer == self._former and self.token == word
+
+    def word_for(self, peer: str) -> int:
+        """Return what the Modbus connection ``peer`` reads in the lease register: the token if it is the holder's.
+
+        0 while nobody holds the bench; for all others a key of their own.
+        """
+        if self.token == 0:
+            return 0
+        if peer in (self.owner, self._former):
+            return self.token
+        if peer not in self._keys:
+            self._keys[peer] = self._unused(self._key_chance)
+        return self._keys[peer]
 
     def holds(self, peer: str) -> bool:
         """Return whether ``peer`` is a connection of the holder."""
         if is_can(peer):
-            return bool(self._controls["commander"] == port_of(peer))
+            return bool(self._controls["commander"] == sender_of(peer))
         return self.owner is not None and self.owner == peer
 
     def commands(self, peer: str) -> bool:
@@ -91,9 +118,7 @@ class Lease:
 
     def refuse(self, peer: str, identifier: int = 0) -> None:
         """Count what only the holder may ask for: a Modbus request of ``peer``, or its frame with ``identifier``."""
-        self._values[_STRANGERS_ROW] += 1
-        self._values[_STRANGER_ROW] = port_of(peer)
-        self._values[_IDENTIFIER_ROW] = identifier
+        self._count(sender_of(peer), identifier)
 
     # -- taking and returning ------------------------------------------------------------------------------------
 
@@ -106,31 +131,41 @@ class Lease:
         elif self.owner is None:
             if self.token == 0:
                 self._grant(self._draw())
-            self.owner = peer
-            self._controls["expiring"] = 0
-            self._values[_HOLDER_ROW] = port_of(peer)
+            self._join(peer)
 
     def ask(self) -> None:
-        """Answer the request that came on CAN: 0 asks for the lease, its token returns it."""
+        """Answer the request that came on CAN: 0 asks for the lease, its token returns it, a key lets Modbus join."""
         c = self._controls
         c["asked"] = 0
-        if c["asked_token"] == 0 and self.token == 0:
-            self._values[_NONCE_ROW] = c["asked_nonce"]
-            self._values[_HOLDER_ROW] = c["asked_sender"]
-            self._grant(self._draw())
-            c["expiring"] = 1
-        elif self.token != 0 and c["asked_token"] == self.token:
+        sender, word = int(c["asked_sender"]), int(c["asked_token"])
+        if self.token == 0:
+            if word == 0:
+                self._values[_NONCE_ROW] = c["asked_nonce"]
+                self._values[_HOLDER_ROW] = sender & PORT_MASK
+                self._grant(self._draw(), sender)
+                c["expiring"] = 1
+        elif c["commander"] != sender:
+            if word != 0:
+                self._count(sender, _REQUEST_IDENTIFIER)
+        elif word == self.token:
             self._end()
+        elif self.owner is None and word != 0:
+            for peer, key in list(self._keys.items()):
+                if key == word:
+                    self._join(peer)
 
     def peer_lost(self, peer: str) -> None:
         """Note that a connection is closed; the holder's ends the lease, or the CAN side of it."""
         self._lapsed -= {peer}
+        self._keys.pop(peer, None)
+        if peer == self._former:
+            self._former = None
         if not self.holds(peer):
             return
         if self.owner is None or self.owner == peer:
             self._end()
         else:
-            self._controls["commander"] = -1
+            self._hand_out(self._draw())  # every client of the bus has read the present one
             self._on_end()
 
     def decide(self, happened: Happened) -> None:
@@ -139,8 +174,8 @@ class Lease:
             # Its connection is as good as closed; who goes on commanding on CAN may join again.
             self.watch(0)
             self._lapse()
-            self.owner = None
-            self._values[_HOLDER_ROW] = max(0, int(self._controls["commander"]))
+            self._former, self.owner = self.owner, None
+            self._values[_HOLDER_ROW] = max(0, int(self._controls["commander"])) & PORT_MASK
             self._controls["expiring"] = 1
             self._on_end()
         if Happened.LEASE_LOST in happened:
@@ -166,23 +201,47 @@ class Lease:
         if self.owner is not None:
             self._lapsed |= {self.owner}
 
+    def _join(self, peer: str) -> None:
+        """Let the Modbus connection ``peer`` be the holder's."""
+        self._keys.pop(peer, None)
+        self.owner, self._former = peer, None
+        self._controls["expiring"] = 0
+        self._values[_HOLDER_ROW] = sender_of(peer) & PORT_MASK
+
+    def _count(self, sender: int, identifier: int) -> None:
+        self._values[_STRANGERS_ROW] += 1
+        self._values[_STRANGER_ROW] = sender & PORT_MASK
+        self._values[_IDENTIFIER_ROW] = identifier
+
     def _draw(self) -> int:
         """Return a token that the CRC of a set-point tells from none at all, and from the last holder's."""
         marks = (mark_of(0), mark_of(self._last))
-        while mark_of(token := self._chance.randrange(1, 0x10000)) in marks:
+        while mark_of(token := self._unused(self._chance)) in marks:
             pass
         self._last = token
         return token
 
-    def _grant(self, token: int) -> None:
+    def _unused(self, chance: Random) -> int:
+        """Return a number that is neither a token nor a key of anybody."""
+        while (word := chance.randrange(1, 0x10000)) in (HIDDEN_TOKEN, self.token, *self._keys.values()):
+            pass
+        return word
+
+    def _hand_out(self, token: int, commander: int = -1) -> None:
+        """Let ``token`` be that of the holder; it is published once a ``commander`` is known, who sends it openly."""
         c = self._controls
-        c["token"], c["granted"], c["commander"] = token, c["tick"], -1
-        self._values[_LEASE_ROW] = token
+        c["token"], c["commander"] = token, commander
+        c["suspects"] = c["tries"] = 0
+        self._values[_LEASE_ROW] = HIDDEN_TOKEN if token and commander < 0 else token
+
+    def _grant(self, token: int, commander: int = -1) -> None:
+        self._controls["granted"] = self._controls["tick"]
+        self._hand_out(token, commander)
         self._on_change()
 
     def _end(self) -> None:
         self.watch(0)
-        self.owner = None
+        self.owner = self._former = None
         self._values[_HOLDER_ROW] = 0
         self._controls["expiring"] = 0
         self._grant(0)

@@ -63,8 +63,8 @@ class NodeHost(Protocol):
     def held(self) -> bool:
         """Whether somebody holds the bench."""
 
-    def is_token(self, token: int) -> bool:
-        """Return whether ``token`` is that of the commander that holds the bench."""
+    def is_token(self, token: int, peer: str) -> bool:
+        """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
 
     def refuse(self, peer: str, identifier: int) -> None:
         """Count a frame of ``peer`` that wanted something of a bench that somebody holds."""
@@ -89,7 +89,7 @@ class NodeObjects:
         self.peer = ""
         #: What was refused or dropped, by sub-index of the object that tells of it.
         self.refused = {sub: 0 for index, sub in ENTRIES if index == REFUSED and sub}
-        self._open = False  # the holder's token came just now
+        self._opened_by: str | None = None  # the peer whose download of the token came just now
 
     def size(self, index: int, sub: int) -> int:
         return _entry(index, sub).type.size
@@ -146,10 +146,10 @@ class NodeObjects:
         value = int.from_bytes(data, "little")
         if index in _MESSAGES:
             raise SdoAbort(AbortCode.LOCAL_CONTROL)  # set-points come in frames with CRC and counter
-        is_open, self._open = self._open, False
-        if index == TOKEN_OBJECT:
-            self._open = self._host.is_token(value)
-        if self._host.held and not (is_open or self._open):
+        is_open, self._opened_by = self._opened_by == self.peer, None
+        if index == TOKEN_OBJECT and (is_open := self._host.is_token(value, self.peer)):
+            self._opened_by = self.peer
+        if self._host.held and not is_open:
             self.refused[2] += 1
             self._host.refuse(self.peer, canopen.SDO_REQUEST_IDENTIFIER)
             raise SdoAbort(AbortCode.DEVICE_STATE)

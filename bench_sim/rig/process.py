@@ -48,7 +48,7 @@ def run_rig(
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
-    rig.lease.shuffle(wall_time_ns())
+    rig.lease.draw_unpredictably()
     modbus_server = _modbus_server(rig)
     bus, wire, hub = _open_bus(rig, interface)
     with contextlib.ExitStack() as stack:

@@ -184,11 +184,11 @@ class RegisterBank:
         # Cut off at the end of its range it would be a value like any other: the float next to it has the true one.
         return [scaled & 0xFFFF if abs(scaled) <= INT16_MAX else UNAVAILABLE]
 
-    def read_holding(self, address: int, count: int) -> list[int]:
+    def read_holding(self, address: int, count: int, peer: str) -> list[int]:
         words: list[int] = []
         for register in self._spaces["holding"].slots(address, count):
             if register.signal == "modbus.lease":
-                words.append(self.lease.token)
+                words.append(self.lease.word_for(peer))
             elif register.signal == "modbus.watchdog":
                 words.append(self.lease.watchdog_ms)
             else:
@@ -297,9 +297,12 @@ class PeerBank:
         self.read_coils = bank.read_coils
         self.read_discrete = bank.read_discrete
         self.read_input = bank.read_input
-        self.read_holding = bank.read_holding
         self.read_file = bank.read_file
         self.identification = bank.identification
+
+    def read_holding(self, address: int, count: int) -> list[int]:
+        """Return staged settings; the lease register has another word for each client."""
+        return self._bank.read_holding(address, count, self._peer)
 
     def write_coils(self, address: int, values: Sequence[bool]) -> None:
         """Carry out the action of the one coil that is set; two at once could be half refused."""

@@ -37,7 +37,7 @@ from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.in_force import InForce
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
-from bench_sim.rig.peers import port_of
+from bench_sim.rig.peers import sender_of
 from bench_sim.rig.registers import BUS_NOTE, NOTE_MAX, SPRING_NOTE, RegisterBank
 from bench_sim.rig.springs import Springs
 from bench_sim.rig.states import Event
@@ -189,7 +189,7 @@ class Rig:
         if self.node.concerns(block):
             with self.lock:
                 block = self.node.receive(block, peer)
-        self._fill(self._incoming.ring, self.lock.address, copied(block), port_of(peer))
+        self._fill(self._incoming.ring, self.lock.address, copied(block), sender_of(peer))
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``; for one thread at a time.
@@ -317,9 +317,9 @@ class Rig:
         """Whether somebody holds the bench."""
         return self.lease.token != 0
 
-    def is_token(self, token: int) -> bool:
-        """Return whether ``token`` is the holder's."""
-        return self.held and token == self.lease.token
+    def is_token(self, token: int, peer: str) -> bool:
+        """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
+        return self.held and self.lease.holds(peer) and token == self.lease.token
 
     def setting(self, name: str) -> float:
         """Return the value of a setting that is in force."""

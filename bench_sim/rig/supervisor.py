@@ -262,7 +262,6 @@ class Supervisor:
         if Happened.COMMAND_LATE in happened:
             self.handle(Event.COMMAND_LATE)
         if Happened.COMMAND_LOST in happened:
-            self._controls["commander"] = -1
             self.handle(Event.COMMAND_LOST)
         if Happened.TICK_LOST in happened:
             self.handle(Event.TICK_LOST)

@@ -226,7 +226,7 @@ def _watch(c: Any) -> int:
         gone = silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS
     else:
         # Who has never commanded on CAN, or still writes, is there.
-        commanded = c.token != 0 and c.command_tick > c.granted
+        commanded = c.token != 0 and c.commander >= 0 and c.command_tick >= c.granted
         gone = commanded and silence >= GONE_TICKS and c.tick - c.write_tick >= GONE_TICKS
     if gone:
         happened |= Happened.LEASE_LOST.value

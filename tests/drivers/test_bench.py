@@ -223,7 +223,8 @@ def test_the_watchdog_is_fed_while_waiting_and_tells_who_has_taken_the_bench(wor
     armed.wait(60 * s)
     assert 140 <= len(world.peer.requests) - asked <= 160, "0.4 s apart, for a watchdog of 1 s"
     assert world.peer.watchdog == 1000
-    world.peer.foreign, world.peer.lease, world.peer.values["rig.holder"] = True, 99, 4711.0
+    world.peer.foreign, world.peer.lease = True, 99
+    world.peer.values |= {"rig.lease": 99.0, "rig.holder": 4711.0}
     before = armed.now
     with pytest.raises(NotCommander, match=r"lost the bench: .* token 99, at TCP port 4711"):
         armed.wait(60 * s)

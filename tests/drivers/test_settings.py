@@ -146,7 +146,7 @@ def test_a_rig_with_another_table_is_not_commanded(world, spoil, words):
 
 
 def test_there_is_one_commander(world):
-    world.peer.foreign, world.peer.lease = True, 77
+    world.peer.foreign, world.peer.lease, world.peer.values["rig.lease"] = True, 77, 77.0
     with pytest.raises(NotCommander, match="token 77"):
         world.bench.connect()
     assert world.peer.blocks == []

@@ -32,8 +32,8 @@ _MESSAGES: Final = {PDO_OBJECTS + message.identifier: message for message in TAB
 def facts(rig: Rig) -> dict[str, float | bytes]:
     """Return all of it by name."""
     told: dict[str, float | bytes] = {}
-    bank = rig.registers.seen_by("nobody")
-    rig.answer(b"\0\1\0\0\0\6\1\4\0\0\0\1", "nobody")  # what is seen is that of a request
+    bank = rig.registers.seen_by("modbus:nobody")
+    rig.answer(b"\0\1\0\0\0\6\1\4\0\0\0\1", "modbus:nobody")  # what is seen is that of a request
     for register in TABLE.registers:
         signal = register.signal
         if signal in TABLE.index and TABLE[signal].kind in (Kind.MEASUREMENT, Kind.SETPOINT):

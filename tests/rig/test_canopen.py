@@ -122,14 +122,18 @@ def test_nmt_changes_nothing_while_somebody_holds_the_bench(armed, command: int)
 
 
 def test_an_sdo_writes_nothing_without_the_holders_token(armed) -> None:
-    stranger = Master(armed.rig, "stranger")
-    assert stranger.download(0x1017, 0, 200, 2) == 0x08000022
-    assert stranger.download(0x2001, 0, 1, 2) == 0x08000022
-    assert number(stranger.upload(0x2000, 2)) == 2
+    stranger, holder = Master(armed.rig, "can:2"), Master(armed.rig, armed.peer)
     token = int(armed.read("rig.lease"))
-    assert stranger.download(0x2001, 0, token, 2) == 0
-    assert stranger.download(0x1017, 0, 200, 2) == 0
-    assert stranger.download(0x1017, 0, 300, 2) == 0x08000022, "a token opens one download"
+    for word in (1, token):
+        assert stranger.download(0x1017, 0, 200, 2) == 0x08000022
+        assert stranger.download(0x2001, 0, word, 2) == 0x08000022, "all can read the token"
+    assert number(stranger.upload(0x2000, 2)) == 4
+    assert holder.download(0x2001, 0, token ^ 1, 2) == 0x08000022
+    assert holder.download(0x2001, 0, token, 2) == 0
+    assert holder.download(0x1017, 0, 200, 2) == 0
+    assert holder.download(0x1017, 0, 300, 2) == 0x08000022, "a token opens one download"
+    assert holder.download(0x2001, 0, token, 2) == 0
+    assert stranger.download(0x1017, 0, 300, 2) == 0x08000022, "of the connection that sent it"
     assert number(stranger.upload(0x1017)) == 200
     armed.cycle(5)
     assert armed.state == "ACTIVE"

@@ -208,16 +208,21 @@ def test_coils_fall_back_at_once_and_only_one_acts(commander) -> None:
 
 def test_the_lease_makes_one_commander(commander) -> None:
     take = struct.pack(">BHH", 6, 0, 1)
-    assert commander.ask(take, "first") == take
-    (token,) = read(commander, 3, 0, 1)
+    assert commander.ask(take, "modbus:first") == take
+
+    def lease(peer: str) -> int:
+        return int.from_bytes(commander.ask(b"\x03\0\0\0\x01", peer)[2:], "big")
+
+    token = lease("modbus:first")
     assert token not in (0, 1), "the rig draws it"
-    assert commander.ask(struct.pack(">BHH", 6, 0, 1), "second") == b"\x86\x06"
-    assert commander.stage("second", generator_amplitude=0.001) == [b"\x90\x06"]
-    assert commander.coil("disable", "second") == b"\x85\x06"
-    assert commander.ask(b"\x03\0\0\0\x01", "second") == b"\x03\x02" + token.to_bytes(2, "big")
-    assert commander.rig.values[TABLE.index["rig.lease"]] == token
-    commander.rig.peer_lost("first")
-    assert commander.stage("second", generator_amplitude=0.001)[0][0] == 0x10
+    assert commander.ask(struct.pack(">BHH", 6, 0, 1), "modbus:second") == b"\x86\x06"
+    assert commander.stage("modbus:second", generator_amplitude=0.001) == [b"\x90\x06"]
+    assert commander.coil("disable", "modbus:second") == b"\x85\x06"
+    assert lease("modbus:first") == token
+    assert lease("modbus:second") not in (0, token), "the token is the holder's own"
+    assert commander.rig.values[TABLE.index["rig.lease"]] not in (0, token)
+    commander.rig.peer_lost("modbus:first")
+    assert commander.stage("modbus:second", generator_amplitude=0.001)[0][0] == 0x10
 
 
 def test_the_commanders_modbus_connection_counts_too(armed) -> None:

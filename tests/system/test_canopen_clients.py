@@ -1,6 +1,7 @@
 """python's canopen with our EDS, over the rig's real wires: one node that boots, beats, obeys NMT and answers SDOs."""
 
 import re
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from bench_protocol.canopen import NODE
+from bench_protocol.frames import frame
 from bench_protocol.table import TABLE
 from drivers.errors import RigFault
 
@@ -152,8 +154,14 @@ def test_the_bench_holds_when_the_guarded_heartbeat_of_its_commander_stops(node,
         with pytest.raises(SdoAbortedError) as refused:
             node.sdo["Consumer heartbeat time"][1].raw = 0x7F << 16 | 400
         assert refused.value.code == 0x08000022, "not without the token"
-        node.sdo["Token"].raw = int(bench.rig.lease)
-        node.sdo["Consumer heartbeat time"][1].raw = 0x7F << 16 | 400
+        # On a hub the node takes it from the connection that commands, and from no other.
+        for index, sub, data in (
+            (0x2001, 0, struct.pack("<H", int(bench.rig.lease))),
+            (0x1016, 1, struct.pack("<I", 0x7F << 16 | 400)),
+        ):
+            head = struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, index, sub)
+            bench.wiring.direct.can.send(frame(0x601, head + data.ljust(4, b"\0")))
+            bench.wait(0.05)
         beating = network.send_periodic(0x77F, b"\x05", 0.05)
         bench.wait(0.8)
         node.nmt.state = "STOPPED"

@@ -149,6 +149,75 @@ def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, a
     intruder.close()
 
 
+def from_elsewhere(target: int, port: int) -> socket.socket:
+    """Return a connection to ``target`` from this ``port`` of another address of the loopback."""
+    sock = socket.socket()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(("127.0.0.2", port))
+    sock.settimeout(5)
+    sock.connect(("127.0.0.1", target))
+    return sock
+
+
+@on_tcp
+def test_a_client_with_the_commanders_port_at_another_address_changes_nothing(site, armed):
+    """It connects and closes, and it sends what would move the platform, with the token that all can read."""
+    ports = armed.wiring.direct
+    (can_port,), (modbus_port,) = ports.can.local_ports, ports.modbus.local_ports
+    from_elsewhere(site.rig.can_port, can_port).close()
+    from_elsewhere(site.rig.modbus_port, modbus_port).close()
+    armed.wait(200 * ms)
+    assert armed.rig.state == "ACTIVE"
+    encoder, values = Encoder(TABLE), np.zeros(len(TABLE.signals))
+    values[TABLE.index["control.token"]] = token = int(armed.rig.lease)
+    values[TABLE.index["platform.vertical_setpoint"]] = 0.03
+    encoder.bind(token)
+    before, place = armed.rig.strangers, armed.platform.vertical
+    with from_elsewhere(site.rig.can_port, can_port) as sock:
+        for request in (b"< open vcan0 >", b"< rawmode >"):
+            sock.sendall(request)
+        for _ in range(30):
+            block = encoder.encode(values, encoder.rows(["Control", "PlatformSetpoints"]), 0)
+            lines = (
+                f"< send {one['id']:x} {one['length']} {' '.join(f'{byte:02x}' for byte in one['data'])} >"
+                for one in block
+            )
+            sock.sendall("".join(lines).encode())
+            armed.wait(20 * ms)
+        armed.wait(150 * ms)
+    armed.wait(100 * ms)
+    assert armed.rig.state == "ACTIVE"
+    assert abs(armed.platform.vertical - place) < 1e-3
+    assert armed.rig.strangers - before >= 30
+    assert "somebody else tries to command the bench" in armed.strangers()
+
+
+@pytest.mark.slow
+@on_tcp
+def test_a_flood_of_strangers_does_not_stop_the_commander(site, armed):
+    """Eight clients send as fast as they can for 3 s: far more than the hub takes of them."""
+    stop, lines = threading.Event(), b"< send 7ff 8 01 02 03 04 05 06 07 08 >" * 500
+
+    def flood() -> None:
+        with socket.create_connection(("127.0.0.1", site.rig.can_port), timeout=0.2) as sock:
+            sock.sendall(b"< open vcan0 >")
+            rest = lines
+            while not stop.is_set():
+                with contextlib.suppress(TimeoutError):
+                    rest = rest[sock.send(rest) :] or lines
+
+    threads = [threading.Thread(target=flood) for _ in range(8)]
+    try:
+        for thread in threads:
+            thread.start()
+        armed.wait(3 * s)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert armed.rig.state == "ACTIVE"
+
+
 @pytest.mark.slow
 def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
     """He streams sound commands before anybody else is there, and goes on all the time."""
@@ -172,8 +241,8 @@ def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
 
 
 @pytest.mark.slow
-def test_a_lease_is_taken_on_can_alone_and_ends_with_silence(site):
-    """On every wire: ask with a nonce, command with the token of the answer, fall silent."""
+def test_a_lease_is_taken_on_can_alone_and_joined_on_modbus(site):
+    """On every wire: ask with a nonce, command with the token of the answer, send the key of a Modbus connection."""
     site.close_shared()
     encoder, values, modbus = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.modbus()
 
@@ -188,12 +257,15 @@ def test_a_lease_is_taken_on_can_alone_and_ends_with_silence(site):
         site.wait(150 * ms)
         assert heard.series("lease.nonce")[-1] == 0xBEE
         token = int(heard.series("rig.lease")[-1])
-        assert modbus.read_holding(LEASE_ADDRESS, 1) == [token] != [0]
+        assert modbus.read_holding(LEASE_ADDRESS, 1)[0] not in (0, token), "a key of this connection's own"
         for _ in range(60):
             send("Control", control_token=token, control_enable=1)
             site.wait(20 * ms)
-        assert modbus.read_holding(LEASE_ADDRESS, 1) == [token]
-        site.wait(700 * ms)
+        send("LeaseRequest", lease_token=modbus.read_holding(LEASE_ADDRESS, 1)[0])
+        site.wait(20 * ms)
+        assert modbus.read_holding(LEASE_ADDRESS, 1) == [token], "it has joined"
+        modbus.write_registers(LEASE_ADDRESS, [0])
+        site.wait(20 * ms)
         assert modbus.read_holding(LEASE_ADDRESS, 1) == [0]
     port.close()
     modbus.close()

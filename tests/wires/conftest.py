@@ -110,6 +110,12 @@ def numbers() -> Callable[[Block], list[int]]:
 
 
 @pytest.fixture(scope="session")
+def addresses() -> Callable[[Sequence[str]], list[str]]:
+    """Return a function that takes the numbers off the names of connections."""
+    return lambda names: [name.partition("#")[0] for name in names]
+
+
+@pytest.fixture(scope="session")
 def eventually() -> Callable[..., None]:
     """Wait until something is true; fail, with what it was, if that takes too long."""
 

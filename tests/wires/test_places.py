@@ -10,7 +10,7 @@ import pytest
 from bench_protocol.modbus import answer as modbus_answer
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.modbus_server import ModbusTcpServer
-from bench_sim.rig.peers import port_of
+from bench_sim.rig.peers import PORT_MASK, sender_of
 from bench_sim.rig.servers import Servers, serve_in_thread
 
 READ = b"\0\1\0\0\0\6\1\4\0\0\0\1"
@@ -28,7 +28,7 @@ class Port:
             lambda adu, peer: modbus_answer(adu, bank),
             clients_max=2,
             holds=self.holds,
-            commands=lambda peer: port_of(peer) == self.commanding,
+            commands=lambda peer: sender_of(peer) & PORT_MASK == self.commanding,
             idle_limit=0.5,
         )
         self.clients: Callable[[], tuple[str, ...]] = lambda: (hub or server).clients
@@ -36,7 +36,7 @@ class Port:
         self.port = self.servers.can_port or self.servers.modbus_port
 
     def holds(self, peer: str) -> bool:
-        return port_of(peer) == self.holder
+        return sender_of(peer) & PORT_MASK == self.holder
 
     def open(self) -> socket.socket:
         return socket.create_connection(("127.0.0.1", self.port), timeout=5)

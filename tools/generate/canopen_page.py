@@ -25,9 +25,9 @@ has only the DBC file loses nothing by ignoring all this: the PDOs *are* the [me
 they flow from the start.
 
 What no token protects changes nothing while somebody holds the bench: NMT commands and SDO downloads are then refused,
-and counted in object 2000h and in `rig.strangers`. A download of the holder's token to 2001h opens the one that
-follows. NMT and SDO never move the bench. When the lease is taken, and when it ends, the node is operational, with
-every setting at its default.
+and counted in object 2000h and in `rig.strangers`. A download of the token to 2001h, on the connection by which the
+holder commands, opens the one that follows. NMT and SDO never move the bench. When the lease is taken, and when it
+ends, the node is operational, with every setting at its default.
 """
 _SERVICES: Final = (
     (

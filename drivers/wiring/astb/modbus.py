@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench_protocol.map_differences import Differences, compare
 from bench_protocol.map_file import read_places, sequences
+from bench_protocol.messages import HIDDEN_TOKEN
 from bench_protocol.modbus import DEVICE_FAILURE, FILE_READ_MAX, NO_AUTHORITY
 from bench_protocol.registers import (
     BLOCKS,
@@ -252,7 +253,7 @@ class AstbRegisters:
         return self._token
 
     def join_lease(self, token: int) -> None:
-        """Be known again as the commander who has ``token``. ``NotCommander`` if that is somebody else's."""
+        """Let this connection, which held the lease with ``token``, hold it again. ``NotCommander`` if it has ended."""
         self._lease([token])
 
     def return_lease(self) -> None:
@@ -260,17 +261,21 @@ class AstbRegisters:
         self._lease([0])
 
     def holder(self) -> int:
-        """Return the token of whoever holds the bench, 0 if nobody does."""
+        """Return this connection's word for the lease: its token, another number while others hold it, 0 for nobody."""
         return self._port.read_holding(LEASE_ADDRESS, 1)[0]
 
     def whose(self) -> str:
         """Return in words who holds the bench."""
-        token = self.holder()
-        if not token:
+        if not self.holder():
             return "nobody"
-        port = self.reading("rig.holder")
+        token, port = self.reading("rig.lease"), self.reading("rig.holder")
+        whose = (
+            "a commander that does not send on CAN yet"
+            if token == HIDDEN_TOKEN
+            else f"the commander with token {token:.0f}"
+        )
         where = f"at TCP port {port:.0f}; `ss -tnp` shows its program" if port > 0 else "somewhere on CAN"
-        return f"the commander with token {token}, {where}"
+        return f"{whose}, {where}"
 
     def watch(self, within: float) -> None:
         """Let the rig hold the bench unless another write comes ``within`` s (up to 10) of the last; 0 switches off."""

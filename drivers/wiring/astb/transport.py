@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from bench_protocol.clock import Clock, VirtualClock
-from bench_protocol.messages import TOKEN
+from bench_protocol.messages import HIDDEN_TOKEN, TOKEN
 from bench_protocol.rates import PACE
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, NotCommander
@@ -203,10 +203,16 @@ class AstbTransport:
         return self.modbus.read_file(file, record, count)
 
     def is_own(self, port: int, token: float) -> bool:
-        """Return whether this commander sent what came from a TCP ``port``; 0 is ours once the bench is not."""
-        if port:
-            return port in self.can.local_ports | self.modbus.local_ports
-        return not math.isnan(token) and bool(self.given) and token != self.given[TOKEN]
+        """Return whether this commander sent what came from a TCP ``port``; 0 is ours once the bench is not.
+
+        A client on another machine may have the same port: frames from there are ours only if the bench is not.
+        """
+        lost = not math.isnan(token) and bool(self.given) and token != self.given[TOKEN]
+        if not port:
+            return lost and token != HIDDEN_TOKEN
+        return port in self.modbus.local_ports or (
+            port in self.can.local_ports and (lost or math.isnan(token))
+        )
 
     def identity(self) -> str:
         """Return which table of signals the rig speaks, and who holds the bench."""
