@@ -58,7 +58,8 @@ SLOW: Final = 0.5 * Hz
 LEAD: Final = 1
 CYCLES: Final = 6
 LEAST: Final = 5 * s
-#: Sideways the slow motion tells heights by a small force, so it lasts longer; it stays clear of the bump stop.
+#: Sideways the slow motion shows heights by a small force: it lasts longer where the transducers are good enough to
+#: use that, and stays clear of the bump stop.
 SIDEWAYS: Final = 48 * s
 CLEAR: Final = 0.6
 #: Of what the lateral actuator may push with.
@@ -187,9 +188,8 @@ class Measuring:
         streamed = not bench.wiring.capabilities.generator
         if (streamed and frequency > STREAMED) or not {*LASERS, *PISTONS, *FORCES} <= {*names}:
             return np.zeros(0), {}
-        cycles = max(
-            CYCLES, ceil((SIDEWAYS if axis == "lateral" and frequency == SLOW else LEAST) * frequency)
-        )
+        heights = axis == "lateral" and frequency == SLOW and bool(self._instruments.pieces)
+        cycles = max(CYCLES, ceil((SIDEWAYS if heights else LEAST) * frequency))
         if axis == "lateral" and not self._rig.lacks("stop_gap"):
             amplitude = min(amplitude, CLEAR * self._rig["stop_gap"])
         if axis == "lateral" and not self._rig.lacks("lateral_force_max", "bolster_mass"):

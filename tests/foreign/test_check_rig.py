@@ -92,6 +92,7 @@ def test_a_strange_rig_is_sound_and_tells_what_it_lacks(rig, absent, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("rig", [VirtualPlc, VirtualHall])
 def test_a_strange_rig_moves_as_its_wiring_says(rig, tmp_path):
     virtual = rig()
@@ -162,6 +163,7 @@ def test_rest_shows_a_wrong_line(rig, change, signal, remark, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
