@@ -163,7 +163,8 @@ class Run:
         A `CheckName` as ``name`` brings the sentence that says what is measured and why that matters.
 
         A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. One without
-        is marginal within ``margin``, a fraction of the band, of a limit, unless it is `Exact`. ``unit`` is what people
+        is marginal within ``margin``, a fraction of the band, of a limit, unless it is `Exact`. A value is *not
+        available* if its U is more than half the width of its limits and reaches into them. ``unit`` is what people
         read. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met. What was
         measured ``since`` a time (ns), while the run was held, is *not available*.
         """
@@ -176,6 +177,14 @@ class Run:
             self.disturbed[str(name)] = late
             note = "; ".join(filter(None, (note, f"late ticks during the measurement: {late}")))
         found = value if isinstance(value, Measured) else Measured(value, unknown=PLAIN)
+        if found.expanded is not None and low is not None and high is not None:
+            U, width = found.expanded, high - low
+            # Not even the middle of the band would pass; what is surely outside fails all the same.
+            if width < 2 * U and low - U <= found.value <= high + U:
+                shown = [f"{one / FACTORS[unit]:.3g} {unit}" for one in (found.value, U, width)]
+                why = "{} ± {} cannot be judged: the limits are only {} wide".format(*shown)
+                self.lack([name], why)
+                return False
         if margin is None:
             margin = 0.0 if isinstance(found, Exact) else MARGIN
         one = judged(

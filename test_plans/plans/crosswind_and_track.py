@@ -313,16 +313,19 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float, wind
     K = seen.stiffness(seen.shaken, run.rig, values)
     pieces = [seen.stiffness(piece, run.rig, values) for piece in seen.pieces()]
     told = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
-    low, high = _limits(load, "stiffness", K)
-    beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
-    more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
-    stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
-    run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
-    low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
-    damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
-    wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
-    damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
-    run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
+    if unstated := _unstated(load, K):
+        run.lack([STIFF, DAMPED], unstated)
+    else:
+        low, high = _limits(load, "stiffness", K)
+        beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
+        more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
+        stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
+        run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
+        low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
+        damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
+        wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
+        damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
+        run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
     other = unlike(run)
     if rolled and wind != WIND:
         other = f"with a roll, its limit holds in a wind of {WIND:g} m/s, not {wind:g}"
@@ -343,11 +346,20 @@ def _travel(seen: Seen, rig: Rig, values: Values) -> float:
     return float(np.percentile(np.abs(way - way[seen.calm].mean()), 99.5))
 
 
+def _unstated(load: Load, K: Stiffness) -> str:
+    """Return why the specimen states no limits for the amplitude of ``K``; "" if it does."""
+    places = load.limits.curve("crosswind_and_track.stiffness", "kN/m")
+    if min(places) <= K.amplitude <= max(places):
+        return ""
+    return (
+        f"the springs were sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz; the specimen states limits for "
+        f"{min(places) / mm:g} to {max(places) / mm:g} mm"
+    )
+
+
 def _limits(load: Load, name: str, K: Stiffness) -> tuple[float, float]:
-    """Return the limits at the amplitude of ``K``; beyond the file's places those of the last."""
-    name = f"crosswind_and_track.{name}"
-    places = load.limits.curve(name, "kN/m")
-    return load.limits.curve_at(name, float(np.clip(K.amplitude, min(places), max(places))), "kN/m")
+    """Return the limits at the amplitude of ``K``."""
+    return load.limits.curve_at(f"crosswind_and_track.{name}", K.amplitude, "kN/m")
 
 
 def middle(band: Band) -> float:

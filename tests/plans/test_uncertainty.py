@@ -331,6 +331,18 @@ def test_a_checks_probability_decides_between_pass_marginal_and_fail():
     )
 
 
+@pytest.mark.parametrize(
+    ("value", "u", "verdict"),
+    [(1.2, 0.3, "not available"), (0.5, 0.3, "not available"), (9.0, 0.3, "fail"), (1.2, 0.2, "fail")],
+)
+def test_a_value_that_limits_cannot_judge_is_not_available(value, u, verdict):
+    """Limits from 0 to 1, U = 2 u: no value could pass with U above 0.5, but one can be surely outside."""
+    bench = SimpleNamespace(clock=VirtualClock(), wiring=SimpleNamespace(rig="fake"))
+    run = Run(bench, SimpleNamespace(event=lambda *args, **data: None))
+    run.check("pressure", Measured(value * bar, u * bar), "bar", low=0.0, high=1.0 * bar)
+    assert run.checks[-1].verdict.value == verdict
+
+
 def test_a_check_that_was_measured_while_ticks_were_late_is_marked():
     late = {"rig.late_ticks": 5.0}
     bench = SimpleNamespace(
