@@ -78,15 +78,6 @@ def test_make_help_lists_every_target() -> None:
     assert mentioned <= phony, "the documentation names targets that the Makefile does not have"
 
 
-def test_the_plan_in_the_readme_is_one_that_exists() -> None:
-    code, name = re.search(
-        r"\(test_plans/plans/(\w+)\.py\), all of it:\n\n```python\n(.*?)```",
-        (ROOT / "README.md").read_text(),
-        re.DOTALL,
-    ).group(2, 1)
-    assert code == (ROOT / "test_plans" / "plans" / f"{name}.py").read_text()
-
-
 def test_the_glossary_has_at_most_forty_words_each_once() -> None:
     rows = re.findall(
         r"^\| (\*\*.+?) \| ", (ROOT / "docs/reference/glossary.md").read_text(), flags=re.MULTILINE
