@@ -11,7 +11,7 @@ from bench_records.layout import RecordError
 
 
 @click.command("paper")
-@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: about a minute.")
+@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: two to three minutes.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
 @click.option(
     "--out",
