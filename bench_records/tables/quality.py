@@ -6,7 +6,7 @@ of the checks is made of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -28,6 +28,8 @@ CODES, CODE_SHARE, FAR = 3, 0.25, 3.0
 LARGER, HUGE = 1000.0, 1e30
 #: A value is reached and left by jumps of so many usual steps: one that comes again, and one that comes once.
 JUMP, JUMP_ONCE = 10.0, 25.0
+#: A step over so many usual intervals of time is no jump.
+GAP = 3.0
 #: Usual steps are those that this part of all steps does not exceed; so many steps around are looked at as well.
 USUAL, AROUND = 0.85, 6
 #: Readings are equal for at least so many times as long as they usually are, and so many samples; chance makes that
@@ -174,7 +176,7 @@ def without_codes(
         _apply(found, remarks, file, name, "declared code", mask, what, inputs)
         if declared is not None and not declared:
             continue
-        mask = _on_known(_codes, found[name].values)
+        mask = _codes_in(found[name])
         codes = _values(found[name].values[mask])
         what = f"{codes} may be no measurement (null = [{codes}] of the column says so, null = [] that it is one)"
         _apply(found, remarks, file, name, "undeclared code", mask, what, inputs)
@@ -215,23 +217,20 @@ def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
     return mask
 
 
-def _on_known(check: Callable[[Numbers], Mask], values: Numbers) -> Mask:
-    mask = np.isfinite(values)
-    mask[mask] = check(values[mask])
-    return mask
-
-
-def _codes(values: Numbers) -> Mask:
-    """Which values (n,) lie far from all others, or are reached and left by jumps."""
+def _codes_in(series: Series) -> Mask:
+    """Which values of a column lie far from all others, or are reached and left by jumps."""
+    known = np.isfinite(series.values)
+    values, times = series.values[known], series.times[known]
     mask = abs(values) > HUGE
     for check in (_far, _jumps):
         rest = np.flatnonzero(~mask)
         if len(rest) >= LEAST:
-            mask[rest] = check(values[rest])
-    return mask
+            mask[rest] = check(values[rest], times[rest])
+    known[known] = mask
+    return known
 
 
-def _far(values: Numbers) -> Mask:
+def _far(values: Numbers, _times: Numbers) -> Mask:
     levels, counts = np.unique(values, return_counts=True)
     mask = np.zeros(len(values), np.bool_)
     for low, high in sorted(np.ndindex(CODES + 1, CODES + 1), key=sum):
@@ -249,14 +248,16 @@ def _far(values: Numbers) -> Mask:
     return mask
 
 
-def _jumps(values: Numbers) -> Mask:
+def _jumps(values: Numbers, times: Numbers) -> Mask:
     starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     levels = values[starts]
     mask = np.zeros(len(values), np.bool_)
     if len(levels) < LEAST:
         return mask
     steps = np.diff(levels)
-    before, after = steps[:-1], steps[1:]
+    # Over a gap in time a signal may go anywhere.
+    gaps = np.diff(times)[starts[1:] - 1] > GAP * np.median(np.diff(times))
+    before, after = np.where(gaps, 0.0, steps)[:-1], np.where(gaps, 0.0, steps)[1:]
     heights = np.where(before * after < 0.0, np.minimum(abs(before), abs(after)), 0.0)
     usual = float(np.quantile(abs(steps), USUAL))
     lengths = np.diff(np.append(starts, len(values)))

@@ -142,3 +142,10 @@ def test_a_code_beside_few_values_is_found_and_a_switch_is_none() -> None:
     assert not found({"x": values})[1]
     values[100:103] = -9999.0
     assert found({"x": values})[1] == {"undeclared code": "x"}
+
+
+def test_a_peak_before_a_gap_in_time_is_no_code() -> None:
+    times = np.concatenate((TIME[:300], TIME[300:] + 5.0))
+    values = PUSH + np.where(TIME < 3.0, 5.0 * np.maximum(TIME - 2.9, 0.0) / 0.01, 0.0)
+    series = {"force": Series("force", times, values), "way": Series("way", times, WAY)}
+    assert not examine("a.csv", series, {})[1]
