@@ -23,7 +23,11 @@ class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     dates: Literal["dmy", "mdy"] | None = None  #: what 03/09/2026 is
     zone: str | None = None  #: of dates that name none, such as "Europe/Berlin": summer time
 
+    rate: float | None = None  #: rows a second (Hz) of a table without a clock
+
     def __post_init__(self) -> None:
+        if self.rate is not None and not 0.0 < self.rate <= 1e9:
+            raise ValueError(f"rate = {self.rate:g} Hz; more than 0, up to 1e9, would be right")
         if self.delimiter is not None and len(self.delimiter) != 1:
             raise ValueError(f'delimiter = "{self.delimiter}"; one character would be right')
         if self.skip_rows is not None and self.skip_rows < 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from bench_protocol.file_forms import FileForm, form_of
 from bench_protocol.unit_names import unit_in_name
@@ -15,6 +15,7 @@ from bench_records.tables.forms import FORMS, export_of
 from bench_records.tables.joined import joined, refuse_halves
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
 from bench_records.tables.numbers import Point, numbers, of_the_file
+from bench_records.tables.sheet import Column
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,7 +74,20 @@ def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account
     if form.read is None:
         raise RecordError(f"{path} is an MDF file; a table as CSV, Parquet or Arrow would be right")
     sheet: Sheet = form.read(path, keys, wanted, account)
+    if keys.rate is not None:
+        _add_clock(sheet, keys.rate)
     return sheet
+
+
+def _add_clock(sheet: Sheet, rate: float) -> None:
+    """Put a clock of ``rate`` rows a second behind the columns. RecordError if the file has one."""
+    if sheet.clock is not None or any(sheet.places(name) for name in (TimeSource().column, "time_s")):
+        raise RecordError(
+            f"{sheet.path} has a clock of its own: file.rate is for a table without one, leave it out"
+        )
+    sheet.clock = len(sheet.columns)
+    seconds = ((sheet.rows * 0 + 1).cumsum() - 1) / rate
+    sheet.columns.append(Column(f"of {rate:g} rows a second, by file.rate,", "number", seconds, unit="s"))
 
 
 def column_names(
@@ -111,7 +125,7 @@ def of_sheet(
     account: Account,
 ) -> dict[str, Series]:
     """Return the ``chosen`` columns of a sheet with their times."""
-    clocks: dict[int, tuple[Clock, TimeSource, str]] = {}
+    clocks: dict[int, tuple[TimeSource, str]] = {}
     places = {}
     joins: dict[int, int] = {}
     for key, (_, source) in chosen.items():
@@ -124,20 +138,20 @@ def of_sheet(
             if at not in joins:
                 joins[at] = joined(sheet, said.date, at, keys, account, where)
             places[key] = joins[at]
-        clocks.setdefault(places[key], (Clock(_nothing()), said, where))
+        clocks.setdefault(places[key], (said, where))
     texts = [(index, source) for index, source in chosen.values() if sheet.columns[index].kind == "text"]
-    texts += [(index, said) for index, (_, said, _) in clocks.items() if sheet.columns[index].kind == "text"]
+    texts += [(index, said) for index, (said, _) in clocks.items() if sheet.columns[index].kind == "text"]
     point = of_the_file(sheet, keys, texts)
     read = {
         index: read_clock(sheet, index, said, keys, point, account, where)
-        for index, (_, said, where) in clocks.items()
+        for index, (said, where) in clocks.items()
     }
     for index, clock in read.items():
-        refuse_halves(sheet, index, clocks[index][2])
-        check_order(sheet, clock.seconds, account, clocks[index][2])
+        refuse_halves(sheet, index, clocks[index][1])
+        check_order(sheet, clock.seconds, account, clocks[index][1])
     read = _from_one_start(sheet, read)
     return {
-        key: _series(sheet, index, source, read[places[key]], clocks[places[key]][2], point, account, key)
+        key: _series(sheet, index, source, read[places[key]], clocks[places[key]][1], point, account, key)
         for key, (index, source) in chosen.items()
     }
 
@@ -232,9 +246,3 @@ def refuse_falling(path: Path, times: Numbers, what: str) -> None:
             f"{path}: {what}: sample {at + 2} lies at {times[at + 1]:.9g} s, the one before at {times[at]:.9g} s; "
             "times must not fall: if these are two recordings, cut the file there"
         )
-
-
-def _nothing() -> Any:
-    import numpy as np
-
-    return np.empty(0)

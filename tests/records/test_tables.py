@@ -148,6 +148,8 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "power cut": (csv() + bytes(4096), ".csv", {}, r"1 line with bytes 0.*line 32"),
     "segments": (csv("time\tx\tp", lambda t, x, p: f"{t:.2f}\t{x:.4f}\t{p:.3f}", LVM, f"{SEGMENT}time\tx\tp\n0.3\t1\t2\n"), ".lvm", {"format": "csv"}, "a second segment begins before line 37"),
     "workbook": (b"PK", ".xlsx", {}, "ssconvert a.xlsx a.csv"),
+    "no clock": (csv("x,p", lambda t, x, p: f"{x:.4f},{p:.3f}"), ".csv", {"rate": 100.0}, "100 rows a second"),
+    "rate beside a clock": (csv(), ".csv", {"rate": 100.0}, "has a clock of its own"),
     "parquet": (with_time(TIMES), ".parquet", {}, ""),
     "index": (parquet(FRAME), ".parquet", {}, ""),
     "dates in the index": (indexed(DATES.rename("when")), ".parquet", {}, "the index when is the clock"),
