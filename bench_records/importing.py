@@ -19,7 +19,7 @@ from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import in_words
 from bench_records.tables.joined import date_and_time
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
-from bench_records.tables.quality import Nulls, without_codes
+from bench_records.tables.quality import Nulls, measured, without_codes
 from bench_records.tables.reading import Series, of_sheet, read_sheet, refuse_falling
 from bench_records.tables.stamps import looks_like_a_stamp
 
@@ -129,7 +129,7 @@ def read_table(
     there = []
     for name, one in found.items():
         key = by_name[name]
-        there.append(_Found(signals[key], one.measured(), *units[key]))
+        there.append(_Found(signals[key], measured(one), *units[key]))
     return _write(into, there, meta, account, path)
 
 
@@ -224,7 +224,7 @@ def read_mdf(
             series = Series(place.name, times, values)
             if own is None:
                 codes = {signal.name: _source(0, signal.name, keys).codes}
-                series = _without_codes(path, {signal.name: series}, codes, account)[signal.name].measured()
+                series = measured(_without_codes(path, {signal.name: series}, codes, account)[signal.name])
             found.append(_Found(signal, series, *si))  # a file of ours is in SI
         if ours is None:
             if start := mdf_file.start_of(mdf):

@@ -183,6 +183,12 @@ def without_codes(
     return found, remarks
 
 
+def measured(series: Series) -> Series:
+    """Return times and values where there is a value: what is empty was not measured."""
+    known = np.isfinite(series.values)
+    return series._replace(times=series.times[known], values=series.values[known], rows=None)
+
+
 def _apply(
     found: dict[str, Series],
     remarks: list[Remark],

@@ -40,13 +40,6 @@ class Series(NamedTuple):
     rows: npt.NDArray[np.int64] | None = None  #: where in the file each sample stands
     row_word: str = "sample"
 
-    def measured(self) -> Series:
-        """Return times and values where there is a value: what is empty was not measured."""
-        import numpy as np
-
-        known = np.isfinite(self.values)
-        return self._replace(times=self.times[known], values=self.values[known], rows=None)
-
     def at(self, index: int) -> str:
         """Where a sample stands, in words."""
         row = index + 1 if self.rows is None else self.rows[index]
