@@ -6,7 +6,7 @@ from typing import Any, Final
 import msgspec
 
 from astb.rig_limits import KnownLimit
-from bench_protocol.signals import PANELS, Group, Signal
+from bench_protocol.signals import Group, Signal
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import UNITS
 from bench_protocol.words import LimitKind
@@ -62,7 +62,7 @@ def shown(signal: Signal, limits: Sequence[KnownLimit] = ()) -> Shown:
     return Shown(
         signal.name,
         signal.name.replace(".", " ").replace("_", " "),
-        PANELS[signal.group],
+        signal.group.row.panel,
         WRITTEN.get(read_in, read_in),
         DECIMALS.get(read_in, 2),
         unit.factor,

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from bench_protocol.table_groups import Group
 from bench_protocol.units import FACTORS, UNITS, in_unit
+
+__all__ = ["MEASURED", "Group", "Kind", "Signal"]
 
 #: What codecs, the DBC and the drivers' attributes can carry: ``device.reading``, small letters, digits, ``_``.
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*\.[a-z0-9_]+")
@@ -26,40 +29,6 @@ class Kind(StrEnum):
 
 #: What sensors read, of ours and of others.
 MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
-
-
-class Group(StrEnum):
-    """Kinds of sensor: one unit and range, one table of a parameter file and one panel of a report for each."""
-
-    HEIGHT = "height"
-    PRESSURE = "pressure"
-    SUPPLY_PRESSURE = "supply_pressure"
-    TEMPERATURE = "temperature"
-    VERTICAL_FORCE = "vertical_force"
-    LATERAL_FORCE = "lateral_force"
-    DISPLACEMENT = "displacement"
-    VERTICAL_LOAD_CELL = "vertical_load_cell"
-    LATERAL_LOAD_CELL = "lateral_load_cell"
-    ACCELERATION = "acceleration"
-    PLATFORM_DISPLACEMENT = "platform_displacement"
-    PLATFORM_ROLL = "platform_roll"
-
-
-#: Titles of the panels of a report.
-PANELS: Final = {
-    Group.HEIGHT: "Spring heights",
-    Group.PRESSURE: "Spring pressures (gauge)",
-    Group.SUPPLY_PRESSURE: "Supply (gauge)",
-    Group.TEMPERATURE: "Gas temperatures",
-    Group.VERTICAL_FORCE: "Vertical actuator forces",
-    Group.LATERAL_FORCE: "Lateral actuator force",
-    Group.DISPLACEMENT: "Actuator displacements",
-    Group.VERTICAL_LOAD_CELL: "Vertical load cells",
-    Group.LATERAL_LOAD_CELL: "Lateral load cells",
-    Group.ACCELERATION: "Lateral acceleration",
-    Group.PLATFORM_DISPLACEMENT: "Platform",
-    Group.PLATFORM_ROLL: "Platform roll",
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,12 @@ added takes a free one.
 
 from collections.abc import Iterator
 from itertools import count
-from typing import Final, NamedTuple
+from typing import Final
 
 from bench_protocol.car import STOP_POINTS
 from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.signals import Group, Kind, Signal
-from bench_protocol.units import K, N, bar, kN, m, mbar, mm, mrad, ms, rad, s, us
+from bench_protocol.units import N, bar, kN, m, mbar, mm, mrad, ms, rad, s, us
 from bench_protocol.words import (
     ACTUATORS,
     AIR_MODES,
@@ -32,31 +32,13 @@ from bench_protocol.words import (
 COUNT_MAX: Final = float(2**24 - 2)  # what 24 bits on CAN and a float32 register both hold exactly
 
 
-class _Range(NamedTuple):
-    unit: str
-    low: float
-    high: float
-    step: float
-
-
-_RANGES: Final = {
-    Group.HEIGHT: _Range("mm", -300 * mm, 300 * mm, 0.01 * mm),
-    Group.PRESSURE: _Range("bar", -1 * bar, 15 * bar, 0.5 * mbar),
-    Group.SUPPLY_PRESSURE: _Range("bar", -1 * bar, 15 * bar, 0.5 * mbar),
-    Group.TEMPERATURE: _Range("K", 200 * K, 400 * K, 0.05 * K),
-    Group.VERTICAL_FORCE: _Range("kN", -200 * kN, 200 * kN, 10 * N),
-    Group.LATERAL_FORCE: _Range("kN", -60 * kN, 60 * kN, 2 * N),
-    Group.DISPLACEMENT: _Range("mm", -300 * mm, 300 * mm, 0.01 * mm),
-    Group.VERTICAL_LOAD_CELL: _Range("kN", -200 * kN, 200 * kN, 25 * N),
-    Group.LATERAL_LOAD_CELL: _Range("kN", -60 * kN, 60 * kN, 2 * N),
-    Group.ACCELERATION: _Range("m/s2", -30.0, 30.0, 0.001),
-    Group.PLATFORM_DISPLACEMENT: _Range("mm", -150 * mm, 150 * mm, 0.01 * mm),
-    Group.PLATFORM_ROLL: _Range("mrad", -0.3 * rad, 0.3 * rad, 0.01 * mrad),
-}
+def _range(group: Group) -> tuple[str, float, float, float]:
+    """Return unit, ends and step of a group on the wires."""
+    return group.row.unit, *group.row.carried, group.row.step
 
 
 def _reading(name: str, address: int, group: Group, text: str) -> Signal:
-    return Signal(name, Kind.MEASUREMENT, *_RANGES[group], text, address=address, group=group)
+    return Signal(name, Kind.MEASUREMENT, *_range(group), text, address=address, group=group)
 
 
 _LASER: Final = "Laser: spring height over design height"
@@ -394,7 +376,7 @@ FURTHER: Final = tuple(
     Signal(
         f"load_cell.{number}",
         Kind.FURTHER,
-        *_RANGES[Group.VERTICAL_LOAD_CELL],
+        *_range(Group.VERTICAL_LOAD_CELL),
         f"Load cell {number}: where the description of the rig puts it",
         group=Group.VERTICAL_LOAD_CELL,
     )

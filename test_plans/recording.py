@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import VirtualClock
-from bench_protocol.signals import MEASURED, PANELS, Kind
+from bench_protocol.signals import MEASURED, Kind
 from bench_protocol.units import FACTORS, NS, ms
 from bench_protocol.wires import Table
 from bench_records.layout import RecordError, SignalInfo
@@ -45,7 +45,7 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
             "" if signal.unit == "1" else signal.unit,
             FACTORS[signal.unit],
             signal.name.replace(".", " ").replace("_", " "),
-            PANELS[signal.group] if signal.group else "",
+            signal.group.row.panel if signal.group else "",
             dict(enumerate(signal.choices)),
         )
     return found

@@ -4,37 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
-from bench_protocol.signals import Group, Kind, Signal
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.table_groups import Group
 from bench_protocol.table_signals import BY_GROUP
-from bench_protocol.units import ATMOSPHERE, K, bar, kN, mbar, mm, mrad
+from bench_protocol.units import ATMOSPHERE, K, kN, mbar, mm
 from bench_protocol.words import SIDES
 
 _CELSIUS: Final = 273.15 * K
 _GRAVITY: Final = 9.81
 
 
-class _Band(NamedTuple):
-    low: float
-    high: float
-
-
-#: What can be at rest. A cell carries its share of the bolster and of the platform, nothing else.
-_AT_REST: Final = {
-    Group.HEIGHT: _Band(-150 * mm, 150 * mm),
-    Group.PRESSURE: _Band(-100 * mbar, 200 * mbar),
-    Group.SUPPLY_PRESSURE: _Band(-100 * mbar, 12 * bar),
-    Group.TEMPERATURE: _Band(268 * K, 318 * K),
-    Group.VERTICAL_FORCE: _Band(-2 * kN, 2 * kN),
-    Group.LATERAL_FORCE: _Band(-1 * kN, 1 * kN),
-    Group.DISPLACEMENT: _Band(-150 * mm, 150 * mm),
-    Group.VERTICAL_LOAD_CELL: _Band(-1 * kN, 10 * kN),
-    Group.LATERAL_LOAD_CELL: _Band(-1 * kN, 1 * kN),
-    Group.ACCELERATION: _Band(-0.5, 0.5),
-    Group.PLATFORM_DISPLACEMENT: _Band(-20 * mm, 20 * mm),
-    Group.PLATFORM_ROLL: _Band(-20 * mrad, 20 * mrad),
-}
 #: A gauge that reads the atmosphere, give or take the weather and the transducer.
 _WEATHER: Final = 80 * mbar
 #: By how much the sides may differ, and a laser from the actuator beside it.
@@ -54,9 +35,9 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
         elif not (signal.choices or _unset(signal, value) or _in_range(signal, value)):
             found[name] = f"out of its range, {signal.range_text()}{_guess(signal, value)}"
         elif at_rest and signal.group is not None and not _fits(signal.group, value):
-            band = _AT_REST[signal.group]
+            low, high = signal.group.row.at_rest
             found[name] = (
-                f"at rest {signal.show(band.low)} to {signal.show(band.high)} would be right{_guess(signal, value)}"
+                f"at rest {signal.show(low)} to {signal.show(high)} would be right{_guess(signal, value)}"
             )
     if at_rest:
         for name, doubt in _together(means, signals).items():
@@ -75,8 +56,8 @@ def _unset(signal: Signal, value: float) -> bool:
 
 
 def _fits(group: Group, value: float) -> bool:
-    band = _AT_REST[group]
-    return band.low <= value <= band.high
+    low, high = group.row.at_rest
+    return low <= value <= high
 
 
 def _guess(signal: Signal, value: float) -> str:
@@ -94,11 +75,11 @@ def _guess(signal: Signal, value: float) -> str:
         return ": gravity? the accelerometer lies in another direction"
     if signal.group is Group.VERTICAL_LOAD_CELL and value < 0:
         return ": it carries weight, which is positive: sign = -1?"
-    band = _AT_REST.get(signal.group) if signal.group else None
-    for factor in (10, 100, 1000) if band else ():
-        assert band is not None
-        if band.low <= value / factor <= band.high and abs(value) > 2 * max(band.high, -band.low):
-            return f": its scale, or an offset? {signal.show(value / factor)} with a {factor}th of it"
+    if signal.group:
+        low, high = signal.group.row.at_rest
+        for factor in (10, 100, 1000):
+            if low <= value / factor <= high and abs(value) > 2 * max(high, -low):
+                return f": its scale, or an offset? {signal.show(value / factor)} with a {factor}th of it"
     return ""
 
 

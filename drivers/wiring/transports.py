@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-KINDS: Final = ("can", "modbus", "modbus_rtu", "opcua", KIND)
+#: Kinds without a port of `drivers`: the factory of each, called with (name, table, directory) and imported then.
+_FACTORIES: Final = {"opcua": "drivers.wiring.opcua.transport:opcua"}
+KINDS: Final = ("can", "modbus", "modbus_rtu", *_FACTORIES, KIND)
 #: Those whose points are all listed in the file.
 _LISTING: Final = ("modbus", "modbus_rtu", "opcua")
 
@@ -54,10 +56,10 @@ def open_transport(
         from drivers.wiring.modbus.transport import ModbusTransport
 
         return ModbusTransport(name, table, port=opener)
-    if kind == "opcua":
-        from drivers.wiring.opcua.transport import OpcUaTransport
-
-        return OpcUaTransport(name, table)
+    if kind in _FACTORIES:
+        module, _, factory = _FACTORIES[kind].partition(":")
+        made: Transport = getattr(importlib.import_module(module), factory)(name, table, where)
+        return made
     return _own(name, kind, table, where)
 
 

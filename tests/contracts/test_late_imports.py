@@ -21,7 +21,7 @@ INSIDE_FUNCTIONS = {
     "bench_twin": 1,
     "campaigns": 24,
     "diagnosis": 14,
-    "drivers": 22,
+    "drivers": 21,
     "paper_study": 5,
     "test_plans": 1,
 }

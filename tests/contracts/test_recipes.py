@@ -1,5 +1,6 @@
 """The recipes of CONTRIBUTING.md, done on a copy of the tree: they work, and only the files that they name change."""
 
+import json
 import os
 import re
 import shutil
@@ -21,6 +22,7 @@ OF_THE_TABLE = {
         for name in ("astb.dbc", "astb.eds", "kept_map.csv", "modbus_map.csv")
     ),
     *(f"docs/reference/{name}.md" for name in ("signals", "canopen")),
+    "instruments/astb.toml",
 }
 OF_THE_EFFECTS = {
     *(f"docs/reference/{name}.md" for name in ("effects", "parameters")),
@@ -98,15 +100,37 @@ def named(section: str) -> set[str]:
     return set(re.findall(r"`((?:bench|drivers|test_plans|diagnosis)[\w/.]*)`", text))
 
 
+SPEED = """    PLATFORM_SPEED = SensorRow(
+        "platform_speed",
+        panel="Speed of the platform",
+        unit="m/s",
+        carried=(-2.0, 2.0),
+        step=0.001,
+        at_rest=(-0.05, 0.05),
+        instrument="speed_transducer",
+        type="moving coil in a magnet, ± 1 m/s",
+        reads=(-1.0, 1.0),
+        accuracy=0.002,
+        gain=0.005,
+        lag=0.001,
+        resolution=0.0005,
+        noise=0.001,
+        bias_max=0.5,
+        source="data sheet of the example",
+        noise_source="data sheet of the example",
+    )"""
+
 LOOK = '''
 import sys
 from pathlib import Path
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.table import TABLE
 from bench_records.record import read
+from bench_records.report import write_report
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans.execution import execute
+from test_plans.instruments import ordinary
 from test_plans.plan import plan
 from test_plans.run import Nobody
 
@@ -114,16 +138,27 @@ from test_plans.run import Nobody
 def look(run):
     """Look: what is there."""
     run.bench.wait(0.6)
-    on_can = run.bench.platform.acceleration
-    on_modbus = run.bench.wiring.read(["platform.acceleration", "left.height"])["platform.acceleration"]
-    run.check("on both wires", on_can - on_modbus, "m/s2", low=-0.1, high=0.1)
+    on_can = run.bench.platform.speed
+    on_modbus = run.bench.wiring.read(["platform.speed", "left.height"])["platform.speed"]
+    run.check("on both wires", on_can - on_modbus, "m/s", low=-0.1, high=0.1)
+    mean = run.bench.averages("platform.speed", over=0.3)
+    speed = run.measured(lambda means: means["platform.speed"], mean, over=0.3)
+    run.check("at rest", speed, "m/s", low=-0.1, high=0.1)
 
 memory = RigInMemory(Rig(load(), seed=1))
-with memory.bench() as bench:
+bench = memory.bench()
+bench.instruments = ordinary()
+with bench:
     result = execute(look, bench, Path(sys.argv[1]), watcher=Nobody())
     assert result.verdict == "pass", result
-    shown = "acceleration" in repr(bench.platform)
-times, values = read(Path(sys.argv[1])).series("platform.acceleration")
+    shown = "speed" in repr(bench.platform)
+assert "platform.speed" in bench.instruments.pieces
+(uncertain,) = (one.u for one in result.checks if one.name == "at rest")
+assert 0.5e-3 < uncertain < 5e-3, uncertain
+write_report(Path(sys.argv[1]))
+report = (Path(sys.argv[1]) / "report.html").read_text()
+assert all(text in report for text in ("Speed of the platform", "platform.speed"))
+times, values = read(Path(sys.argv[1])).series("platform.speed")
 assert len(times) >= 5 and max(abs(values)) < 0.2, values
 print(f"{TABLE.map_hash:08x}", shown)
 '''
@@ -131,34 +166,41 @@ print(f"{TABLE.map_hash:08x}", shown)
 
 @pytest.mark.slow
 def test_a_reading(copy: Copy, tmp_path: Path) -> None:
-    """A second accelerometer, on the platform."""
+    """A sensor of a new group: check-rig, report and uncertainty have it."""
     address = free_address(TABLE.signals)
     by_hand = {
+        "bench_protocol/table_groups.py": (
+            '        noise_source="from two transducers",\n    )',
+            SPEED,
+        ),
         "bench_protocol/table_signals.py": (
             '    _reading("platform.roll", 152, Group.PLATFORM_ROLL, "Vibration platform, left side up"),',
-            f'    _reading("platform.acceleration", {address}, Group.ACCELERATION, "Accelerometer of the platform"),',
+            f'    _reading("platform.speed", {address}, Group.PLATFORM_SPEED, "Speed of the platform, up"),',
         ),
         "bench_protocol/table_messages.py": (
             '        "What the bench is doing and why",\n    ),',
-            '    _message("Accelerometers", 0x283, SLOW_RATE, _fields("platform.acceleration"), "More of them"),',
+            '    _message("Speeds", 0x283, SLOW_RATE, _fields("platform.speed"), "More of them"),',
         ),
-        "bench_sim/model/layout.py": ("    PLATFORM_ROLL = 26", "    PLATFORM_ACCELERATION = 27"),
+        "bench_sim/model/layout.py": ("    PLATFORM_ROLL = 26", "    PLATFORM_SPEED = 27"),
         "bench_sim/model/sensors.py": (
             "    values[Sensor.PLATFORM_ROLL] = x[State.PLATFORM_ROLL]",
-            "    values[Sensor.PLATFORM_ACCELERATION] = out[Algebraic.PLATFORM_ACCELERATION]",
+            "    values[Sensor.PLATFORM_SPEED] = x[State.PLATFORM_VERTICAL_SPEED]",
         ),
-        "drivers/axes.py": ("    roll = Reading()  #: rad", "    acceleration = Reading()  #: m/s²"),
+        "drivers/axes.py": ("    roll = Reading()  #: rad", "    speed = Reading()  #: m/s"),
     }
     for name, (line, new) in by_hand.items():
         copy.behind(name, line, new)
     assert set(by_hand) <= named("A device")
-    assert "A reading is written in five files" in PAGE and len(by_hand) == 5
+    assert "A reading is written in five files" in PAGE and len(by_hand) == 6  # and its new group in one more
     copy.run("-m", "tools.generate")
-    assert copy.changed == {*by_hand, *OF_THE_TABLE}
+    assert copy.changed == {*by_hand, *OF_THE_TABLE, "docs/reference/parameters.md"}
     copy.run("-m", "tools.generate", "--check")
     map_hash, shown = copy.run("-c", LOOK, str(tmp_path / "runs")).split()
     assert map_hash != f"{TABLE.map_hash:08x}"
     assert shown == "True"
+    checked = json.loads(copy.run("-m", "astb", "check-rig", "virtual", "--json"))
+    (line,) = (one for one in checked["signals"] if one["name"] == "platform.speed")
+    assert line["verdict"] == "fine", line
 
 
 HARDENING = '''"""The shell of the bellows stiffens the further it is deflected: F += k ζ (ζ/10 mm)²."""
@@ -253,3 +295,91 @@ def test_a_plan(copy: Copy) -> None:
     assert "pass" in said
     copy.run("-m", "tools.generate", "--check")
     assert copy.changed == {"test_plans/plans/symmetry.py"}
+
+
+SUPPLY_VALVE = """def _supply_valve(points: InsertionPoints, v: Values) -> Mend:
+    return points.tick.hold({Input.SUPPLY: 1.0 if v["at"] == "open" else 0.0})
+
+"""
+SUPPLY_VALVE_ROW = """    Fault(
+        "stuck_supply_valve",
+        Place.PLANT,
+        "The main valve of the supply is stuck.",
+        "Shut: `supply.pressure` is that of the atmosphere, and nothing can be filled.",
+        _supply_valve,
+        (FaultChoice("at", ("open", "shut"), "where it is stuck", "shut"),),
+    ),"""
+STUCK = """
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.units import bar
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+
+memory = RigInMemory(Rig(load(), seed=1))
+with memory.bench() as bench:
+    bench.arm()
+    bench.wait(1.0)
+    sound = bench.supply.pressure
+    memory.rig.faults.on("stuck_supply_valve", {})
+    bench.wait(2.0)
+    stuck = bench.supply.pressure
+    memory.rig.faults.off("all")
+    bench.wait(2.0)
+    assert sound > 7 * bar and stuck < 1 * bar and bench.supply.pressure > 7 * bar, (sound, stuck)
+"""
+OPENED = """
+from pathlib import Path
+from drivers.errors import WiringError
+from drivers.wiring.transports import open_transport
+
+keys = {"kind": "lines_of_text", "host": "127.0.0.1", "port": 7000, "points": ["height"]}
+made = open_transport("press", keys, Path())
+made.require("height")
+assert type(made).__name__ == "Controller", made
+try:
+    open_transport("press", keys | {"kind": "lines_of_txt"}, Path())
+except WiringError as error:
+    assert "lines_of_text" in str(error), error
+else:
+    raise AssertionError("an unknown kind was opened")
+"""
+
+
+@pytest.mark.slow
+def test_a_fault(copy: Copy) -> None:
+    """A function that breaks something and returns what repairs it, and a row: one file."""
+    name = "bench_sim/rig/faults/plant.py"
+    copy.behind(
+        name,
+        '    return points.parameters.change(("supply_sawtooth", "supply_pressure"), change)\n',
+        SUPPLY_VALVE,
+    )
+    copy.behind(name, "FAULTS: Final = (", SUPPLY_VALVE_ROW)
+    copy.run("-m", "tools.generate")
+    assert copy.changed == {name, "docs/reference/faults.md"}
+    assert name in named("A fault")
+    copy.run("-c", STUCK)
+
+
+@pytest.mark.slow
+def test_a_transport(copy: Copy) -> None:
+    """The transport of the how-to moves into the tree: a package of its own and one row."""
+    page = (ROOT / "docs/how-to/write-a-transport.md").read_text(encoding="utf-8")
+    code = page.split("```python\n")[1].split("```")[0]
+    folder = copy.folder / "drivers/wiring/lines_of_text"
+    folder.mkdir()
+    (folder / "__init__.py").write_text('"""The transport on lines of text."""\n', encoding="utf-8")
+    (folder / "transport.py").write_text(code, encoding="utf-8")
+    name = "drivers/wiring/transports.py"
+    path = copy.folder / name
+    before = path.read_text(encoding="utf-8")
+    row = '"lines_of_text": "drivers.wiring.lines_of_text.transport:controller"'
+    path.write_text(
+        before.replace("_FACTORIES: Final = {", f"_FACTORIES: Final = {{{row}, "), encoding="utf-8"
+    )
+    assert copy.changed == {
+        name,
+        *(f"drivers/wiring/lines_of_text/{one}.py" for one in ("__init__", "transport")),
+    }
+    assert name in named("A transport")
+    copy.run("-c", OPENED)

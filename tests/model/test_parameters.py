@@ -86,7 +86,16 @@ def test_units_are_converted_once():
             "effective_area = { value = [0.26, 0.26, 0.26]",
             r"has shape \(3,\); it is one number or has shape \(2,\)",
         ),
-        ("[sensor.height]", "[sensor.hight]", "hight is no kind of sensor; height would be one"),
+        (
+            "[load_case.AW0]",
+            "[sensor.hight]\n[load_case.AW0]",
+            "hight is no kind of sensor; height would be one",
+        ),
+        (
+            "[load_case.AW0]",
+            "[sensor.height]\nnose = 1\n[load_case.AW0]",
+            r"sensor\.height\.nose is no parameter; there is accuracy.* noise",
+        ),
         (
             "dpv_reclosing = { value = 1.0",
             "dpv_reclosing = { value = 1.3",
@@ -99,6 +108,14 @@ def test_units_are_converted_once():
 def test_what_does_not_fit_is_refused(written, old, new, message):
     with pytest.raises(ParameterError, match=f"changed.toml.*{message}"):
         load(written(old, new))
+
+
+def test_a_table_of_sensors_changes_what_it_gives_and_nothing_else(written):
+    noise = '{ value = 0.02, unit = "mm", min = 0.0, max = 1.0, provenance = "assumed", source = "ours" }'
+    changed = load(written("[load_case.AW0]", f"[sensor.height]\nnoise = {noise}\n[load_case.AW0]"))
+    heights = [Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT]
+    assert changed.record.sensor_noise[heights] == pytest.approx(2e-5)
+    assert changed.with_values(sensor_noise=BASE.record.sensor_noise).digest() == BASE.digest()
 
 
 def test_unknown_set_and_load_case():

@@ -14,16 +14,16 @@ from test_plans import discovery
 from test_plans.execution import execute
 from test_plans.plans.under_load import aw0
 
-CREEP = '''
-"""Creep: hold the load for a while."""
+NEWCOMER = '''
+"""Newcomer: hold the load for a while."""
 
 from test_plans.plan import plan
 from test_plans.run import Run
 
 
 @plan
-def creep(run: Run) -> None:
-    """Creep: hold the load for a while."""
+def newcomer_of_the_test(run: Run) -> None:
+    """Newcomer: hold the load for a while."""
     run.bench.wait(1.0)
 '''
 
@@ -32,7 +32,10 @@ def creep(run: Run) -> None:
 def find():
     """Find all plans anew, now and whatever is changed."""
     yield discovery.find_all.__wrapped__
-    for name in ("our_plans", *(f"test_plans.{plan}" for plan in ("creep", "lateral_push", "symmetry"))):
+    for name in (
+        "our_plans",
+        *(f"test_plans.{plan}" for plan in ("newcomer_of_the_test", "lateral_push", "symmetry")),
+    ):
         sys.modules.pop(name, None)
 
 
@@ -43,10 +46,10 @@ def module(name: str, **content: object) -> ModuleType:
 
 
 def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
-    (tmp_path / "creep.py").write_text(CREEP)
+    (tmp_path / "newcomer_of_the_test.py").write_text(NEWCOMER)
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
     found = find().plans
-    assert found["creep"].title == "Creep: hold the load for a while."
+    assert found["newcomer_of_the_test"].title == "Newcomer: hold the load for a while."
     assert list(found) == sorted(found)
 
 
@@ -79,11 +82,11 @@ def test_the_plan_with_parameters_in_the_how_to_works_to_the_letter(
 
 
 def test_a_package_of_ones_own_brings_plans_through_an_entry_point(find, tmp_path, monkeypatch):
-    (tmp_path / "our_plans.py").write_text(CREEP)
+    (tmp_path / "our_plans.py").write_text(NEWCOMER)
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("ours", "our_plans", discovery.GROUP)
     monkeypatch.setattr(discovery, "entry_points", lambda group: [entry] if group == entry.group else [])
-    assert "creep" in find().plans
+    assert "newcomer_of_the_test" in find().plans
 
 
 def test_of_two_plans_with_one_name_the_first_counts():

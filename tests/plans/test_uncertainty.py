@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.clock import VirtualClock
+from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS, bar, kN, mm, ms
 from bench_records.conformity import conformity, coverage_factor, cumulative, decimals, guard_factor
@@ -269,7 +270,9 @@ def test_the_simulated_sensors_are_what_the_data_sheets_of_the_virtual_bench_say
             ("resolution", one.resolution),
         ):
             assert entries[f"sensor_{simulated}"].value[k] == pytest.approx(told), (name, simulated)
-        assert one.nonlinearity == 0.0
+        row = TABLE[name].group.row
+        assert (one.name, one.type, one.nonlinearity) == (row.instrument, row.type, 0.0)
+        assert (one.gain, one.lag) == pytest.approx((row.gain, row.lag / 10))
         assert abs(entries["sensor_gain"].value[k]) <= one.gain
 
 

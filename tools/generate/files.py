@@ -18,11 +18,13 @@ from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK, free_address
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
+from bench_protocol.table_groups import Group
 from bench_protocol.units import in_unit
 from bench_protocol.wires import moved
 from bench_protocol.words import FAULTS
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.quantities import QUANTITIES
+from bench_sim.parameters.sensors import sensor_entries
 from bench_sim.rig.registers import UNAVAILABLE
 from bench_sim.rig.states import TRANSITIONS
 from tools.generate.canopen_page import canopen_page
@@ -30,6 +32,7 @@ from tools.generate.checks_page import checks_page
 from tools.generate.dbc import dbc
 from tools.generate.eds import eds
 from tools.generate.faults_page import faults_page
+from tools.generate.instruments_file import INSTRUMENTS_FILE, instruments_file
 from tools.generate.readers_page import readers_page
 from tools.generate.rest_page import rest_page
 from tools.generate.wiring_page import wiring_page
@@ -226,7 +229,8 @@ def parameters_page() -> str:
     print(_NOTE.replace("table of signals", "parameter file"), file=out)
     print("# The parameters of the plant\n", file=out)
     print(
-        "The set `astb` (`bench_sim/parameters/astb.toml`). *Assumed* means: chosen by us within published ranges,\n"
+        "The set `astb` (`bench_sim/parameters/astb.toml`; its sensors in `bench_protocol/table_groups.py`).\n"
+        "*Assumed* means: chosen by us within published ranges,\n"
         "not identified from a spring; *data sheet* and *measured* mean what they say. A value outside its range is\n"
         "refused. One value serves both sides unless there are two.\n",
         file=out,
@@ -300,13 +304,30 @@ def _listed(names: tuple[str, ...]) -> str:
 
 
 def _parameter_tables(file: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the sections of a parameter file; those of sensors and load cases are one level deeper."""
+    """Yield the sections of a parameter file, and before its load cases those of the sensors."""
     for section, table in file.items():
-        if section in ("sensor", "load_case"):
-            for kind, rows in table.items():
-                yield f"{section.replace('_', ' ').capitalize()}: {kind.replace('_', ' ')}", rows
+        if section == "load_case":
+            for group in Group:
+                yield f"Sensor: {group.replace('_', ' ')}", _sensor_rows(group)
+            for case, rows in table.items():
+                yield f"Load case: {case}", rows
         else:
             yield section.replace("_", " ").capitalize(), table
+
+
+def _sensor_rows(group: Group) -> dict[str, dict[str, Any]]:
+    """Return the properties of a group of sensors as a section of a parameter file would have them."""
+    return {
+        name: {
+            "value": float(one.value) / one.scale,
+            "unit": one.unit,
+            "min": float(one.low) / one.scale,
+            "max": float(one.high) / one.scale,
+            "provenance": one.provenance,
+            "source": one.source,
+        }
+        for name, one in sensor_entries(group).items()
+    }
 
 
 def _shown(value: Any) -> str:
@@ -379,6 +400,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "readers.md": readers_page(),
         ROOT / "docs" / "reference" / "data-checks.md": checks_page(),
         ROOT / "docs" / "reference" / "command-line.md": commands_page(),
+        INSTRUMENTS_FILE: instruments_file(),
         SUMMARIES: command_summaries(),
         HIDDEN_EFFECT_PAGE: hidden_effect_page(),
     }

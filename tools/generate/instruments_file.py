@@ -1,0 +1,58 @@
+"""The instruments of the virtual bench: what their file lacks comes from the rows of the groups of sensors."""
+
+import tomllib
+from pathlib import Path
+from typing import Final
+
+from bench_protocol.signals import Signal
+from bench_protocol.table_groups import SensorRow
+from bench_protocol.table_signals import MEASUREMENTS
+from bench_protocol.units import in_unit
+
+INSTRUMENTS_FILE: Final = Path(__file__).parents[2] / "instruments" / "astb.toml"
+#: What the plans take out of a lag leaves a tenth of it.
+_LEFT_OF_LAG: Final = 0.1
+_LIST: Final = "# Which piece gives which reading"
+
+
+def instruments_file() -> str:
+    """Return the file with a table for each instrument and a line for each measurement; nothing in it changes."""
+    text = INSTRUMENTS_FILE.read_text(encoding="utf-8")
+    known = tomllib.loads(text)
+    rows = {row.instrument: row for row in (_row(signal) for signal in MEASUREMENTS)}
+    tables = [_table(row) for name, row in rows.items() if name not in known["instrument"]]
+    before, mark, after = text.partition(_LIST)
+    assert mark, f"{INSTRUMENTS_FILE} has no line that begins with {_LIST!r}: put it before [signal]"
+    lines = [_line(signal) for signal in MEASUREMENTS if signal.name not in known["signal"]]
+    return "".join([before, *tables, mark, after, *lines])
+
+
+def _row(signal: Signal) -> SensorRow:
+    assert signal.group is not None, f"{signal.name} has no group"
+    return signal.group.row
+
+
+def _table(row: SensorRow) -> str:
+    """Return the table of an instrument."""
+    of_plans = "a tenth of the lag that the plans take out"
+    entries = {
+        "offset": (row.accuracy, row.unit, "assumed", row.source),
+        "gain": (row.gain, "%", "assumed", "what a yearly calibration leaves"),
+        "lag": (row.lag * _LEFT_OF_LAG, "ms", "assumed", of_plans),
+        "resolution": (row.resolution, row.unit, "assumed", "16-bit converter over its range"),
+        "noise": (row.noise, row.unit, row.noise_provenance, row.noise_source),
+    }
+    lines = [
+        f'{name} = {{ value = {in_unit(value, unit):.6g}, unit = "{unit}", provenance = "{provenance}", '
+        f'source = "{source}" }}\n'
+        for name, (value, unit, provenance, source) in entries.items()
+    ]
+    return f'[instrument.{row.instrument}]\ntype = "{row.type}"\n{"".join(lines)}\n'
+
+
+def _line(signal: Signal) -> str:
+    """Return the line of a measurement."""
+    return (
+        f'"{signal.name}" = {{ instrument = "{_row(signal).instrument}", serial_number = "virtual", '
+        'certificate = "the virtual bench", due = 9999-12-31 }\n'
+    )
