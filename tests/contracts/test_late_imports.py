@@ -17,7 +17,7 @@ INSIDE_FUNCTIONS = {
     "bench_fmu": 6,
     "bench_panel": 8,
     "bench_protocol": 4,
-    "bench_records": 98,
+    "bench_records": 97,
     "bench_twin": 1,
     "campaigns": 24,
     "diagnosis": 14,

@@ -156,13 +156,6 @@ def read_fmu(path: Path) -> Fmu:
     _refuse_platform(path, int(major), able.modelIdentifier, files)
     units = {unit.name: unit for unit in said.unitDefinitions}
     si = _si_units(path, said.unitDefinitions)
-    step = able.fixedInternalStepSize
-    if (
-        step is None
-        and not able.canHandleVariableCommunicationStepSize
-        and said.defaultExperiment is not None
-    ):
-        step = said.defaultExperiment.stepSize
     return Fmu(
         path,
         digest,
@@ -180,8 +173,21 @@ def read_fmu(path: Path) -> Fmu:
         bool(able.canHandleVariableCommunicationStepSize),
         bool(able.canGetAndSetFMUstate),
         bool(able.canBeInstantiatedOnlyOncePerProcess),
-        None if step is None else float(step),
+        _step(said),
     )
+
+
+def _step(said: Any) -> float | None:
+    """Return the communication step (s) that the FMU prescribes; None if it takes any."""
+    able = said.coSimulation
+    step = able.fixedInternalStepSize
+    if (
+        step is None
+        and not able.canHandleVariableCommunicationStepSize
+        and said.defaultExperiment is not None
+    ):
+        step = said.defaultExperiment.stepSize
+    return None if step is None else float(step)
 
 
 def unpack_fmu(path: Path, folder: Path) -> None:
