@@ -32,7 +32,7 @@ from tools.generate.checks_page import checks_page
 from tools.generate.dbc import dbc
 from tools.generate.eds import eds
 from tools.generate.faults_page import faults_page
-from tools.generate.instruments_file import INSTRUMENTS_FILE, instruments_file
+from tools.generate.instruments_file import INSTRUMENTS_FILE, instruments_file, lacking_instruments
 from tools.generate.readers_page import readers_page
 from tools.generate.rest_page import rest_page
 from tools.generate.wiring_page import wiring_page
@@ -414,18 +414,21 @@ def main(arguments: list[str]) -> int:
         )
         print("Put it back, and give what is new a free place of its own.", file=sys.stderr)
         return 1
+    generated = files()
     stale = [
         path
-        for path, text in files().items()
+        for path, text in generated.items()
         if not path.exists() or path.read_text(encoding="utf-8") != text
     ]
+    for lack in lacking_instruments():
+        print(lack, file=sys.stderr)
     if "--check" in arguments:
         for path in stale:
             print(
                 f"{path.relative_to(ROOT)} is not what the tables say: run `make generate`", file=sys.stderr
             )
         return int(bool(stale))
-    for path, text in files().items():
+    for path, text in generated.items():
         if path in stale:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="\n")

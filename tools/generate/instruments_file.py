@@ -1,8 +1,9 @@
 """The instruments of the virtual bench: what their file lacks comes from the rows of the groups of sensors."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from bench_protocol.signals import Signal
 from bench_protocol.table_groups import SensorRow
@@ -19,12 +20,32 @@ def instruments_file() -> str:
     """Return the file with a table for each instrument and a line for each measurement; nothing in it changes."""
     text = INSTRUMENTS_FILE.read_text(encoding="utf-8")
     known = tomllib.loads(text)
-    rows = {row.instrument: row for row in (_row(signal) for signal in MEASUREMENTS)}
-    tables = [_table(row) for name, row in rows.items() if name not in known["instrument"]]
+    tables = [_table(row) for row in _rows_without_table(known)]
     before, mark, after = text.partition(_LIST)
     assert mark, f"{INSTRUMENTS_FILE} has no line that begins with {_LIST!r}: put it before [signal]"
     lines = [_line(signal) for signal in MEASUREMENTS if signal.name not in known["signal"]]
     return "".join([before, *tables, mark, after, *lines])
+
+
+def lacking_instruments() -> list[str]:
+    """Return what the file lacks, each with the group whose row gives it."""
+    known = tomllib.loads(INSTRUMENTS_FILE.read_text(encoding="utf-8"))
+    lacks = [(f"instrument.{row.instrument}", row) for row in _rows_without_table(known)]
+    lacks += [
+        (f'signal."{signal.name}"', _row(signal))
+        for signal in MEASUREMENTS
+        if signal.name not in known["signal"]
+    ]
+    return [
+        f"instruments/astb.toml lacks {key}: `make generate` takes it from the row {row.name} of "
+        "bench_protocol/table_groups.py"
+        for key, row in lacks
+    ]
+
+
+def _rows_without_table(known: Mapping[str, Any]) -> list[SensorRow]:
+    rows = {row.instrument: row for row in map(_row, MEASUREMENTS)}
+    return [row for name, row in rows.items() if name not in known["instrument"]]
 
 
 def _row(signal: Signal) -> SensorRow:
