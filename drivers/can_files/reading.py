@@ -13,6 +13,7 @@ from bench_protocol.file_forms import FileForm, ending_of, endings, form_of
 from drivers.can_files.asc import read_asc
 from drivers.can_files.candump import Stamps, read_candump
 from drivers.can_files.frames import CanLogError, Frames
+from drivers.can_files.gvret import is_gvret, read_gvret
 from drivers.can_files.mdf import read_mdf_frames
 from drivers.can_files.text import UNKNOWN, lines_of
 from drivers.can_files.trc import read_trc
@@ -37,6 +38,7 @@ FORMS: Final = (
     FileForm("ASC", (".asc",), lambda path, account, _: read_asc(path, account), _writer),
     FileForm("candump", (".log",), read_candump, _writer),
     FileForm("TRC", (".trc",), lambda path, account, _: read_trc(path, account), _writer),
+    FileForm("GVRET", (), lambda path, account, _: read_gvret(path, account), recognises=is_gvret),
     FileForm("MDF", (".mf4", ".mdf"), lambda path, account, _: read_mdf_frames(path, account)),
 )
 #: What is said of those that are not read.
@@ -44,7 +46,6 @@ _ENDINGS: Final = ", ".join(endings([one for one in FORMS if one.write is not No
 OTHER_FORMS: Final = f"known are {_ENDINGS}, which the programs that write others can often export"
 _OTHERS: Final = {
     "***BUSMASTER": "a log of BUSMASTER",
-    "Time Stamp,ID,Extended": "a log of SavvyCAN",
     "timestamp,arbitration_id,": "a log of python-can as CSV",
     "date ": "in the form of ASC",
     ";$FILEVERSION": "in the form of .trc",

@@ -14,7 +14,7 @@ from bench_records.record import read
 from bench_records.result import read_result
 from diagnosis.contracts import Dataset, DiagnosisError
 from diagnosis.systems.mapping import read_mapped
-from tests.drivers.can_files.log_forms import START, Sample, asc, by_python_can, candump
+from tests.drivers.can_files.log_forms import START, Sample, asc, by_python_can, candump, gvret
 from tools.generate.readers_page import table
 
 TESTED = {
@@ -370,20 +370,20 @@ def test_a_key_that_says_nothing_of_a_file_is_refused(
 
 
 def test_frames_as_csv_are_named(tmp_path) -> None:
-    savvy = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n1000,00000100,false,Rx,0,2,01,02\n"
-    for content, said in (
-        (savvy.encode(), "a log of SavvyCAN"),
-        (by_python_can(heights(9), ".csv"), "of python-can as CSV"),
-    ):
-        (tmp_path / "a.csv").write_bytes(content)
-        done = CliRunner().invoke(import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run")])
-        assert done.exit_code == MISUSE and f"{said}, not a table of samples; known are .blf" in " ".join(
-            done.output.split()
-        )
-        (tmp_path / "map.toml").write_text(MAP.format(frames="", column="Heights.Left"))
-        (tmp_path / "rig.dbc").write_text(HEAD + HEIGHTS + GAS)
-        with pytest.raises(DiagnosisError, match=f"{said.split(' as ')[0]}.*, not a table"):
-            read_mapped([tmp_path / "a.csv"], tmp_path / "map.toml", None, columns_of_frames)
+    (tmp_path / "a.csv").write_bytes(by_python_can(heights(9), ".csv"))
+    done = CliRunner().invoke(import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run")])
+    assert done.exit_code == MISUSE
+    assert "of python-can as CSV, not a table of samples; known are .blf" in " ".join(done.output.split())
+    (tmp_path / "map.toml").write_text(MAP.format(frames="", column="Heights.Left"))
+    (tmp_path / "rig.dbc").write_text(HEAD + HEIGHTS + GAS)
+    with pytest.raises(DiagnosisError, match=r"of python-can.*, not a table"):
+        read_mapped([tmp_path / "a.csv"], tmp_path / "map.toml", None, columns_of_frames)
+
+
+def test_a_log_of_savvycan_is_read_as_frames(came) -> None:
+    code, _, out = came("run.csv", gvret(heights(200)), HEAD + HEIGHTS)
+    assert code == PASS
+    assert np.isfinite(read(out).series("Heights.Left")[1]).all()
 
 
 def test_the_rows_of_channels_are_in_the_table() -> None:

@@ -161,6 +161,28 @@ def trc(frames: Sequence[Sample], version: str) -> str:
     return head + ";   Start time: 09.03.2026\n;---+--\n" + "\n".join(trc_lines(frames, version)) + "\n"
 
 
+def gvret(frames: Sequence[Sample], directions: bool = True) -> str:
+    """As SavvyCAN writes it: µs, and a comma behind the last byte."""
+    cells = [
+        "Time Stamp",
+        "ID",
+        "Extended",
+        *["Dir"] * directions,
+        "Bus",
+        "LEN",
+        *(f"D{k}" for k in range(1, 9)),
+    ]
+    direction = ["Rx"] * directions
+    rows = [
+        [
+            *(f"{one.time // 1000}", f"{one.identifier:08X}", str(one.extended).lower(), *direction),
+            *(f"{one.channel}", f"{len(one.data)}", *(f"{byte:02X}" for byte in one.data), ""),
+        ]
+        for one in frames
+    ]
+    return "\n".join(",".join(row) for row in [cells, *rows]) + "\n"
+
+
 def blf_object(kind: int, content: bytes) -> bytes:
     """An object of a BLF file that is no frame, with a head of version 1."""
     from can.io import blf

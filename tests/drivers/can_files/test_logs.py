@@ -15,6 +15,7 @@ from tests.drivers.can_files.log_forms import (
     by_python_can,
     candump,
     candump_lines,
+    gvret,
     recording,
     trc,
     with_objects,
@@ -259,6 +260,28 @@ def test_trc(tmp_path, version: str) -> None:
     found, account = read(tmp_path, "a.trc", trc(frames, version))
     same(found, frames)
     assert account.counts == {}
+
+
+@form("gvret")
+@pytest.mark.parametrize("directions", [True, False])
+def test_gvret(tmp_path, directions: bool) -> None:
+    """By its head, not by its ending; what is no frame is counted."""
+    text = gvret(recording(), directions)
+    found, account = read(tmp_path, "a.csv", text)
+    same(found, recording(), within=1000)
+    assert account.counts == {}
+    width = text.partition("\n")[0].count(",") + 1
+    strange = [
+        "1,20000000,true,Rx,0,0",
+        "1,100,perhaps,Rx,0,1,01",
+        "x,100,false,Rx,0,1,01",
+        "1,100,false,Rx,0,9,01",
+    ]
+    rows = [row if width == 14 else row.replace("Rx,", "") for row in (*strange, "1,100,false,Rx,0,2,0G,01")]
+    found, account = read(tmp_path, "a.csv", text + "\n".join(rows) + "\n")
+    same(found, recording(), within=1000)
+    assert sum(account.counts.values()) == len(rows)
+    refused(tmp_path, "a.csv", "Time Stamp,ID,Extended,Dir\n1,100,false,Rx\n", "no column Bus, LEN, D1")
 
 
 @form("trc beside")
