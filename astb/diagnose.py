@@ -18,8 +18,9 @@ from bench_sim.parameters.dimensions import built_as, dimensions_of
 from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.finding import Cause, Estimate, Finding, Provenance, decimals
-from diagnosis.report.page import write_report
+from diagnosis.estimates import decimals
+from diagnosis.finding import Cause, Estimate, Finding, Provenance
+from diagnosis.report.page import first_screen, headline, write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.fmu.simulator import FmuSimulator
 from diagnosis.systems.fmu.written import PARAMETERS, VALUES, write_found
@@ -247,7 +248,7 @@ def chosen_effects(
 
 
 def show(finding: Finding, out: Path, console: "Console") -> None:
-    """Print the finding: doubts, its sentence, causes with intervals, rivals, the next run, where the report is."""
+    """Print the finding: doubts, the four parts of its summary, causes with intervals, rivals, where the report is."""
 
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
@@ -261,7 +262,9 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(one)
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")
-    line(finding.sentence, "bold")
+    line(headline(finding), "bold")
+    for label, text in first_screen(finding):
+        line(f"{label}: {text}")
     line(f"  model: {finding.provenance.identity or finding.provenance.simulator}")
     line(f"  {_roles(finding.provenance)}")
     for cause in finding.causes:
@@ -273,14 +276,8 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
     for suspect in finding.suspects:
         line(f"  candidate, but not accepted: {suspect.effect}")
-    for unknown in finding.unknowns:
-        if unknown.kept:
-            line(f"  {unknown.sentence}")
     for run in finding.next_runs[:1]:
         line(f"  the run that would decide: astb run {run.experiment.partition(' ')[0]}")
-    if not finding.next_runs:
-        for sensor in finding.next_sensors[:1]:
-            line(f"  what would decide: {sensor.sentence}")
     if (out / VALUES).exists():
         line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")

@@ -10,7 +10,8 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.model_file import Model, Notes, write_model
-from diagnosis.finding import Z95, Finding, decimals
+from diagnosis.estimates import Z95, decimals
+from diagnosis.finding import Finding
 from diagnosis.systems.air_spring.parameters import DRAG
 from diagnosis.systems.air_spring.surfaces import TERMS
 

@@ -23,7 +23,7 @@ from bench_sim.parameters import load
 from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import DiagnosisError
 from diagnosis.engine.identify import Identification, Identified, believed, expected, identify
-from diagnosis.finding import Z95, decimals
+from diagnosis.estimates import Z95, decimals
 from diagnosis.systems.air_spring.identified import (
     ASKED,
     UnknownSpring,

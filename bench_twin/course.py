@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from bench_records.twin import Parting, PossibleCause, Said
 from bench_twin.forms import Form, Suspect
 from diagnosis.contracts import Channel, Hypothesis
-from diagnosis.finding import decimals
+from diagnosis.estimates import decimals
 
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
 #: half is blocked comes out 3.5 % too open.

@@ -5,17 +5,16 @@ Numbers are in the unit beside them; only ``models`` is in SI. What is not known
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
 import msgspec
 
-from diagnosis.contracts import DataQuality, DiagnosisError, Parameter
+from diagnosis.contracts import DataQuality, DiagnosisError
 
-#: Half the width of a 95 % interval, in standard deviations.
-Z95: Final = 1.959963984540054
+#: What is claimed of a cause: *named* where it improves the prediction of runs that nothing was fitted to.
+NAMED: Final = "named"
+SUSPECTED: Final = "suspected"
 
 
 class Verdict(StrEnum):
@@ -52,7 +51,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) say how
     much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
     that goes with it, all channels together. Where there are ``laws``, only the ``phenomenon`` is claimed: the cause is
-    the simplest of its laws that suffices.
+    the simplest of its laws that suffices. ``status`` is *named*, or *suspected* where nothing unseen gains by it.
     """
 
     effect: str
@@ -70,6 +69,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     phenomenon: str = ""  #: what it is one law of; "": of nothing else in the catalogue
     laws: list[Rival] = []  #: others of the phenomenon that these runs do not tell from it
     separated_by: str = ""  #: what would tell them apart; "" where nothing has to be
+    status: str = NAMED
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):
@@ -234,6 +234,33 @@ class Shift(msgspec.Struct, frozen=True, kw_only=True):
     run: str = ""
 
 
+class Imitation(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter of the base model that imitates what the model lacks: credible with the causes, and not without them.
+
+    ``expected`` and ``sd`` are its prior; ``sigmas`` and ``sigmas_after`` count from it, in its standard deviations,
+    to the fitted values ``before`` (without the causes) and ``after`` (with them).
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    expected: float
+    sd: float
+    sigmas: float
+    sigmas_after: float
+    run: str = ""
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """The first screen: what is wrong and how large, how sure that is, what proves it, and what to do next."""
+
+    wrong: str
+    sure: str
+    evidence: str
+    next: str
+
+
 class Series(msgspec.Struct, frozen=True, kw_only=True):
     """Points of a figure; ``z`` gives each of them a third value."""
 
@@ -345,6 +372,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
     ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
+    ``imitations``, the farthest first, are parameters by which the base model imitates the causes. ``summary`` is None
+    in findings of earlier versions.
     """
 
     verdict: Verdict
@@ -371,6 +400,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     doubts: list[str] = []
     readings: list[str] = []
     quality: list[DataQuality] = []
+    imitations: list[Imitation] = []
+    summary: Summary | None = None
 
     def __post_init__(self) -> None:
         named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}
@@ -390,6 +421,16 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         """The causes by name, in the order in which they were accepted."""
         return tuple(cause.effect for cause in self.causes)
 
+    @property
+    def suspected(self) -> bool:
+        """Whether there are causes, and none of them is more than suspected."""
+        return bool(self.causes) and all(cause.status == SUSPECTED for cause in self.causes)
+
+    @property
+    def first_screen(self) -> Summary:
+        """The summary; of an earlier version's finding what its sentence says."""
+        return self.summary or Summary(wrong=self.sentence, sure="", evidence="", next="")
+
     def to_json(self) -> bytes:
         """The finding as JSON, indented, the same bytes for the same finding."""
         return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
@@ -401,50 +442,3 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
             return msgspec.json.decode(data, type=Finding)
         except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
             raise DiagnosisError(f"this is no finding of a diagnosis: {error}") from error
-
-
-def decimals(low: float, high: float) -> int:
-    """Return so many decimals as give the half width of an interval two significant digits."""
-    width = (high - low) / 2.0
-    return max(1 - math.floor(math.log10(width)), 0) if width > 0.0 else 6
-
-
-def number(value: float) -> float | None:
-    """A float for JSON: null where it is no number."""
-    return float(value) if math.isfinite(value) else None
-
-
-def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
-    """Floats for a figure, to so many significant digits; null where they are no numbers."""
-    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
-
-
-def estimate(
-    parameter: Parameter, value: float, sd: float, ends: tuple[float, float] | None = None
-) -> Estimate:
-    """A fitted parameter in the unit that people read.
-
-    ``value`` and the ``ends`` of its 95 % interval are in SI.  ``sd`` is in SI too, or that of the logarithm where the
-    parameter is ``logarithmic``: without ``ends``, its interval is then lopsided.  No interval leaves the range.
-    """
-    if ends is None and parameter.logarithmic:
-        ends = value * math.exp(min(-Z95 * sd, 0.0)), value * math.exp(min(Z95 * sd, 700.0))
-    elif ends is None:
-        ends = value - Z95 * sd, value + Z95 * sd
-    low, high = max(ends[0], min(parameter.low, value)), min(ends[1], max(parameter.high, value))
-    spread = abs(value) * sd if parameter.logarithmic else sd
-    known = math.isfinite(sd)
-    return Estimate(
-        name=parameter.name,
-        unit=parameter.display or parameter.unit,
-        value=number(value / parameter.scale),
-        sd=number(spread / parameter.scale),
-        low=number(low / parameter.scale) if known else None,
-        high=number(high / parameter.scale) if known else None,
-    )
-
-
-def unresolved(parameter: Parameter, below: float) -> Estimate:
-    """A fitted parameter of which the samples only say that it lies ``below`` so much, in SI."""
-    unit, least = parameter.display or parameter.unit, number(below / parameter.scale)
-    return Estimate(name=parameter.name, unit=unit, value=None, sd=None, low=None, high=None, below=least)

@@ -10,7 +10,8 @@ from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.next_of_kin import kin
 from diagnosis.contracts import Simulator
 from diagnosis.engine.laws import alike_laws
-from diagnosis.finding import Z95, Estimate, Finding, Verdict
+from diagnosis.estimates import Z95
+from diagnosis.finding import Estimate, Finding, Verdict
 
 #: From this λ on, what is hidden must be seen.
 CLEAR: Final = 10.0

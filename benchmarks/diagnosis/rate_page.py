@@ -13,7 +13,8 @@ from benchmarks.diagnosis.law_table import law_table
 from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.measure import machine
-from diagnosis.finding import Z95, Verdict
+from diagnosis.estimates import Z95
+from diagnosis.finding import Verdict
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"

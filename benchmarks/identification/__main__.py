@@ -20,7 +20,7 @@ from astb.rig_in_memory import RigInMemory
 from bench_sim.parameters import Parameters, load
 from bench_sim.rig.rig import Rig
 from diagnosis.engine.identify import identify
-from diagnosis.finding import Z95
+from diagnosis.estimates import Z95
 from diagnosis.systems.air_spring.identified import ASKED, UnknownSpring, quantity
 from test_plans.discovery import plans
 from test_plans.execution import execute

@@ -2,12 +2,17 @@
 
 A prior that is contradicted by ten of its standard deviations is wrong, or the data are not what they are taken for: a
 unit, a sign, a bore. What was named beside such a number is named for a system that nobody has.
+
+A base parameter that is beyond belief in the model without the causes, and credible with them, has imitated them: the
+base model may then predict as well as the extended one, and the prior alone speaks for the causes.
 """
 
 from __future__ import annotations
 
-from diagnosis.engine.config import BELIEFS_TOLD, CONTRADICTED_PRIOR
+from diagnosis.engine.config import BELIEFS_TOLD, CONTRADICTED_PRIOR, STRAINED_PRIOR
 from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.point import Coordinate
+from diagnosis.finding import Imitation
 
 
 def contradicted(model: FittedModel) -> list[str]:
@@ -17,14 +22,46 @@ def contradicted(model: FittedModel) -> list[str]:
     sentences = []
     for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:BELIEFS_TOLD]:
         parameter = coordinate.parameter
-        number = model.point.numbers[model.point.place(coordinate)]
-        value, nominal, spread = (
-            one / parameter.scale
-            for one in (coordinate.to_value(number), parameter.nominal, parameter.spread)
-        )
+        value, nominal, spread = _believed(coordinate, model)
+        unit = "" if (shown := parameter.display or parameter.unit) == "1" else f" {shown}"
         sentences.append(
-            f"{coordinate.label} was fitted as {value:.4g} {parameter.display or parameter.unit}, {sigmas:.0f} σ from "
-            f"its expected value, {nominal:.4g} ± {spread:.2g}: check the units, signs and settings with which the "
-            "data were read"
+            f"{coordinate.label} was fitted as {value:.4g}{unit}, {sigmas:.0f} standard deviations of its prior from "
+            f"the expected value {nominal:.4g} ± {spread:.2g}{unit}: check the units, signs and settings with which "
+            "the data were read"
         )
     return sentences
+
+
+def imitations(base: FittedModel, extended: FittedModel) -> list[Imitation]:
+    """Return the parameters by which the base model imitates the causes of the extended one, the farthest first."""
+    found = []
+    for coordinate, number in zip(base.point.coordinates, base.point.numbers, strict=True):
+        with_causes = float(extended.point.numbers[extended.point.place(coordinate)])
+        if not coordinate.weight or not abs(number) > STRAINED_PRIOR >= abs(with_causes):
+            continue
+        parameter = coordinate.parameter
+        before, expected, sd = _believed(coordinate, base)
+        found.append(
+            Imitation(
+                name=parameter.name,
+                unit=parameter.display or parameter.unit,
+                before=before,
+                after=_believed(coordinate, extended)[0],
+                expected=expected,
+                sd=sd,
+                sigmas=abs(float(number)),
+                sigmas_after=abs(with_causes),
+                run=coordinate.record,
+            )
+        )
+    return sorted(found, key=lambda one: -one.sigmas)
+
+
+def _believed(coordinate: Coordinate, model: FittedModel) -> tuple[float, float, float]:
+    """Return the fitted value, its prior's centre and its standard deviation, in the unit that people read."""
+    parameter, number = coordinate.parameter, model.point.numbers[model.point.place(coordinate)]
+    value, nominal, spread = (
+        float(one) / parameter.scale
+        for one in (coordinate.to_value(number), parameter.nominal, parameter.spread)
+    )
+    return value, nominal, spread

@@ -35,7 +35,8 @@ from diagnosis.engine.config import (
 )
 from diagnosis.engine.fitting.linear import Linearisation
 from diagnosis.engine.screening import Screening
-from diagnosis.finding import Confusability, Pair, Unseen, number, numbers
+from diagnosis.estimates import number, numbers
+from diagnosis.finding import Confusability, Pair, Unseen
 
 
 def confusability(screening: Screening) -> Confusability:

@@ -32,7 +32,7 @@ from itertools import combinations
 from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
-from diagnosis.engine.belief import contradicted
+from diagnosis.engine.belief import contradicted, imitations
 from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
 from diagnosis.engine.confusability import Company, confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
@@ -51,13 +51,14 @@ from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.summary import Conclusions, further, summarised
 from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import algebra_on_one_core, aside
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
-from diagnosis.engine.wording import cause, further, laws, rivals, scores, sentence
-from diagnosis.finding import Cause, Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
+from diagnosis.engine.wording import cause, laws, rivals, scores
+from diagnosis.finding import Cause, Finding, NextRun, NextSensor, Provenance, Suspect, Unseen, Verdict
 
 
 @algebra_on_one_core
@@ -129,8 +130,7 @@ def _finding(
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data)
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
-    bound = at_most_left(data.of("select"), found.floors)
-    covariance = widened(named, judgement.screened.tests, bound)
+    covariance = widened(named, judgement.screened.tests, at_most_left(data.of("select"), found.floors))
     accepted = _causes(found, named, covariance, hypotheses, left, config)
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
@@ -138,11 +138,10 @@ def _finding(
     nearest: list[Suspect] = []
     if verdict is Verdict.UNRESOLVED:
         nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
-    company = Company(sum(a.lambda_**2 for a in found.accepted), named.samples, left.after, config)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
-    return Finding(
+    finding = Finding(
         verdict=verdict,
-        sentence=sentence(verdict, accepted, others, nearest, judgement.unknowns, left, further(beyond)),
+        sentence="",
         causes=causes,
         threshold=screening.threshold,
         alpha=config.alpha,
@@ -153,7 +152,7 @@ def _finding(
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
-        not_seen=unseen(beyond, named.linearisation, company, [c.effect for c in accepted]),
+        not_seen=_not_seen(judgement, left, config),
         next_runs=next_runs,
         next_sensors=next_sensors,
         shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),
@@ -165,7 +164,16 @@ def _finding(
         doubts=[*data.doubts, *contradicted(extended)],
         readings=list(data.readings),
         quality=list(data.quality),
+        imitations=imitations(best, extended) if causes else [],
     )
+    return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond)))
+
+
+def _not_seen(judgement: Judgement, left: Remainder, config: Config) -> list[Unseen]:
+    """Return how large an effect that was not found would have had to be."""
+    screened, accepted = judgement.screened, judgement.found.accepted
+    company = Company(sum(a.lambda_**2 for a in accepted), screened.model.samples, left.after, config)
+    return unseen(screened.screening, screened.model.linearisation, company, [one.effect for one in accepted])
 
 
 def verdict_on(verdict: Verdict, data: Dataset) -> Verdict:

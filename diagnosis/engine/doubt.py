@@ -54,7 +54,7 @@ from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.search_state import Accepted
-from diagnosis.finding import Z95
+from diagnosis.estimates import Z95
 
 
 def doubtful(

@@ -25,7 +25,8 @@ from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVEL
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.predict import Prediction
-from diagnosis.finding import Coverage, Gain, Models, Shift, Trace, number, numbers
+from diagnosis.estimates import number, numbers
+from diagnosis.finding import Coverage, Gain, Models, Shift, Trace
 
 #: Channels that are drawn, bins and points of their drawings.
 DRAWN, BINS, POINTS = 6, 250, 400

@@ -78,7 +78,10 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
             STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
         ):
             value = _shown(coordinate, number)
-            return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from its expected value"
+            return (
+                f"{coordinate.label} would have to be {value}, {abs(number):.1f} standard deviations of its prior from "
+                "its expected value"
+            )
     before = out_of_range(base)
     return next((why for which, why in out_of_range(model).items() if which not in before), "")
 
@@ -106,7 +109,8 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
 def _shown(coordinate: Coordinate, number: float) -> str:
     """Return a number of a fit in the unit that people read."""
     parameter = coordinate.parameter
-    return f"{coordinate.to_value(number) / parameter.scale:.4g} {parameter.display or parameter.unit}"
+    unit = parameter.display or parameter.unit
+    return f"{coordinate.to_value(number) / parameter.scale:.4g}{'' if unit == '1' else f' {unit}'}"
 
 
 def merely_rough(gained: float, explained: float, threshold: float, config: Config) -> str:
@@ -150,9 +154,8 @@ def explains_too_little(
     if gained >= config.gain:
         return ""
     name = replay.simulator.channels[channel].name
-    return (
-        f"it explains only {100.0 * gained:.2g} % of the misfit in {name}, the channel that it affects most"
-    )
+    part = f"only {100.0 * gained:.2g} %" if gained > 0.0 else "nothing"
+    return f"it explains {part} of the misfit in {name}, the channel that it affects most"
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

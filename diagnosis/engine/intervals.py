@@ -28,7 +28,8 @@ from diagnosis.engine.config import BENT, PROFILE_STEPS
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import Prior, prior_of
 from diagnosis.engine.fitting.point import Point, effect_coordinates
-from diagnosis.finding import Z95, Estimate, estimate, unresolved
+from diagnosis.estimates import Z95, estimate, unresolved
+from diagnosis.finding import Estimate
 
 
 def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list[Estimate]:

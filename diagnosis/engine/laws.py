@@ -28,7 +28,7 @@ from diagnosis.contracts import Hypothesis
 from diagnosis.engine.config import IDENTIFIED
 from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.engine.search_state import SearchResult, Trial
-from diagnosis.finding import Z95
+from diagnosis.estimates import Z95
 
 
 def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:

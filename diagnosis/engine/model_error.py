@@ -52,7 +52,7 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.omnibus import Omnibus
-from diagnosis.finding import Z95
+from diagnosis.estimates import Z95
 
 
 def widened(model: FittedModel, tests: Sequence[Omnibus], left: PartLeft | None = None) -> Array:

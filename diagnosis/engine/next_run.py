@@ -27,7 +27,8 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.whitening import filters
-from diagnosis.finding import NextRun, NextSensor, number
+from diagnosis.estimates import number
+from diagnosis.finding import NextRun, NextSensor
 
 
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:

@@ -21,7 +21,8 @@ from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.engine.wording import estimates
-from diagnosis.finding import Cause, Estimate, Suspect, number
+from diagnosis.estimates import number
+from diagnosis.finding import Cause, Estimate, Suspect
 
 INSTEAD: Final = "its evidence is no stronger than that of {other}"
 MOST_LEFT: Final = "most of the error remains with it"

@@ -38,7 +38,8 @@ from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.screening import ScreenedModel, Screening
 from diagnosis.engine.search_state import Accepted
-from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
+from diagnosis.estimates import number, numbers
+from diagnosis.finding import Figure, Nearest, Region, Series, Unknown
 
 
 def clear_surfaces(
@@ -158,10 +159,7 @@ def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nea
                 acts.append(f"{what} {' and '.join(_span(r.low, r.high) for r in mine)} {unit}".rstrip())
     parts = [surface.title[:1].upper() + surface.title[1:] + (f", at {', '.join(acts)}" if acts else "")]
     if nearest:
-        parts.append(
-            "most similar known effects: "
-            + ", ".join(f"{n.effect} (cosine {n.cosine or 0.0:.2f})" for n in nearest)
-        )
+        parts.append(f"most similar known effects: {', '.join(n.effect for n in nearest)}")
     parts.append("valid only for " + (", ".join(seen) if seen else "the range of these runs"))
     if not kept:
         parts.append("not kept, because it does not predict the select runs better")

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
-from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset, unit
+from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
 
 #: The page is for reading; whoever wants more has finding.json.
 TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
@@ -29,6 +29,15 @@ HEADLINES: Final = {
     Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
     Verdict.UNKNOWN: "Something is wrong that no known cause explains",
     Verdict.DOUBTFUL: "The data are in doubt, and no effect is found in the rest of them",
+}
+
+
+#: The parts of the first screen, in order: their names in a summary and as people read them.
+PARTS: Final = {
+    "wrong": "What is wrong",
+    "sure": "How sure",
+    "evidence": "What proves it",
+    "next": "What to do next",
 }
 
 
@@ -64,6 +73,19 @@ def write_report(finding: Finding, path: Path | str, history: InvestigationHisto
     return target
 
 
+def headline(finding: Finding) -> str:
+    """Return the verdict in a few words, which claim no more than the evidence of the causes does."""
+    if finding.suspected:
+        return "A cause is suspected, but no unseen run confirms it"
+    return HEADLINES[finding.verdict]
+
+
+def first_screen(finding: Finding) -> list[tuple[str, str]]:
+    """Return the parts of the first screen that have a text, each with its label."""
+    texts = ((label, getattr(finding.first_screen, name)) for name, label in PARTS.items())
+    return [(label, text) for label, text in texts if text]
+
+
 def render(finding: Finding, history: InvestigationHistory | None = None) -> str:
     """The page of a finding."""
     parts = _summary(finding) | _causes(finding) | _residual(finding) | _what_is_possible(finding)
@@ -77,6 +99,7 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
         "percent": percent,
         "percents": percents,
         "chance": chance,
+        "gained": gained,
     }
     from bench_records.templates import template
 
@@ -86,11 +109,17 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
 
 def _summary(finding: Finding) -> dict[str, Any]:
     """The verdict, the gain on the report runs, and their curves before and after."""
+    extended = bool(finding.models.effects)
     return {
-        "tone": TONES[finding.verdict],
-        "headline": HEADLINES[finding.verdict],
+        "tone": "open" if finding.suspected else TONES[finding.verdict],
+        "headline": headline(finding),
+        "word": "suspected" if finding.suspected else finding.verdict.value,
+        "first_screen": first_screen(finding),
         "overall": next((gain for gain in finding.gains if gain.channel == "all"), None),
-        "extended": bool(finding.models.effects),
+        "extended": extended,
+        "proof": drawings.trace_errors("proof", finding.traces[0])
+        if extended and finding.traces and not finding.suspected
+        else "",
         "gain_drawing": drawings.gain_rows("gains", finding.gains),
         "curves": [
             Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))

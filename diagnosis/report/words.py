@@ -17,7 +17,18 @@ def shown(value: float | None, digits: int = 3) -> str:
 
 def percent(value: float | None) -> str:
     """A part of 1 as a percentage."""
-    return DASH if value is None else f"{100.0 * value:.3g}{THIN_SPACE}%".replace("-", MINUS)
+    return DASH if value is None else f"{_short(100.0 * value)}{THIN_SPACE}%"
+
+
+def _short(value: float) -> str:
+    """A number in three significant digits without zeros at its end."""
+    text = significant(value, 3)
+    return text if "·" in text or "." not in text else text.rstrip("0").rstrip(".")
+
+
+def gained(value: float | None) -> str:
+    """A gain in words: better or worse by so much."""
+    return DASH if value is None else f"{'better' if value >= 0.0 else 'worse'} by {shown(abs(value))}"
 
 
 def percents(low: float | None, high: float | None) -> str:

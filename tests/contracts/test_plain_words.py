@@ -8,8 +8,8 @@ from bench_records.check_table import certainty
 from bench_records.result import check
 from bench_sim.model.effects import CATALOGUE
 from diagnosis.engine.remainder import Remainder
-from diagnosis.engine.wording import sentence
-from diagnosis.finding import Cause, Estimate, Rival, Verdict
+from diagnosis.engine.summary import Conclusions, summarised
+from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Rival, Verdict
 from diagnosis.systems import piston_effects
 
 
@@ -32,11 +32,11 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
         bic_gain=1.0, lpd_gain=1.0, gained=1.0, plain=plain,
     )  # fmt: skip
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
-    said = sentence(Verdict.NAMED, [one], [], [], [], left)
-    assert said.startswith(f"{told} (0.200 ± 0.020 mm2), which the model did not have. On the runs")
+    said = _told(Verdict.NAMED, one, left)
+    assert said.startswith(f"{told} (0.200 ± 0.020 mm2), ")
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
-    asked = sentence(Verdict.AMBIGUOUS, [one], [rival], [], [], left)
-    assert "heat (0.200 ± 0.020 mm2) instead of dry friction would explain these runs as well." in asked
+    asked = _told(Verdict.AMBIGUOUS, one, left, rival)
+    assert "Heat (0.200 ± 0.020 mm2) instead of dry friction" in asked
 
 
 @pytest.mark.parametrize(
@@ -51,10 +51,23 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
 def test_a_pure_number_has_no_unit(size: dict[str, float | None], told: str) -> None:
     for unit, after in (("1", ""), ("N", " N")):
         one = Estimate(name="ratio", unit=unit, sd=None, **size)
-        text = sentence(Verdict.AMBIGUOUS, [], [_rival(one)], [], [], Remainder("fit", 1.0, 0.0, 0.0))
+        cause = Cause(
+            effect="heat", title="heat", family="gas", parameters=[one], strength=1.0, score=9.0, bic_gain=1.0,
+            lpd_gain=1.0,
+        )  # fmt: skip
+        left = Remainder("fit", 1.0, 0.0, 0.0)
+        text = _told(Verdict.AMBIGUOUS, cause, left, _rival(one))
         assert f"({told.replace(',', after + ',') if ',' in told else told + after}) instead of" in text
         assert _estimate(one).endswith(f" {unit}") or unit == "1" or f" {unit} (95 %" in _estimate(one)
         assert unit != "1" or " 1 " not in f"{_estimate(one)} "
+
+
+def _told(verdict: Verdict, one: Cause, left: Remainder, *rivals: Rival) -> str:
+    finding = Finding(
+        verdict=verdict, sentence="", causes=[one], threshold=3.0, alpha=0.01, ambiguous_with=[*rivals],
+        provenance=Provenance(simulator="", seed=1, fit=[], select=[], report=[]), models=Models(before={}, after={}),
+    )  # fmt: skip
+    return summarised(finding, Conclusions([one], left)).sentence
 
 
 def _rival(one: Estimate) -> Rival:

@@ -10,18 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosis.contracts import DiagnosisError, Parameter
-from diagnosis.finding import (
-    Cause,
-    Finding,
-    Models,
-    Provenance,
-    Rival,
-    Suspect,
-    Verdict,
-    estimate,
-    number,
-    numbers,
-)
+from diagnosis.estimates import estimate, number, numbers
+from diagnosis.finding import Cause, Finding, Models, Provenance, Rival, Suspect, Verdict
 
 LEAK = Parameter("conductance", "m³/(s Pa)", 0.0, 1e-12, display="l/min/bar", scale=1.667e-10)
 

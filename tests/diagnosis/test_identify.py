@@ -15,7 +15,7 @@ from bench_sim.parameters import load
 from bench_sim.parameters.model_file import load_model
 from diagnosis.contracts import Experiment
 from diagnosis.engine.identify import believed, expected, identify
-from diagnosis.finding import Z95
+from diagnosis.estimates import Z95
 from diagnosis.systems.air_spring.identified import (
     ASKED,
     UnknownSpring,

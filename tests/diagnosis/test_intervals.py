@@ -22,7 +22,8 @@ from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.intervals import below_resolution, intervals, profiled, resolution
 from diagnosis.engine.noise import white
-from diagnosis.finding import Verdict, estimate
+from diagnosis.estimates import estimate
+from diagnosis.finding import Verdict
 from diagnosis.systems.piston import PISTON
 
 Z = 1.959963984540054

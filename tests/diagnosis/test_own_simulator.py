@@ -15,7 +15,8 @@ from numba import njit
 
 from diagnosis.contracts import Channel, DiagnosisError, Experiment, Hypothesis, Nuisance, Parameter
 from diagnosis.engine.contract_check import check_contract
-from diagnosis.finding import Z95, Finding
+from diagnosis.estimates import Z95
+from diagnosis.finding import Finding
 from diagnosis.systems.integration import integrate
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.oscillator import Oscillator, force_surface

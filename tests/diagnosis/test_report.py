@@ -13,7 +13,7 @@ import pytest
 
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Finding, Suspect, Verdict
-from diagnosis.report.page import HEADLINES, TONES, render, write_report
+from diagnosis.report.page import HEADLINES, TONES, first_screen, render, write_report
 from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset
 from diagnosis.systems.oscillator import REACH, UNIT_SPEED
 from tests.pictures import LOOK, faults
@@ -85,7 +85,10 @@ def test_the_page_tells_suspects_with_the_test_that_they_do_not_pass(found):
 @pytest.mark.slow
 def test_the_page_tells_the_finding(found):
     text = text_of(render(found))
-    assert prose(found.sentence) in text
+    parts = [text.index(prose(one)) for _, one in first_screen(found)]
+    assert len(parts) == 4 and parts == sorted(parts)
+    statistics = text.index("Statistics")
+    assert parts[-1] < statistics < min(text.index(one) for one in ("λ", "BIC", "osine", "Score"))
     for part in (
         "The cause",
         "What it gains",

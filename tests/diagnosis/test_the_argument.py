@@ -26,6 +26,7 @@ SHARED = {
     "runs.py",
     "search_state.py",
     "simulation.py",
+    "summary.py",
     "threads.py",
     "wording.py",
 }

@@ -11,7 +11,8 @@ from diagnosis.engine.config import LEAST_CYCLES, LEAST_OF_A_HOLD, QUASI_STATIC_
 from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
 from diagnosis.engine.residual.stretches import Hold, Swing
-from diagnosis.finding import Figure, Series, numbers
+from diagnosis.estimates import numbers
+from diagnosis.finding import Figure, Series
 
 
 def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:

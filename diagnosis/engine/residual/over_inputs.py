@@ -12,7 +12,8 @@ from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
 from diagnosis.engine.residual.stretches import Swing, harmonics
-from diagnosis.finding import Figure, Series, numbers
+from diagnosis.estimates import numbers
+from diagnosis.finding import Figure, Series
 
 Parity = Literal["linear", "even", "odd"]
 POINTS_TO = {

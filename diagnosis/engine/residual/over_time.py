@@ -10,7 +10,8 @@ from diagnosis.contracts import Array
 from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
-from diagnosis.finding import Figure, Series, numbers
+from diagnosis.estimates import numbers
+from diagnosis.finding import Figure, Series
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 

@@ -28,7 +28,8 @@ from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.residual import over_cycles, over_inputs, over_time
 from diagnosis.engine.residual.parity import parities
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, residuals_of
-from diagnosis.finding import PanelRow, number
+from diagnosis.estimates import number
+from diagnosis.finding import PanelRow
 
 Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (

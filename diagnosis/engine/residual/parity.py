@@ -12,7 +12,8 @@ from diagnosis.contracts import Array, CompleteSimulator
 from diagnosis.engine.config import PARITY_BLOCKS, PARITY_BURN_IN, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
-from diagnosis.finding import Figure, Series, numbers
+from diagnosis.estimates import numbers
+from diagnosis.finding import Figure, Series
 
 
 def parities(

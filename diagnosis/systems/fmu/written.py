@@ -15,7 +15,8 @@ import msgspec
 
 from diagnosis.contracts import DiagnosisError, Simulator
 from diagnosis.engine.identify import Identification
-from diagnosis.finding import Z95, Finding
+from diagnosis.estimates import Z95
+from diagnosis.finding import Finding
 from diagnosis.systems.fmu.description import REALS, Fmu, fmpy_or_refuse
 from diagnosis.systems.fmu.simulator import FmuSimulator
 

@@ -1,0 +1,336 @@
+"""The first screen of a finding: what is wrong, how sure that is, what proves it, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, repeat
+from types import MappingProxyType
+from typing import Final
+
+from msgspec.structs import replace
+
+from diagnosis.contracts import Hypothesis
+from diagnosis.engine.config import GAINS_LITTLE
+from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.screening import Screening
+from diagnosis.estimates import decimals
+from diagnosis.finding import (
+    NAMED,
+    SUSPECTED,
+    Cause,
+    Estimate,
+    Finding,
+    Imitation,
+    Rival,
+    Summary,
+    Suspect,
+    Verdict,
+)
+
+_CAUSES: Final = "{causes}, which the model did not have{imitated}."
+WRONG: Final = MappingProxyType(
+    {
+        Verdict.NO_EFFECT: "Nothing was found in these runs that contradicts the simulation.",
+        Verdict.DOUBTFUL: "The data are in doubt, so they do not show whether the simulation is right. In the rest of "
+        "them, no contradiction was found.",
+        Verdict.NAMED: _CAUSES,
+        Verdict.AMBIGUOUS: _CAUSES,
+        Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test.",
+        Verdict.UNKNOWN: "The simulation is wrong in a way that no known cause explains. {unknown}",
+        Verdict.REMAINDER: f"{_CAUSES} Something else is wrong as well and was not identified. {{unknown}}",
+    }
+)
+#: How sure a verdict without causes is.
+CAUSELESS: Final = MappingProxyType(
+    {
+        Verdict.NO_EFFECT: "An effect that is too small for these runs may still be there.",
+        Verdict.DOUBTFUL: "An effect may be hidden by the faults of the data.",
+        Verdict.UNKNOWN: "No cause is named: a fitted surface describes the error, in the stated range only.",
+    }
+)
+#: What to inspect for a cause, by its family.
+WHERE: Final = MappingProxyType(
+    {
+        "rubber": "the rubber parts of the springs: type, age, mounting",
+        "gas": "chambers, bellows and their connections: tightness, volume, temperature",
+        "flow": "orifice, pipes and valves: dirt, wear, adjustment",
+        "friction": "seals and guides: preload, lubrication, wear",
+        "sensor": "the sensors: zero, calibration, mounting",
+        "acquisition": "converters, gateways and clocks of the data acquisition",
+        "rig": "frame, supports and actuators: mounting and alignment",
+    }
+)
+ROLES: Final = MappingProxyType(
+    {
+        "report": "On unseen runs",
+        "select": "On the runs used for selection",
+        "fit": "On the runs used for fitting",
+    }
+)
+#: The amplitude of what arrives late by a time.
+DELAY: Final = "delay"
+
+
+@dataclass(frozen=True, slots=True)
+class Conclusions:
+    """What a summary says beside its finding.
+
+    ``accepted`` holds all accepted effects, also those that are candidates only since nothing is named; ``also`` is
+    what may be there beside them.
+    """
+
+    accepted: Sequence[Cause]
+    left: Remainder
+    hypotheses: Mapping[str, Hypothesis] = field(default_factory=dict)
+    also: str = ""
+
+
+def summarised(finding: Finding, beside: Conclusions) -> Finding:
+    """Return a finding with its summary, and with a sentence that has no figure of a channel and no advice."""
+    wrong, sure, error = _wrong(finding), _sentences(_sure(finding, beside)), _error(beside.left, finding)
+    told = finding.causes or finding.unknowns or beside.left.large
+    return replace(
+        finding,
+        sentence=_sentences([wrong, sure, error if told else ""]),
+        summary=Summary(
+            wrong=wrong,
+            sure=sure,
+            evidence=_sentences([error, _shown_by(finding)]),
+            next=_next(finding, beside),
+        ),
+    )
+
+
+def further(screening: Screening) -> str:
+    """Return what else still has a score above the threshold; "" if nothing has."""
+    first, *others = [*screening.exceeding, None]
+    if first is None:
+        return ""
+    more = f", and {len(others) - 1} more" if len(others) > 1 else ""
+    return (
+        f"{_begun(screening.candidates[first].effect.title)}{more} may be there as well: the remaining error shows "
+        "signs of it."
+    )
+
+
+def _sentences(parts: Sequence[str]) -> str:
+    return " ".join(part.strip() for part in parts if part)
+
+
+def _wrong(found: Finding) -> str:
+    text = WRONG[found.verdict].format(
+        causes=_claims(found.causes),
+        imitated=_imitated(found.imitations, many=len(found.causes) > 1) if found.causes else "",
+        unknown=" ".join(u.sentence for u in found.unknowns),
+    )
+    return text.strip()
+
+
+def _claims(causes: Sequence[Cause]) -> str:
+    """Return what is claimed, and after it what is only suspected."""
+    named, suspected = (
+        " and ".join(_claimed(one) for one in causes if one.status == status) for status in (NAMED, SUSPECTED)
+    )
+    return _begun("; ".join(part for part in (named, suspected and f"suspected: {suspected}") if part))
+
+
+def _claimed(one: Cause) -> str:
+    """Return the cause with its size, or the phenomenon alone where its law is open."""
+    return f"there is {one.phenomenon}" if one.laws else f"{_plain(one)} ({_size(one.parameters)})"
+
+
+def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
+    """Return how far the base model must go without the causes, as the end of a sentence."""
+    if not imitations:
+        return ""
+    one = imitations[0]
+    without = f": without {'these causes' if many else 'this cause'}, the best fit needs "
+    return (
+        f"{without}{one.name} = {_with_unit(one.before, one.unit, 4)}, {one.sigmas:.3g} standard deviations of its "
+        f"prior from the expected {_prior(one)}"
+    )
+
+
+def _prior(one: Imitation) -> str:
+    return f"{one.expected:.4g} ± {_with_unit(one.sd, one.unit, 2)}"
+
+
+def _sure(found: Finding, beside: Conclusions) -> list[str]:
+    if found.verdict is Verdict.UNRESOLVED:
+        return [_nearest(beside.accepted, found.suspects)]
+    causes = found.causes
+    if not causes:
+        return [CAUSELESS[found.verdict]]
+    return [
+        *(_which_law(one, alone=len(causes) == 1) for one in causes),
+        _alternatives(found),
+        _late_together(causes),
+        _suspected(found, beside.left),
+        *(_worth(one) for one in causes if one.status == NAMED),
+        beside.also,
+    ]
+
+
+def _alternatives(found: Finding) -> str:
+    titles = {c.effect: c.title for c in found.causes}
+    laws = {(c.effect, law.effect) for c in found.causes for law in c.laws}
+    rivals = [r for r in found.ambiguous_with if (r.instead_of, r.effect) not in laws]
+    if not rivals:
+        return "" if laws else "No other cause that was looked for explains these runs as well."
+    told = " or ".join(
+        f"{_with_size(one)} instead of {titles.get(one.instead_of, one.instead_of)}" for one in rivals
+    )
+    return f"{_begun(told)} would explain these runs as well."
+
+
+def _suspected(found: Finding, left: Remainder) -> str:
+    """Return why causes are suspected and not named; "" if all are named."""
+    some = [one for one in found.causes if one.status == SUSPECTED]
+    if not some:
+        return ""
+    what = (
+        "It is" if len(found.causes) == 1 else f"{_begun(' and '.join(one.title for one in some))}: this is"
+    )
+    if left.role == "fit":
+        return f"{what} suspected and not named, because no run was kept back to test it."
+    text = f"{what} suspected and not named, because it improves the prediction of no unseen run noticeably."
+    if found.imitations:
+        name = found.imitations[0].name
+        text += f" The model without it can imitate it; only the expected value of {name} contradicts that."
+    return text
+
+
+def _which_law(one: Cause, *, alone: bool) -> str:
+    """Return between which laws these runs do not distinguish, and what would; "" where the law is known."""
+    if not one.laws:
+        return ""
+    laws = " or ".join([_with_size(one), *map(_with_size, one.laws)])
+    of = "it" if alone else one.phenomenon
+    would = f" A run that shows it: {one.separated_by}." if one.separated_by else ""
+    return f"These runs do not show which law {of} follows: {laws}.{would}"
+
+
+def _late_together(causes: Sequence[Cause]) -> str:
+    """Say of several delays that they are one; "" where their intervals have nothing in common."""
+    delays = [one.parameters[0] for one in causes if one.parameters[0].name == DELAY]
+    low, high = (
+        [end for end in ends if end is not None]
+        for ends in ([one.low for one in delays], [one.high for one in delays])
+    )
+    if len(delays) < 2 or len(low) < len(delays) or len(high) < len(delays) or max(low) > min(high):
+        return ""
+    late = f"{0.5 * (max(low) + min(high)):.{decimals(max(low), min(high))}f} {delays[0].unit}"
+    return (
+        f"All of these are late by the same {late}: what they have in common may be late, such as their device or its "
+        "clock, or what drives the simulation may be ahead of them."
+    )
+
+
+def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
+    """Return which candidates are best where nothing is named: one similar to the cause, or what fails a test."""
+    if causes:
+        names = " and ".join(_with_size(c) for c in causes)
+        many = len(causes) > 1
+        return (
+            f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains: the "
+            f"cause may be an effect similar to {'these' if many else 'it'} that was not looked for."
+        )
+    told = []
+    for place, one in zip(chain(["best"], repeat("next")), suspects, strict=False):
+        told.append(f"{_begun(_with_size(one))} is the {place} candidate, but {one.why}.")
+    return " ".join(told)
+
+
+def _worth(one: Cause) -> str:
+    """Say of a cause that it explains little of the error on unseen runs; "" if it explains more."""
+    if one.gained is None or one.gained >= GAINS_LITTLE:
+        return ""
+    return f"{_begun(one.title)} explains only {100.0 * one.gained:.2g} % of the error on unseen runs."
+
+
+def _error(left: Remainder, found: Finding) -> str:
+    """Return how large the error was and is, over the noise."""
+    if not left.after > 0.0:
+        return ""
+    change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
+    if left.after > 0.995 * left.before:
+        verb = "stays at" if found.causes or found.unknowns else "is"
+        change = f"the error {verb} {left.after:.3g} times the noise"
+    return f"{ROLES[left.role]}, {change}{': not every cause of it was found' if left.large else ''}."
+
+
+def _shown_by(found: Finding) -> str:
+    """Return the one number that shows the causes best: the worst channel, or a parameter that imitated them."""
+    if not found.causes and not found.unknowns:
+        return ""
+    seen = [one for one in found.gains[1:] if one.fraction is not None]
+    if seen and not all(one.status == SUSPECTED for one in found.causes):
+        one = max(seen, key=lambda gain: gain.noise_ratio_before or 0.0)
+        before, after, floor = (
+            _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
+        )
+        return f"{one.channel} shows it best: its error is {before} before, {after} after, and its noise {floor}."
+    if not found.imitations:
+        return ""
+    number = found.imitations[0]
+    before, after = (_with_unit(value, number.unit, 4) for value in (number.before, number.after))
+    return f"{number.name} is {before} without the cause and {after} with it; {_prior(number)} is expected."
+
+
+def _next(found: Finding, beside: Conclusions) -> str:
+    if found.verdict is Verdict.DOUBTFUL:
+        return "Correct the data that are in doubt, and diagnose them again."
+    if found.verdict is Verdict.NO_EFFECT:
+        return "Nothing needs inspection. The report lists the smallest size of each effect that would have been seen."
+    names = [
+        *(one.effect for one in beside.accepted),
+        *(one.effect for one in found.ambiguous_with),
+        *(one.effect for one in found.suspects),
+    ] or [unknown.nearest[0].effect for unknown in found.unknowns if unknown.nearest]
+    effects = [beside.hypotheses[name] for name in names if name in beside.hypotheses]
+    if not effects:
+        return "Extend the catalogue by the effect that you expect, and diagnose again."
+    places = dict.fromkeys(WHERE.get(one.family, f"what can cause this: {one.title}") for one in effects)
+    parts = [f"Inspect {'; and '.join(places)}."]
+    tests = [one.separated_by for one in effects if one.separated_by]
+    if found.next_runs:
+        parts.append(f"Next run: {found.next_runs[0].experiment}.")
+    elif found.next_sensors:
+        parts.append(f"{_begun(found.next_sensors[0].sentence.rstrip('.'))}.")
+    elif tests:
+        parts.append(f"A run that shows it: {tests[0]}.")
+    return _sentences(parts)
+
+
+def _with_size(one: Cause | Rival | Suspect) -> str:
+    return f"{one.title} ({_size(one.parameters)})"
+
+
+def _plain(one: Cause) -> str:
+    """Return what is so: a part of a sentence."""
+    return one.plain or f"there is {one.title}"
+
+
+def _begun(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _with_unit(value: float, unit: str, digits: int) -> str:
+    return f"{value:.{digits}g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _size(parameters: Sequence[Estimate]) -> str:
+    first = parameters[0]
+    unit = "" if first.unit == "1" else f" {first.unit}"
+    if first.below is not None:
+        return f"below {first.below:.2g}{unit}"
+    if first.value is None:
+        return f"{first.name} unknown"
+    if first.low is None or first.high is None:
+        return f"{first.value:.4g}{unit}"
+    half = 0.5 * (first.high - first.low)
+    if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
+        return f"{first.value:.4g}{unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
+    places = decimals(first.low, first.high)
+    return f"{first.value:.{places}f} ± {half:.{places}f}{unit}"

@@ -1,0 +1,60 @@
+"""Numbers of a finding: what was fitted in the unit that people read, and floats for JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+from diagnosis.contracts import Parameter
+from diagnosis.finding import Estimate
+
+#: Half the width of a 95 % interval, in standard deviations.
+Z95: Final = 1.959963984540054
+
+
+def decimals(low: float, high: float) -> int:
+    """Return so many decimals as give the half width of an interval two significant digits."""
+    width = (high - low) / 2.0
+    return max(1 - math.floor(math.log10(width)), 0) if width > 0.0 else 6
+
+
+def number(value: float) -> float | None:
+    """A float for JSON: null where it is no number."""
+    return float(value) if math.isfinite(value) else None
+
+
+def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
+    """Floats for a figure, to so many significant digits; null where they are no numbers."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
+
+
+def estimate(
+    parameter: Parameter, value: float, sd: float, ends: tuple[float, float] | None = None
+) -> Estimate:
+    """A fitted parameter in the unit that people read.
+
+    ``value`` and the ``ends`` of its 95 % interval are in SI.  ``sd`` is in SI too, or that of the logarithm where the
+    parameter is ``logarithmic``: without ``ends``, its interval is then lopsided.  No interval leaves the range.
+    """
+    if ends is None and parameter.logarithmic:
+        ends = value * math.exp(min(-Z95 * sd, 0.0)), value * math.exp(min(Z95 * sd, 700.0))
+    elif ends is None:
+        ends = value - Z95 * sd, value + Z95 * sd
+    low, high = max(ends[0], min(parameter.low, value)), min(ends[1], max(parameter.high, value))
+    spread = abs(value) * sd if parameter.logarithmic else sd
+    known = math.isfinite(sd)
+    return Estimate(
+        name=parameter.name,
+        unit=parameter.display or parameter.unit,
+        value=number(value / parameter.scale),
+        sd=number(spread / parameter.scale),
+        low=number(low / parameter.scale) if known else None,
+        high=number(high / parameter.scale) if known else None,
+    )
+
+
+def unresolved(parameter: Parameter, below: float) -> Estimate:
+    """A fitted parameter of which the samples only say that it lies ``below`` so much, in SI."""
+    unit, least = parameter.display or parameter.unit, number(below / parameter.scale)
+    return Estimate(name=parameter.name, unit=unit, value=None, sd=None, low=None, high=None, below=least)
