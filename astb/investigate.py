@@ -150,7 +150,7 @@ def choose(
     takes, if a few are enough and fit into the budget.
     """
     if finding.verdict not in UNDECIDED:
-        return None, f"a verdict was reached: {finding.verdict}"
+        return None, f"a verdict was reached: {'suspected' if finding.suspected else finding.verdict}"
     if finding.verdict is Verdict.UNRESOLVED:
         near = " and ".join(suspect.effect for suspect in finding.suspects)
         return None, (

@@ -14,7 +14,7 @@ from bench_panel.signals import shown
 from bench_protocol.table import TABLE
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
-from bench_records.twin import TWIN, LastMinute, Parting, read_twin
+from bench_records.twin import PARTS, TWIN, LastMinute, Parting, read_twin
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,6 +47,7 @@ def told(out: Path, request: Request) -> dict[str, Any]:
         "story": to_builtins(story)
         | {
             "partings": [_shown(one) for one in story.partings],
+            "parts": PARTS,
             "judged_for": story.judged_for,
             "lately": _read(story.lately) if story.lately else None,
         },

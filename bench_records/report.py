@@ -24,7 +24,7 @@ from bench_records.run_drawings import curve_plots, curve_tables, numbered, phas
 from bench_records.run_folder import result_without
 from bench_records.signing import ROLES, files_of, footing, identification, instruments_of
 from bench_records.templates import template
-from bench_records.twin import read_twin
+from bench_records.twin import PARTS, read_twin
 from bench_records.typography import THIN_SPACE, fixed, plain, primed, seconds
 
 #: Of the first page, which is one page: so many checks that did not pass, and that are close to a limit.
@@ -94,6 +94,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
         story=first_trip(record),
         incident=incident_of(record),
         twin=read_twin(directory),
+        twin_parts=PARTS,
         events=event_rows(record),
         hidden_events=max(0, len(tabled_events(record)) - EVENT_ROWS),
         facts=_facts(record.meta, result),
@@ -165,7 +166,9 @@ def least_sure(checks: list[Check]) -> str:
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""
     probability, one = min(known, key=lambda pair: pair[0])
-    return f"The least certain check is {primed(one.name)}: it conforms with {percent(probability)}."
+    return (
+        f"The least certain check is {primed(one.name)}: it conforms with {percent(probability)} probability."
+    )
 
 
 def _timing(result: Result) -> dict[str, Any] | None:

@@ -1,8 +1,9 @@
 """The outcome of a test plan: what was checked against which limits, and what follows from it.
 
-A value with a standard uncertainty passes if it conforms with 97.5 % at least, and is *marginal* if it lies within its
-limits, but less surely.  Without one it is marginal nearer to a limit than ``margin`` times the width of the band.
-What is marginal passes, and a reader should look at it.  A value that is no number is an *error* and never passes: not
+A value with a standard uncertainty passes if it conforms with 97.5 % probability at least, and is *marginal* if it lies
+within its limits, but less surely.  Without one it is marginal nearer to a limit than ``margin`` times the width of the
+band.  What is marginal passes, and a reader should look at it.  A value that is no number is an *error* and never
+passes: not
 having measured is no proof.  What a rig cannot measure is *not available*, with the reason, and never passes either.
 All values are in SI;
 ``scale`` is the SI value of one display unit.
@@ -161,7 +162,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
             return f"{told}; no uncertainty: {self.without}" if self.without else told
         value, expanded = self.written
         told = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
-        return f"{told}: {self.verdict}, conforms with {percent(self.conformity or 0.0)}"
+        return f"{told}: {self.verdict}, conforms with {percent(self.conformity or 0.0)} probability"
 
     @property
     def written(self) -> tuple[str, str]:

@@ -10,10 +10,17 @@ from bench_records.disk import kept
 from bench_records.layout import RecordError, put
 
 TWIN: Final = "twin.json"
+#: The parts of a summary, in order, as people read them.
+PARTS: Final = {
+    "wrong": "What is wrong",
+    "sure": "How sure",
+    "evidence": "Evidence",
+    "next": "What to do next",
+}
 
 
 class Judged(msgspec.Struct, frozen=True):
-    """A part of the run, in s: the rig went along with its model, or did not, or nobody can say (``why``)."""
+    """A part of the run, in s: the rig agreed with its model, or did not, or nobody can say (``why``)."""
 
     start: float
     end: float
@@ -22,7 +29,7 @@ class Judged(msgspec.Struct, frozen=True):
 
 
 class PossibleCause(msgspec.Struct, frozen=True):
-    """A cause with which the model goes along with the rig; size and interval (k = 2) in SI, times in s of the run."""
+    """A cause with which the model agrees with the rig; size and interval (k = 2) in SI, times in s of the run."""
 
     name: str
     title: str
@@ -41,13 +48,22 @@ class Said(msgspec.Struct, frozen=True):
     *told* at first, before anybody looks for causes where that takes long; then *explained*, or *unknown* where nothing
     of the catalogue does so; *surer* where fewer causes are left or the size is known better; *otherwise* where the
     causes, their forms or sizes are others; *withdrawn* where what came since makes it no parting; *over* where the rig
-    goes along again.
+    agrees again.
     """
 
     at: float
     word: str
     causes: tuple[PossibleCause, ...] = ()
     pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """The first screen of a parting: what is wrong and how large, how sure, what proves it, what to do next."""
+
+    wrong: str
+    sure: str
+    evidence: str
+    next: str
 
 
 class Parting(msgspec.Struct, frozen=True):
@@ -69,9 +85,10 @@ class Parting(msgspec.Struct, frozen=True):
     latest: float | None = None
     pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
     course: tuple[Said, ...] = ()  #: how it went, in order
-    over: float | None = None  #: from when on (s) the rig goes along again, at the latest
+    over: float | None = None  #: from when on (s) the rig agrees again, at the latest
     withdrawn: bool = False
     searched: bool = True  #: False as long as nobody has looked for causes
+    summary: Summary | None = None  #: None in stories of earlier versions
 
     @property
     def lasts(self) -> bool:
@@ -122,7 +139,7 @@ class TwinStory(msgspec.Struct, frozen=True):
 
     @property
     def parted(self) -> Parting | None:
-        """The last parting that lasts; None if the rig goes along with its model now."""
+        """The last parting that lasts; None if the rig agrees with its model now."""
         return next((one for one in reversed(self.partings) if one.lasts), None)
 
 

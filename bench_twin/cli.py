@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 @click.argument("directory", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.option("--model", default="astb", show_default=True, help="Parameter set, or a model file.")
 def watch_command(directory: Path, model: str) -> None:
-    """Let the model run beside the run in DIRECTORY, and tell where they part, since when, and why perhaps.
+    """Let the model run beside the run in DIRECTORY and print each deviation: start, size and possible causes.
 
     A run that goes on is followed to its end; meanwhile a terminal shows every reading beside what the model expects
     of it. What is found is kept as twin.json beside the record, and stands in the report.
 
-    Ends with 0 if the rig went along with its model, 1 if they part, 2 for misuse, 3 if there is no run that can be
+    Ends with 0 if the rig agrees with its model, 1 if it deviates, 2 for misuse, 3 if there is no run that can be
     read, 4 if nothing could be judged.
     """
     keep_algebra_to_one_core()
@@ -45,5 +45,5 @@ def _conclude(story: "TwinStory") -> None:
         raise click.exceptions.Exit(FAIL)
     if not story.judged_for:
         raise click.exceptions.Exit(INCOMPLETE)
-    click.echo("the rig went along with its model")
+    click.echo("the rig agreed with its model")
     raise click.exceptions.Exit(PASS)

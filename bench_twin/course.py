@@ -1,13 +1,16 @@
 """How a parting goes: it is told, gets surer, is said otherwise, withdrawn, or over; and the sentence that tells it."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
 
-from bench_records.twin import Parting, PossibleCause, Said
+from bench_records.twin import Parting, PossibleCause, Said, Summary
 from bench_twin.forms import Form, Suspect
 from diagnosis.contracts import Channel, Hypothesis
+from diagnosis.engine.summary import WHERE
 from diagnosis.estimates import decimals
 
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
@@ -15,6 +18,7 @@ from diagnosis.estimates import decimals
 _ROUGHLY: Final = 0.02
 #: A size is surer whose interval is so many times as wide at most.
 _SURER: Final = 0.8
+_NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 
 
 def cause_of(one: Suspect, hypothesis: Hypothesis, start: float) -> PossibleCause:
@@ -149,43 +153,79 @@ def _width(parting: Parting, names: frozenset[str]) -> float:
     return max(one.high - one.low for one in _members(parting, names))
 
 
-def told(parting: Parting, channel: Channel) -> Parting:
-    """Return a parting with its sentence."""
+def told(parting: Parting, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE) -> Parting:
+    """Return a parting with its summary and its sentence; ``catalogue`` says what to inspect for its causes."""
     off, scale = parting.measured - parting.expected, channel.scale
     unit = channel.display or channel.unit
     places = decimals(-parting.band / scale, parting.band / scale)
-    sentence = (
-        f"From {_since(parting)} on, {channel.name} reads {abs(off) / scale:.{places}f} {unit} "
-        f"{'more' if off > 0.0 else 'less'} than the model expects (band ± {parting.band / scale:.{places}f} {unit}), "
-        f"told at {parting.told:.1f} s. {_explained(parting)}"
+    measured, expected, apart, band = (
+        f"{value / scale:.{places}f}"
+        for value in (parting.measured, parting.expected, abs(off), parting.band)
     )
+    first, others = _causes(parting)
+    wrong = (
+        f"Since {_since(parting)}, {channel.name} is {apart} {unit} {'above' if off > 0.0 else 'below'} the model."
+        f"{first and f' Possible cause: {first}.'}{_end(parting)}"
+    )
+    evidence = (
+        f"At {_at(parting.told)}, when this was detected, {channel.name} was {measured} {unit}. The model expects "
+        f"{expected} ± {band} {unit} (k = 2)."
+    )
+    summary = Summary(wrong, others, evidence, _next(parting, catalogue))
+    return replace(parting, summary=summary, sentence=f"{wrong} {others}")
+
+
+def _at(seconds: float) -> str:
+    """Return a time of the run; all times have the same digits, so that those of one event agree."""
+    return f"{seconds:.1f} s"
+
+
+def _end(parting: Parting) -> str:
     if parting.withdrawn:
-        sentence += f" Withdrawn at {parting.course[-1].at:.0f} s: by what came since, they do not part."
-    elif parting.over is not None:
-        sentence += f" From {parting.over:.0f} s on at the latest the rig goes along with its model again."
-    return replace(parting, sentence=sentence)
+        return f" Withdrawn at {_at(parting.course[-1].at)}: later readings agree with the model."
+    if parting.over is not None:
+        return f" From {_at(parting.over)} on at the latest the rig agrees with its model again."
+    return ""
 
 
 def _since(parting: Parting) -> str:
-    """Return since when, with the interval where one is known that is wider than a second shows."""
+    """Return since when, with the interval where one is known that is wider than a second."""
     if parting.earliest is None or parting.latest is None or parting.latest - parting.earliest < 1.0:
-        return f"{parting.since:.0f} s"
-    return f"{parting.since:.0f} s ({parting.earliest:.0f} to {parting.latest:.0f} s)"
+        return _at(parting.since)
+    return f"{_at(parting.since)} ({parting.earliest:.1f} to {_at(parting.latest)})"
 
 
-def _explained(parting: Parting) -> str:
+def _causes(parting: Parting) -> tuple[str, str]:
+    """Return the first possible cause, and a sentence on how sure it is."""
     if not parting.searched:
-        return "What may be the cause is still looked for."
+        return "", "The search for a cause is not finished."
     if parting.causes:
-        return f"It would be explained by: {'; or '.join(map(_cause, parting.causes))}."
+        first, *others = map(_cause, parting.causes)
+        if others:
+            return first, f"It may also be: {'; or '.join(others)}."
+        return first, "No other single cause of the catalogue explains it."
     if parting.pairs:
-        pairs = [" and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in parting.pairs]
-        return f"No single cause of the catalogue explains it; two would: {'; or '.join(pairs)}."
-    return "No single cause of the catalogue explains it."
+        first, *others = (
+            " and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in parting.pairs
+        )
+        also = f" They may also be: {'; or '.join(others)}." if others else ""
+        return first, f"No single cause of the catalogue explains it, but two together do.{also}"
+    return "", "No single cause of the catalogue explains it."
+
+
+def _next(parting: Parting, catalogue: Mapping[str, Hypothesis]) -> str:
+    """Return what to inspect and what to run."""
+    if not parting.lasts:
+        return "Nothing needs inspection as long as the rig agrees with its model."
+    names = [one.name for one in (*parting.causes, *(one for pair in parting.pairs for one in pair))]
+    known = [catalogue[name] for name in names if name in catalogue]
+    inspect = dict.fromkeys(WHERE.get(one.family, one.title) for one in known)
+    look = f"Inspect {'; and '.join(inspect)}. " if inspect else ""
+    return f"{look}To find the cause: `astb run screening`, then `astb diagnose`."
 
 
 def _from(cause: PossibleCause) -> str:
-    return "" if cause.since is None else f" from {cause.since:.0f} s on"
+    return "" if cause.since is None else f" from {_at(cause.since)} on"
 
 
 def _cause(cause: PossibleCause) -> str:
@@ -194,6 +234,6 @@ def _cause(cause: PossibleCause) -> str:
         return told
     if cause.form == Form.GROWING:
         if cause.until is None:
-            return f"{told}, still growing since {cause.since:.0f} s"
-        return f"{told}, grown from {cause.since:.0f} to {cause.until:.0f} s"
-    return told if cause.until is None else f"{told}, from {cause.since:.0f} to {cause.until:.0f} s"
+            return f"{told}, still growing since {_at(cause.since)}"
+        return f"{told}, grown from {cause.since:.1f} to {_at(cause.until)}"
+    return told if cause.until is None else f"{told}, from {cause.since:.1f} to {_at(cause.until)}"

@@ -11,7 +11,7 @@ from rich.table import Table
 from astb.tables import open_console, open_table, styled
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
-from bench_records.twin import LastMinute, TwinStory
+from bench_records.twin import PARTS, LastMinute, Parting, TwinStory
 from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
 
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "beside", "watch_on_screen"]
@@ -26,11 +26,19 @@ def watch_on_screen(directory: Path, model: str) -> TwinStory:
             for k, parting in enumerate(story.partings):
                 if len(parting.course) > told.get(k, 0):
                     word = parting.course[-1].word
-                    screen.say(parting.sentence if word == "told" else f"{word}: {parting.sentence}")
+                    screen.say("\n".join(lines(parting, word)))
                 told[k] = len(parting.course)
             screen.show(story)
 
         return watch(directory, model, tell)
+
+
+def lines(parting: Parting, word: str) -> list[str]:
+    """Return the parts of a deviation as they are printed, after the ``word`` for what is new of it."""
+    head = "deviation" if word == "told" else f"deviation, {word}"
+    if parting.summary is None:
+        return [f"{head}: {parting.sentence}"]
+    return [head, *(f"  {label}: {getattr(parting.summary, name)}" for name, label in PARTS.items())]
 
 
 class Screen:
@@ -64,15 +72,15 @@ class Screen:
 
 
 def beside(minute: LastMinute, story: TwinStory) -> Table:
-    """Return a table of the last mean of each reading, what was expected (k = 2), and how many such bands lie between.
+    """Return a table of the last mean of each reading, what was expected, and their difference over its uncertainty.
 
-    Red is what lies beyond its band.
+    The uncertainty is expanded (k = 2). Red is what lies beyond it.
     """
     parted = story.parted
-    word = f"part since {parted.since:.1f} s" if parted else "go along"
-    title = f"{story.until:.0f} s: rig and model {word}; means over the half second around {minute.times[-1]:.1f} s"
+    word = f"deviates from its model since {parted.since:.1f} s" if parted else "agrees with its model"
+    title = f"{story.until:.1f} s: the rig {word}; means over the half second around {minute.times[-1]:.1f} s"
     table = open_table(title, "reading", "unit")
-    for name in ("measured", "expected", "± band", "bands"):
+    for name in ("measured", "expected", "± (k = 2)", "difference / ±"):
         table.add_column(name, justify="right", no_wrap=True)
     for one in minute.channels:
         unit = TABLE[one.channel].unit

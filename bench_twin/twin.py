@@ -142,7 +142,7 @@ class Twin:
             self._model,
             self._until,
             (*self._closed, *self._last),
-            tuple(course.told(one, self._channel(one)) for one in partings),
+            tuple(course.told(one, self._channel(one), self._simulator.catalogue) for one in partings),
             self._lately,
         )
 

@@ -1,4 +1,4 @@
-/** The view of the twin: whether a run goes along with its model, since when they part, in which reading, and why perhaps. */
+/** The view of the twin: whether a run agrees with its model, and each deviation: start, size and possible causes. */
 
 import { duration, fixed, make } from "/page/format.js";
 import { Banded } from "/page/plots.js";
@@ -6,7 +6,8 @@ import { asked, choice, name, repeated, table } from "/page/tables.js";
 
 const AGAIN = 1000; // ms until it is looked at anew
 const NONE = "No model ran beside a run in this folder. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
-const WORDS = { true: ["along", "went along"], false: ["parted", "parted"], null: ["blind", "not judged"] };
+const WORDS = { true: ["along", "agreed"], false: ["parted", "deviated"], null: ["blind", "not judged"] };
+const FORMS = { "at once": "sudden", growing: "grows", "gone again": "temporary" };
 
 export function show(element) {
   const runs = choice("run", "the newest", () => load());
@@ -37,7 +38,7 @@ export function show(element) {
 function told({ run, story }) {
   const partings = [...story.partings].reverse();
   const parted = partings.find((one) => one.lasts);
-  const word = parted ? `Parts since ${at(parted.since)}` : story.judged_for ? "Goes along with its model" : "Nothing could be judged yet";
+  const word = parted ? `Deviates from its model since ${at(parted.since)}` : story.judged_for ? "Agrees with its model" : "Nothing could be judged yet";
   const where = parted ? `in ${parted.channel}` : "";
   const head = make("section", { class: "card" },
     make("div", { class: `verdict-twin ${parted ? "parted" : story.judged_for ? "along" : "blind"}` }, word, where ? make("small", {}, ` ${where}`) : null),
@@ -45,7 +46,7 @@ function told({ run, story }) {
     stretches(story), legend());
   const blind = [...new Set(story.judged.filter((one) => one.along === null && one.why).map((one) => one.why))];
   const why = blind.length ? [make("section", { class: "card" }, make("h2", {}, "Why stretches were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one))))] : [];
-  return { first: [head, ...partings.filter((one) => one.lasts).map(parting)], then: [...partings.filter((one) => !one.lasts).map(parting), ...why] };
+  return { first: [head, ...partings.filter((one) => one.lasts).map((one) => parting(one, story.parts))], then: [...partings.filter((one) => !one.lasts).map((one) => parting(one, story.parts)), ...why] };
 }
 
 /** Every reading within the band in which its model expects it, over the last minute that could be judged. */
@@ -64,7 +65,7 @@ class Lately {
       const bands = last < 0 ? null : (one.measured[last] - one.expected[last]) / one.band[last];
       card.classList.toggle("parted", parted.includes(one.name));
       head.replaceChildren(
-        make("b", {}, one.label), make("span", { class: Math.abs(bands) > 1 ? "far" : "" }, bands === null ? "not received" : `${fixed(bands, 1)} bands`),
+        make("b", {}, one.label), make("span", { class: Math.abs(bands) > 1 ? "far" : "" }, bands === null ? "not received" : beyond(bands)),
         make("small", {}, last < 0 ? "" : `${fixed(one.measured[last], one.decimals)} ${one.unit}, expected ${fixed(one.expected[last], one.decimals)} ± ${short(one.band[last])}`));
       plot.set(minute.times, one);
     }
@@ -86,48 +87,52 @@ class Lately {
 const at = (seconds) => `${fixed(seconds, 1)}\u2009s`;
 const share = (part, whole) => `${(100 * Math.min(1, Math.max(0, part / Math.max(whole, 1e-9)))).toFixed(2)}%`;
 
-/** The run as a strip: where it went along, parted, or could not be judged; a mark where a parting began. */
+/** The run as a strip: where it agreed, deviated, or could not be judged; a mark where a deviation began. */
 function stretches({ judged, partings, until }) {
-  // What is judged parts from then on only since when it does.
+  // A stretch with a deviation agrees until the deviation begins.
   const cut = judged.flatMap((one) => {
     const since = partings.find(({ since }) => one.along === false && one.start < since && since < one.end)?.since;
     return since ? [{ ...one, along: true, end: since }, { ...one, start: since }] : [one];
   });
   const parts = cut.map((one) => make("i", { class: WORDS[one.along][0], style: `left:${share(one.start, until)};width:${share(one.end - one.start, until)}`, title: `${at(one.start)} to ${at(one.end)}: ${one.why || WORDS[one.along][1]}` }));
-  const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `since ${at(one.since)}, told at ${at(one.told)}` }));
+  const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `since ${at(one.since)}, detected at ${at(one.told)}` }));
   return make("div", { class: "strip", role: "img", "aria-label": cut.map((one) => `${at(one.start)} to ${at(one.end)} ${WORDS[one.along][1]}`).join("; ") }, ...parts, ...marks);
 }
 
 function legend() {
-  return make("p", { class: "said strip-legend" }, ...Object.values(WORDS).map(([kind, text]) => make("span", {}, make("i", { class: kind }), text)), make("span", {}, make("b"), "parts since"));
+  return make("p", { class: "said strip-legend" }, ...Object.values(WORDS).map(([kind, text]) => make("span", {}, make("i", { class: kind }), text)), make("span", {}, make("b"), "start of a deviation"));
 }
 
-function parting(one) {
+/** How far a reading is from the model, in expanded uncertainties (k = 2). */
+function beyond(bands) {
+  return Math.abs(bands) > 1 ? `${fixed(Math.abs(bands), 1)} × uncertainty ${bands > 0 ? "above" : "below"}` : "within uncertainty";
+}
+
+function parting(one, parts) {
   const bands = (one.measured - one.expected) / one.band;
   const causes = [...one.causes.map((cause) => [cause]), ...one.pairs];
-  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `over since ${at(one.over)}` : "lasts";
+  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `over since ${at(one.over)}` : "continues";
   const began = one.earliest === null ? at(one.since) : `${at(one.since)} (${fixed(one.earliest, 1)} to ${fixed(one.latest, 1)})`;
   return make("section", { class: "card parting" },
     make("h2", { class: "title" }, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
-    make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), fact("apart", bands, "bands"), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
+    ...(one.summary ? Object.entries(parts).map(([part, label]) => make("p", { class: "said" }, make("b", {}, `${label}: `), one.summary[part])) : [make("p", { class: "said" }, one.sentence)]),
+    make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), make("div", { class: "fact" }, make("small", {}, "difference"), make("b", {}, beyond(bands))), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
     residual(bands),
     causes.length
-      ? table(["explained by", "size, k = 2", "how", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => c.form), lines(some, (c) => (c.since === null ? "the beginning" : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
+      ? table(["possible cause", "size (k = 2)", "course", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => FORMS[c.form] ?? c.form), lines(some, (c) => (c.since === null ? "before the comparison began" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
       : make("p", { class: "said" }, "No cause of the catalogue explains it."),
-    make("p", { class: "said" }, one.sentence),
-    one.course.length ? make("p", { class: "said" }, "How it went: ", one.course.map((said) => `${said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
+    one.course.length ? make("p", { class: "said" }, "How it went: ", one.course.map((said) => `${said.word === "told" ? "detected" : said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
 }
 
 const short = (value) => String(Number(value.toPrecision(2)));
 const lines = (some, text) => make("span", {}, ...some.map((one, k) => make("span", { class: "line" }, k ? "and " : "", text(one))));
 
 function fact(label, value, unit, more = "") {
-  const decimals = unit === "bands" ? 1 : 3;
-  return make("div", { class: "fact" }, make("small", {}, label), make("b", {}, `${fixed(value, decimals)}${more} `, make("small", {}, unit)));
+  return make("div", { class: "fact" }, make("small", {}, label), make("b", {}, `${fixed(value, 3)}${more} `, make("small", {}, unit)));
 }
 
-/** The residual in units of the band, which is shaded, on a line that ends at ten of it. */
+/** The difference in units of the uncertainty, which is shaded, on a line that ends at ten of it. */
 function residual(bands) {
   const place = (value) => share(value + 10, 20);
-  return make("div", { class: "residual", role: "img", "aria-label": `${fixed(bands, 1)} bands from what is expected` }, make("i", { style: `left:${place(-1)};width:10%` }), make("b", { style: `left:${place(bands)}` }));
+  return make("div", { class: "residual", role: "img", "aria-label": beyond(bands) }, make("i", { style: `left:${place(-1)};width:10%` }), make("b", { style: `left:${place(bands)}` }));
 }

@@ -148,7 +148,7 @@ def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
     without = f": without {'these causes' if many else 'this cause'}, the best fit needs "
     return (
         f"{without}{one.name} = {_with_unit(one.before, one.unit, 4)}, {one.sigmas:.3g} standard deviations of its "
-        f"prior from the expected {_prior(one)}"
+        f"prior from its expected value {_prior(one)}"
     )
 
 
@@ -164,9 +164,9 @@ def _sure(found: Finding, beside: Conclusions) -> list[str]:
         return [CAUSELESS[found.verdict]]
     return [
         *(_which_law(one, alone=len(causes) == 1) for one in causes),
+        _suspected(found, beside.left),
         _alternatives(found),
         _late_together(causes),
-        _suspected(found, beside.left),
         *(_worth(one) for one in causes if one.status == NAMED),
         beside.also,
     ]

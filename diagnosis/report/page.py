@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from bench_records.twin import PARTS
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
@@ -29,15 +30,6 @@ HEADLINES: Final = {
     Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
     Verdict.UNKNOWN: "Something is wrong that no known cause explains",
     Verdict.DOUBTFUL: "The data are in doubt, and no effect is found in the rest of them",
-}
-
-
-#: The parts of the first screen, in order: their names in a summary and as people read them.
-PARTS: Final = {
-    "wrong": "What is wrong",
-    "sure": "How sure",
-    "evidence": "What proves it",
-    "next": "What to do next",
 }
 
 

@@ -83,19 +83,19 @@ def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(ope
     # Other tests leave newer runs with a twin in the panel's folder.
     page.wait_for_selector("#view .filters option[value=watched]", state="attached")
     page.select_option("#view .filters select", "watched")
-    page.wait_for_selector(".verdict-twin.parted >> text=Parts since 214.0")
+    page.wait_for_selector(".verdict-twin.parted >> text=since 214.0")
     told = " ".join((page.text_content("#view") or "").split())
     for words in (
         "in left.bellows_pressure",
         "4.020 bar",
         "4.110 ± 0.02 bar",
-        "−4.5 bands",
+        "4.5 × uncertainty below",
         "hole of 0.20 mm²",
     ):
         assert words in told, (words, told)
-    assert "told at 222.0" in told and "surer at 250.0" in told
+    assert "detected at 222.0" in told and "surer at 250.0" in told
     assert page.get_attribute(".strip", "aria-label").endswith(
-        "200.0\u2009s to 214.0\u2009s went along; 214.0\u2009s to 300.0\u2009s parted"
+        "200.0\u2009s to 214.0\u2009s agreed; 214.0\u2009s to 300.0\u2009s deviated"
     )
     strip, mark = (page.locator(one).bounding_box() for one in (".strip", ".strip b"))
     assert (mark["x"] + mark["width"] / 2 - strip["x"]) / strip["width"] == pytest.approx(214 / 300, abs=0.01)

@@ -330,7 +330,7 @@ def test_a_checks_probability_decides_between_pass_marginal_and_fail():
         assert run.checks[-1].conformity == pytest.approx(conforms, abs=1e-4)
     assert (
         str(run.checks[1])
-        == "pressure = 5.10 ± 0.20 bar (k = 2; at least 5 bar): marginal, conforms with 84.1 %"
+        == "pressure = 5.10 ± 0.20 bar (k = 2; at least 5 bar): marginal, conforms with 84.1 % probability"
     )
 
 

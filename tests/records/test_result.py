@@ -242,7 +242,9 @@ def test_a_check_with_an_uncertainty_keeps_it_and_one_that_was_written_without_s
     old = Result.from_json(json.dumps(content).encode()).checks[0]
     assert (old.u, old.conformity, old.verdict) == (None, None, CheckVerdict.PASS)
     assert str(old) == "K' = 463 kN/m (427 to 501 kN/m): pass"
-    assert str(known) == "K' = 463 ± 4 kN/m (k = 2; 427 to 501 kN/m): pass, conforms with > 99.9 %"
+    assert (
+        str(known) == "K' = 463 ± 4 kN/m (k = 2; 427 to 501 kN/m): pass, conforms with > 99.9 % probability"
+    )
 
 
 def test_a_value_that_does_not_surely_conform_is_marginal_and_an_uncertainty_that_is_none_is_refused():

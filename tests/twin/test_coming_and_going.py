@@ -41,7 +41,7 @@ def test_two_causes_at_once_are_told_together(tmp_path):
     hole, zero = next(pair for pair in parting.pairs if pair[0].name == "leak.left")
     assert hole.low < 0.5e-6 < hole.high and hole.since == pytest.approx(60.0, abs=1.0)
     assert zero.low < 1000.0 < zero.high and zero.since == pytest.approx(66.0, abs=0.3)
-    assert "two would: leak of a bellows (orifice), left" in parting.sentence
+    assert "leak of a bellows (orifice), left" in parting.sentence
 
 
 def test_while_it_goes_on_the_first_of_two_is_told_alone(tmp_path):
@@ -71,7 +71,7 @@ def test_what_goes_away_is_told_when_it_began_and_ended(tmp_path, fault, values,
     assert found.until == pytest.approx(70.0, abs=1.0)
     assert parting.over == pytest.approx(70.0, abs=1.0) and not parting.lasts
     assert words(parting) == ["told", "otherwise", "over"]
-    assert "the rig goes along with its model again" in parting.sentence
+    assert f"{parting.over:.1f} s" in parting.sentence
 
 
 @pytest.mark.parametrize(("effect", "size"), [("leak.left", 1e-6), ("cell_offset.3", 600.0)])
@@ -138,7 +138,7 @@ def test_looks_do_not_wait_for_the_search_and_in_the_end_the_same_is_said(tmp_pa
         said += [(growing.until, one) for one in story.partings[-1:]]
     first, *_, last = said
     assert first[0] < 65.0 and words(first[1]) == ["told"] and not first[1].searched
-    assert "still looked for" in first[1].sentence
+    assert "search" in first[1].sentence
     assert [one.word for one in last[1].course][:2] == ["told", "explained"]
     assert {"leak.left"} <= {one.name for one in last[1].course[1].causes}
     growing.until = 78.0

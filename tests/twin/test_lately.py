@@ -63,7 +63,7 @@ def test_a_terminal_shows_what_is_beyond_its_band_and_what_was_not_received():
     console = Console(width=100, record=True, force_terminal=True)
     console.print(beside(minute, TwinStory("astb", 88.0, lately=minute)))
     text = console.export_text(clear=False).splitlines()
-    assert "rig and model go along" in text[0] and "around 87.8 s" in text[0]
+    assert "agrees" in text[0] and "around 87.8 s" in text[0]
     pressure, lost, cell = (line.split() for line in text if line.lstrip().startswith(("left", "load")))
     assert pressure == ["left.bellows_pressure", "bar", "2.140", "2.200", "0.009", "-6.7"]
     assert lost == ["load_cell.1", "kN", "not", "received"]
