@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 @click.argument("directory", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.option("--model", default="astb", show_default=True, help="Parameter set, or a model file.")
 def watch_command(directory: Path, model: str) -> None:
-    """Let the model run beside the run in DIRECTORY and print each deviation: start, size and possible causes.
+    """Compare the run in DIRECTORY with its model and print deviations.
+
+    Each has its start, its size and its possible causes.
 
     A run that goes on is followed to its end; meanwhile a terminal shows every reading beside what the model expects
     of it. What is found is kept as twin.json beside the record, and stands in the report.

@@ -218,7 +218,9 @@ REMAINDER_RATIO: Final = 2.0
 RELATIVE: Final = 0.5
 #: A cause that takes less than this part of the error on unseen runs away gains nothing there worth telling …
 GAINS_NOTHING: Final = 0.01
-#: … and less than this part is told as what it is.
+#: … unless the log predictive density of the select runs rises by this: half of a BIC gap that decides.
+GAINS_DENSITY: Final = 5.0
+#: A part of the error that is smaller than this is told as what it is.
 GAINS_LITTLE: Final = 0.1
 #: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
 #: predicts them as well.

@@ -197,7 +197,7 @@ def _suspected(found: Finding, left: Remainder) -> str:
     text = f"{what} suspected and not named, because it improves the prediction of no unseen run noticeably."
     if found.imitations:
         name = found.imitations[0].name
-        text += f" The model without it can imitate it; only the expected value of {name} contradicts that."
+        text += f" The model without this cause can imitate it; only the expected value of {name} contradicts that."
     return text
 
 
@@ -265,7 +265,7 @@ def _shown_by(found: Finding) -> str:
     if not found.causes and not found.unknowns:
         return ""
     seen = [one for one in found.gains[1:] if one.fraction is not None]
-    if seen and not all(one.status == SUSPECTED for one in found.causes):
+    if seen and not found.suspected:
         one = max(seen, key=lambda gain: gain.noise_ratio_before or 0.0)
         before, after, floor = (
             _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.engine.config import GAINS_NOTHING
+from diagnosis.engine.config import GAINS_DENSITY, GAINS_NOTHING
 from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
@@ -43,6 +43,7 @@ def cause(
     suspected where no run that nothing was fitted to is predicted better with it.
     """
     gained = left.gained(effect.name)
+    confirmed = (left.role != "fit" and gained >= GAINS_NOTHING) or accepted.lpd_gain > GAINS_DENSITY
     return Cause(
         effect=effect.name,
         title=effect.title,
@@ -53,7 +54,7 @@ def cause(
         bic_gain=number(accepted.bic_gain),
         lpd_gain=number(accepted.lpd_gain),
         gained=number(gained),
-        status=NAMED if left.role != "fit" and gained >= GAINS_NOTHING else SUSPECTED,
+        status=NAMED if confirmed else SUSPECTED,
         equation=effect.equation,
         source=effect.source,
         plain=effect.plain,
