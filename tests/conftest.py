@@ -12,9 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 # As `astb` does, and like it before numpy is loaded: tests and diagnoses use their cores themselves.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A machine that others use is slow now and then: the time of an example says nothing.
+settings.register_profile("astb", deadline=None)
+settings.load_profile("astb")
 
 #: What gives a test away that has deadlines; others say it themselves.
 HERE = Path(__file__).parent

@@ -298,10 +298,10 @@ def test_an_input_is_held_as_the_simulator_or_the_map_says(
     inside = between[:-1] if stairs else 0.5 * (between[:-1] + between[1:])
     assert drive[1::2] == pytest.approx(inside, abs=1e-12)
     (own / "amplifier_of_mine.py").write_text(
-        OWN.replace("    inputs =", "    held = {'diver'}\n    inputs =")
+        OWN.replace("    inputs =", "    held = {'dive'}\n    inputs =")
     )
     sys.modules.pop("amplifier_of_mine")
-    with pytest.raises(DiagnosisError, match=r"held has diver; .* drive"):
+    with pytest.raises(DiagnosisError, match=r"held has dive; .* drive"):
         load_system("amplifier_of_mine:Gain", own)
 
 

@@ -65,7 +65,8 @@ def test_what_does_not_fit_is_told_in_words_of_ours(kind: Any) -> None:
             msgspec.convert(content, kind)
         except msgspec.ValidationError as error:
             said = misfit(error, content, kind)
-            assert not [word for word in OF_THE_LIBRARY if word in said], f"{error}: {said}"
+            ours, _, _keys = said.partition("there are")
+            assert not [word for word in OF_THE_LIBRARY if word in ours], f"{error}: {said}"
             assert key in said, f"{error}: {said}"
             told += 1
     assert told > 100

@@ -57,5 +57,5 @@ def test_wherever_a_file_was_changed_it_is_read_or_refused_in_words(files, name,
 def test_a_result_that_is_too_long_is_not_read(tmp_path: Path):
     with (tmp_path / RESULT).open("wb") as file:
         file.truncate(RESULT_BYTES + 1)
-    with pytest.raises(RecordError, match="at most 64 MiB are read"):
+    with pytest.raises(RecordError, match="at most 16 MiB are read"):
         read_result(tmp_path)

@@ -171,7 +171,7 @@ BAD_FILES = {
     'name = "x"\n[simulation]\nparameters = "atsb"': "no parameter set 'atsb'",
 }
 BAD_CHANGES = {
-    'orifice_diameter = "18 cm"': "orifice_diameter = '18 cm' is not in m or mm",
+    'orifice_diameter = "18 cm"': "orifice_diameter[0] = 180 mm is outside 1 to 100 mm",
     'orifice_diameter = "18"': "orifice_diameter = '18' is not in m or mm",
     "orifice_diameter = 18": "orifice_diameter = 18 is not in m or mm",
     'orifice_diameter = "wide mm"': "orifice_diameter = 'wide mm' is not a number with its unit (m or mm)",
