@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from bench_records.result import Check
+from bench_records.twin import PARTS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "tutorials" / "find-a-hidden-effect.md"
@@ -126,7 +127,10 @@ def _lost(result: Any) -> tuple[str, str]:
 FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"```text\n  (screening 6 [^\n]*)\n", lambda r: (_last_check(r["screen"]),)),
     (r"All (\d+) candidates of the catalogue", lambda r: (_candidates(r["found"]),)),
-    (r"```text\n([^\n]*, which the model did not have\.[^\n]*)\n```", lambda r: (r["found"]["sentence"],)),
+    (
+        "".join(rf"{label}: ([^\n]*)\n" for label in PARTS.values()),
+        lambda r: tuple(r["found"]["summary"][name] for name in PARTS),
+    ),
     (r"95 % interval: ([\d.]+) to ([\d.]+) mm²", lambda r: _area(r["found"], "low", "high", digits=5)),
     (r"error falls from ([\d.]+) to ([\d.]+) times the noise; that", lambda r: _noise_ratios(r["found"])),
     (
@@ -164,7 +168,7 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"\| the model before \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["before"])),
     (r"\| the model after \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["after"])),
     (
-        r"1\. screening, [\d.]+ min, [^:]*: ([^\n]*, which the model did not have\.[^\n]*)\n",
+        r"1\. screening, [\d.]+ min, [^:]*: ([^\n]*, which the model did not have[^\n]*)\n",
         lambda r: (r["again"]["sentence"],),
     ),
     (r"busy for ([\d.]+) of its 20", lambda r: (f"{sum(s['minutes'] for s in r['log']['steps']):.1f}",)),
