@@ -317,7 +317,11 @@ def _begun(text: str) -> str:
 
 
 def _with_unit(value: float, unit: str, digits: int) -> str:
-    return f"{value:.{digits}g}" + ("" if unit == "1" else f" {unit}")
+    """Return a number in so many digits, with a power of ten only from a million on."""
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{float(text):.0f}"
+    return text + ("" if unit == "1" else f" {unit}")
 
 
 def _size(parameters: Sequence[Estimate]) -> str:
