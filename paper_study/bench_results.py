@@ -123,11 +123,13 @@ class BenchResults:
         rows = []
         for given in combined.VARIED[over]:
             name = combined.name_of(load, given)
-            one = next((one for one in self.combined[name].checks if one.name == check), None)
-            if one is None or one.expanded is None:
+            # Also where the specimen states no limits for it.
+            group = f"{check}, wind and track"
+            one = next((one for one in self.combined[name].curves if one.group == group), None)
+            if one is None or one.ys[0] is None or not one.expanded or one.expanded[0] is None:
                 raise NoBenchResult(f"{name} measured no {check}")
             p = self.pressure(name, combined.PHASE)
-            half, U = 0.5 * one.number, 0.5 * one.expanded
+            half, U = 0.5 * one.ys[0], 0.5 * one.expanded[0]
             rows.append((combined.place(over, given, p), half, half - U, half + U))
         return Points(*(np.array(column, np.float64) for column in zip(*rows, strict=True)))
 

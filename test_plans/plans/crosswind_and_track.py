@@ -41,6 +41,7 @@ from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, part_of
 from test_plans.steps.fittings import leave_connected
 from test_plans.steps.of_the_bench import unlike
 from test_plans.steps.shaking import SAMPLE_RATE
+from test_plans.steps.tables import AMPLITUDE, DAMPING, STORAGE, keep
 from test_plans.steps.track_and_roll import ROLL_RATE, ROLL_WAIT
 from test_plans.steps.waves import pressure_of
 from test_plans.steps.wind import (
@@ -313,18 +314,21 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float, wind
     K = seen.stiffness(seen.shaken, run.rig, values)
     pieces = [seen.stiffness(piece, run.rig, values) for piece in seen.pieces()]
     told = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
+    stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
+    damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
+    wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
+    damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
+    # What cannot be judged is kept all the same.
+    for check, quantity, one in ((STIFF, STORAGE, stiffness), (DAMPED, DAMPING, damping)):
+        keep(run, "pair", f"{check}, wind and track", AMPLITUDE, quantity, [K.amplitude], [one])
     if unstated := _unstated(load, K):
         run.lack([STIFF, DAMPED], unstated)
     else:
         low, high = _limits(load, "stiffness", K)
         beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
         more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
-        stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
         run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
-        damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
-        wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
-        damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
         run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
     other = unlike(run)
     if rolled and wind != WIND:

@@ -61,10 +61,12 @@ def test_the_page_does_what_it_says(page: Path) -> None:
     assert len((page / "my_oscillator.py").read_text().splitlines()) < 60
     done = typed(page, commands)
     assert done.returncode == 0, done.stderr
-    (said,) = re.findall(r"```\n(There is dry friction.*?)```", text, flags=re.DOTALL)
-    sentence, *rest = said.splitlines()
-    assert done.stdout.startswith(sentence.partition(" On runs")[0])
-    assert [line for line in rest if "(95 %:" in line or "fitted to" in line] == [
+    (said,) = re.findall(r"```\n(The cause is found.*?)```", text, flags=re.DOTALL)
+    lines = said.splitlines()
+    parts = [line.partition(" …")[0].removesuffix("Inspect") for line in lines if not line.startswith("  ")]
+    shown = done.stdout.splitlines()
+    assert all(any(one.startswith(part.strip()) for one in shown) for part in parts), done.stdout
+    assert [line for line in lines if "(95 %:" in line or "fitted to" in line] == [
         line for line in done.stdout.splitlines() if line.startswith(("  friction", "  fitted to"))
     ]
     assert next(line.split(maxsplit=1)[1] for line in done.stderr.splitlines()) == "read the data"
