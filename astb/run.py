@@ -4,7 +4,7 @@ import gc
 import platform
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -83,15 +83,18 @@ def run_plans(
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
     keeping: Keeping = Keeping(),
-) -> list[tuple[Result, Path]]:
-    """Run ``plans`` one after the other, each into a new directory in ``out``; return results and directories.
+    ended: Callable[[Result, Path], object] = lambda result, directory: None,
+) -> list[Result]:
+    """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
+
+    ``ended`` is called with the result and the directory of each run.
 
     Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
     one session with the rig, and a plan that is blocked, or whose tear-down is, is the last; in virtual time each
     starts with a new one, so that what a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
-    results: list[tuple[Result, Path]] = []
+    results: list[Result] = []
     with (
         ProgressDisplay(shared_console()) as display,
         held_by_keyboard() as suspension,
@@ -106,7 +109,8 @@ def run_plans(
                 result, directory = run_plan(
                     plan, session, rig, out, plan.name, display, specimen, operator, keeping, suspension
                 )
-                results.append((result, directory))
+                results.append(result)
+                ended(result, directory)
                 if left_in_trouble(result) and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")

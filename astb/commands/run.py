@@ -120,6 +120,7 @@ def run_command(
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, model, effects, sealed)
     keeping = _keeping(**kept)
+    deviating: list[bool] = []
     end_in_order()
     try:
         results = run_plans(
@@ -132,14 +133,14 @@ def run_command(
             specimen=specimen,
             operator=operator_for(answers, shared_console()),
             keeping=keeping,
+            ended=lambda _, directory: deviating.append(deviates(directory)),
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
     except BenchError as error:
         blocked(error)
-    worst = max((result.verdict for result, _ in results), key=list(_EXIT).index)
-    status = _EXIT[worst]
-    if status in (PASS, INCOMPLETE) and any(deviates(directory) for _, directory in results):
+    status = _EXIT[max((result.verdict for result in results), key=list(_EXIT).index)]
+    if status in (PASS, INCOMPLETE) and any(deviating):
         status = DEVIATES
     raise click.exceptions.Exit(status)
 

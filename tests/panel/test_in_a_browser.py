@@ -62,7 +62,7 @@ def commander(open_page, bench_panel):
 
 def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page, picture):
     start(commander, amplitude="40 mm")
-    refused = until(commander, ".wrong", "40 mm")
+    refused = until(commander, ".wrong[role=alert]", "40 mm")
     assert refused == "shift: amplitude = 40 mm is outside 5 to 30 mm", "in the words of the command line"
     commander.select_option("select[aria-label='what is plotted'] >> nth=1", "Actuator displacements")
     commander.select_option("select[aria-label='which loop']", label="Lateral force over displacement")
@@ -146,7 +146,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
 CARD = """async ([can_hold, failed]) => {
   const { runCard } = await import("/page/run.js");
   const plan = { name: "aw0", title: "", lasts: 0, judges: true, parameters: [], checks: [] };
-  const card = runCard({ plans: { plans: [plan], specimens: [] }, link: {} });
+  const card = runCard({ plans: { plans: [plan], specimens: [], unusable: [] }, link: {} });
   const run = { plan: "aw0", step: [], checks: {}, answers: [], question: "", held: "", hold_wanted_by: "", said: "" };
   card.tell({
     rig: { run: { ...run, can_hold, failed, answer_within: null, left: null, time: 0, fraction: 0 }, link: "" },

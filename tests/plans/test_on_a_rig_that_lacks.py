@@ -133,7 +133,7 @@ def test_gas_that_nobody_sees_is_given_time(run_without):
         (["blocked", "incomplete", "fail"], 3),
     ],
 )
-def test_the_exit_status_tells_the_most_serious_verdict(monkeypatch, tmp_path, verdicts, status):
-    results = [(SimpleNamespace(verdict=Outcome(one)), tmp_path) for one in verdicts]
+def test_the_exit_status_tells_the_most_serious_verdict(monkeypatch, verdicts, status):
+    results = [SimpleNamespace(verdict=Outcome(one)) for one in verdicts]
     monkeypatch.setattr("astb.run.run_plans", lambda *arguments, **options: results)
     assert CliRunner().invoke(run_command, ["aw0", "--virtual"]).exit_code == status
