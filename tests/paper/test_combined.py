@@ -27,7 +27,8 @@ def made():
     """A bench on which the stiffness of the pair is 300 kN/m with U = 6, at 2 bar more each run."""
     found, pressures = {}, {}
     for k, (name, *_) in enumerate(cases()):
-        found[name] = SimpleNamespace(checks=[SimpleNamespace(name=STIFFNESS, number=300e3, expanded=6e3)])
+        kept = SimpleNamespace(group=f"{STIFFNESS}, wind and track", ys=[300e3], expanded=[6e3])
+        found[name] = SimpleNamespace(curves=[kept])
         pressures[name] = [("settle", 9 * bar), (PHASE, (2 + 0.1 * k) * bar)]
     return BenchResults({}, pressures, (np.zeros(2), np.zeros(2)), found)
 
