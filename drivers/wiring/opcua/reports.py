@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 from bench_protocol.units import NS
 from drivers.errors import MapMismatch, Refused
 from drivers.wiring.contract import Remark
+from drivers.wiring.opcua.subscription import WatchedSubscription
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
 
-    from drivers.wiring.opcua.subscription import WatchedSubscription
 
 #: How many notifications or keep-alives may be missing until a subscription counts as dropped.
 _MISSING_MAX: Final = 3
@@ -53,8 +53,6 @@ class Reports:
 
     async def begin(self, client: Client) -> None:
         """Subscribe. Refused if the server does not report a point, MapMismatch if it does so too rarely."""
-        from drivers.wiring.opcua.subscription import WatchedSubscription
-
         subscription = WatchedSubscription(client, self._every, self, self._publish)
         await subscription.create()
         try:

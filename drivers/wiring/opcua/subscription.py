@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from asyncua import Client, ua
-from asyncua.common.subscription import Subscription
+if TYPE_CHECKING:
+    from asyncua import Client
 
 _LIFETIME_COUNT = 10_000
 
 
-class WatchedSubscription(Subscription):  # type: ignore[misc]
+class WatchedSubscription:
     """Calls ``published`` for each notification and each keep-alive, once the handler has received what is new."""
 
     def __init__(
         self, client: Client, period: float, handler: object, published: Callable[[WatchedSubscription], None]
     ) -> None:
+        import asyncua  # an extra
+
         self._session = _Session(client.uaclient.session)
         self._published = published
-        super().__init__(
+        self._subscription = asyncua.common.subscription.Subscription(
             self._session,
-            ua.CreateSubscriptionParameters(
+            asyncua.ua.CreateSubscriptionParameters(
                 RequestedPublishingInterval=1e3 * period,
                 RequestedLifetimeCount=_LIFETIME_COUNT,
                 RequestedMaxKeepAliveCount=1,
@@ -31,21 +33,30 @@ class WatchedSubscription(Subscription):  # type: ignore[misc]
             ),
             handler,
         )
+        self._take = self._subscription.publish_callback
+        self._subscription.publish_callback = self._publish
         self.period = period  #: s, how often the server publishes where nothing changes, as it says itself
 
     async def create(self) -> None:
         """Create it on the server."""
-        revised = await self.init()
+        revised = await self._subscription.init()
         self.period = 1e-3 * revised.RevisedPublishingInterval * max(1, revised.RevisedMaxKeepAliveCount)
+
+    async def subscribe_data_change(self, nodes: list[Any], sampling_interval: float) -> Any:
+        """Watch the values of ``nodes``, sampled every so many ms; return a handle or an error of each."""
+        return await self._subscription.subscribe_data_change(nodes, sampling_interval=sampling_interval)
+
+    async def delete(self) -> None:
+        """Delete it on the server."""
+        await self._subscription.delete()
 
     @property
     def sampling(self) -> float:
         """The longest sampling interval (s) among its variables, as the server says itself."""
         return self._session.sampling
 
-    async def publish_callback(self, publish_result: Any) -> None:
-        """Hand on what the server published."""
-        await super().publish_callback(publish_result)
+    async def _publish(self, publish_result: Any) -> None:
+        await self._take(publish_result)
         asyncio.get_running_loop().call_soon(self._published, self)  # behind the handler's own calls
 
 
