@@ -25,6 +25,7 @@ from diagnosis.systems.fmu.description import library_of, read_fmu
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.system import conversion
 from tests.fmu.asked import HERE, save
+from tests.fmu.measured import ROLES
 from tests.fmu.strange_spring import build_c
 
 UNITS = {
@@ -55,16 +56,6 @@ lower = { column = "h2", unit = "mm", noise = "1 mm" }
 upper_hole = { spread = "10 %", low = "0.5 l/(s.m)" }
 lower_hole = { spread = "10 %", low = "0.5 l/(s.m)" }
 upper_area = { spread = "10 %", low = "0.01 m2" }
-"""
-ROLES = """
-[[runs.role]]
-files = "run0.csv"
-role = "select"
-[[runs.role]]
-files = "run4.csv"
-role = "report"
-[[runs.role]]
-role = "fit"
 """
 
 

@@ -65,8 +65,8 @@ def test_what_does_not_fit_is_told_in_words_of_ours(kind: Any) -> None:
             msgspec.convert(content, kind)
         except msgspec.ValidationError as error:
             said = misfit(error, content, kind)
-            ours, _, _keys = said.partition("there are")
-            assert not [word for word in OF_THE_LIBRARY if word in ours], f"{error}: {said}"
+            words = said.replace(", null,", ",")  # a key of a map
+            assert not [word for word in OF_THE_LIBRARY if word in words], f"{error}: {said}"
             assert key in said, f"{error}: {said}"
             told += 1
     assert told > 100
