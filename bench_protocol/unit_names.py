@@ -175,8 +175,10 @@ def _by_lower() -> dict[str, dict[tuple[str, float], str]]:
 
 def _alone(text: str) -> Unit | None:
     """Return the unit that is one word; None for others."""
-    if text in _names():
-        return _names()[text]
+    return _names().get(text) or _by_any_case(text)
+
+
+def _by_any_case(text: str) -> Unit | None:
     able = _by_lower().get(text.casefold(), {})
     if len(able) > 1:
         raise UnknownUnit(f": it may be {' or '.join(able.values())}")
@@ -184,25 +186,33 @@ def _alone(text: str) -> Unit | None:
 
 
 def _product(text: str) -> Unit:
-    """Return a unit of parts, such as N*m/(rad*Pa), m/s2, kg m-2 or 1/min."""
+    """Return a unit of parts, such as N*m/(rad*Pa), m/s2, kg m-2 or 1/min.
+
+    Where one part has the wrong case, as in mN/M, the case of the others is not trusted either.
+    """
     above, *below = re.sub(r"\s+per\s+", "/", text).split("/")
+    parts = [
+        (*_power(part), sign)
+        for side, sign in ((above, 1), *((one, -1) for one in below))
+        for part in re.split(r"[*\s.]+", side.strip().removeprefix("(").removesuffix(")"))
+    ]
+    read = _alone if all(name in _names() for name, *_ in parts) else _by_any_case
     exponents, factor = dict.fromkeys(BASES, 0), 1.0
-    for side, sign in ((above, 1), *((one, -1) for one in below)):
-        for part in re.split(r"[*\s.]+", side.strip().removeprefix("(").removesuffix(")")):
-            unit, power = _power(part)
-            for base, count in base_exponents(unit.si).items():
-                exponents[base] += sign * power * count
-            factor *= unit.factor ** (sign * power)
+    for name, power, sign in parts:
+        unit = read(name)
+        if unit is None or unit.zero:
+            raise UnknownUnit("")
+        for base, count in base_exponents(unit.si).items():
+            exponents[base] += sign * power * count
+        factor *= unit.factor ** (sign * power)
     used = {base: power for base, power in exponents.items() if power}
     same = (one.si for one in UNITS.values() if base_exponents(one.si) == used)
     return Unit(next(same, written(used)), factor)
 
 
-def _power(part: str) -> tuple[Unit, int]:
+def _power(part: str) -> tuple[str, int]:
+    """Return the unit and the power of a part such as m-2."""
     found = _PART.fullmatch(part)
     if found is None:
         raise UnknownUnit("")
-    unit = UNITS["1"] if part == "1" else _alone(found[1])
-    if unit is None or unit.zero:
-        raise UnknownUnit("")
-    return unit, int(found[2] or 1)
+    return found[1] or "1", int(found[2] or 1)
