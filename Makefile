@@ -32,6 +32,10 @@ test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
 test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length
 	@tools/test.sh $(BIN)/python "slow and not vcan and not wheel" $(ARGS)
 
+.PHONY: test-studies
+test-studies: $(READY)  ## all tests of the studies: the paper, benchmarks, mutations, gallery
+	@tools/test.sh $(BIN)/python "not vcan" studies/tests $(ARGS)
+
 .PHONY: test-all
 test-all: $(READY)  ## the ordinary suite and the slow tests
 	$(PYTEST) $(ARGS)
@@ -79,11 +83,11 @@ notebook: $(READY)  ## run the notebook of the tutorials and keep what came out
 
 .PHONY: gallery
 gallery: $(READY)  ## make the pictures of the gallery anew, and its page (ARGS=rig: one of them)
-	$(BIN)/python -m tools.gallery $(ARGS)
+	$(BIN)/python -m astb_studies.gallery $(ARGS)
 
 .PHONY: bench
 bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
-	$(BIN)/python -m benchmarks $(ARGS)
+	$(BIN)/python -m astb_studies.benchmarks $(ARGS)
 
 .PHONY: fuzz
 fuzz: $(READY)  ## two million changed inputs for every decoder and every port (ARGS="modbus can-port --count 100000")
@@ -91,15 +95,15 @@ fuzz: $(READY)  ## two million changed inputs for every decoder and every port (
 
 .PHONY: soak
 soak: $(READY)  ## a rig at full rate for half an hour, with faults on and off (ARGS="--minutes 5")
-	$(BIN)/python -m benchmarks.soak $(ARGS)
+	$(BIN)/python -m astb_studies.benchmarks.soak $(ARGS)
 
 .PHONY: benchmark-diagnosis
 benchmark-diagnosis: $(READY)  ## hide, diagnose and judge many times (ARGS="--cases 100"); resumes where it stopped
-	$(BIN)/python -m benchmarks.diagnosis $(ARGS)
+	$(BIN)/python -m astb_studies.benchmarks.diagnosis $(ARGS)
 
 .PHONY: benchmark-investigations
 benchmark-investigations: $(READY)  ## investigate sealed rigs (ARGS="--count 50"); resumes where it stopped
-	$(BIN)/python -m benchmarks.diagnosis.investigations $(ARGS)
+	$(BIN)/python -m astb_studies.benchmarks.diagnosis.investigations $(ARGS)
 
 .PHONY: clean
 clean:  ## remove the environment, caches and demo runs
@@ -108,14 +112,14 @@ clean:  ## remove the environment, caches and demo runs
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamp is newer than pyproject.toml only after a complete installation.
-$(READY): pyproject.toml
+$(READY): pyproject.toml studies/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "ASTB needs Python 3.11 or newer and $(PYTHON) is $$($(PYTHON) -V 2>&1): try make PYTHON=python3.12" >&2; exit 2; }
 	@echo "installing ASTB and its tools into .venv (once, about a minute)"
 	@$(PYTHON) -m venv .venv || \
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
 # Bytecode of all packages takes half as long again as the packages; the first import of a module makes its own.
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --editable '.[dev]' --editable ./studies
 	@echo "compiling the model (again after each change of it, about a minute)"
 	@$(COMPILE)
 	@touch $@

@@ -16,7 +16,7 @@ import click
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import CommandLine
 from astb.terminal import print_safely
-from bench_protocol.system import NeedsLinux
+from bench_protocol.runtime import NeedsLinux
 
 #: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
 #: Python's own numbers but for the last, which is 10 there.

@@ -18,7 +18,7 @@ import msgspec
 
 from bench_protocol.clock import RealClock, hurry
 from bench_protocol.extras import EXTRAS, mend
-from bench_protocol.system import LINUX, processors
+from bench_protocol.runtime import LINUX, processors
 from bench_protocol.units import NS, ms, s, us
 from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
 
@@ -149,7 +149,7 @@ def _packages() -> Iterator[MachineCheck]:
 
 def _compiled_code() -> MachineCheck:
     """Tell whether machine code can be kept: without it every start compiles the model anew."""
-    from bench_protocol.realtime.binding import NOT_KEPT, folder_of
+    from bench_protocol.runtime.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
     plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}

@@ -25,7 +25,7 @@ from astb.software import commit
 from astb.tables import shared_console
 from astb.watched import watched
 from bench_protocol.clock import utc_date
-from bench_protocol.system.signals import known
+from bench_protocol.runtime.signals import known
 from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances

@@ -19,7 +19,7 @@ from astb.rig_file import RigFile, RigFileError, Simulation, read
 from astb.spring_fmu.keys import SpringFmuError
 from bench_protocol.clock import Clock, RealClock, hurry_process
 from bench_protocol.named_files import place_of
-from bench_protocol.system import require_linux
+from bench_protocol.runtime import require_linux
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 from bench_sim.parameters import load

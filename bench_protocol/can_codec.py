@@ -24,7 +24,7 @@ import numpy.typing as npt
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
 from bench_protocol.messages import Protection
-from bench_protocol.realtime.binding import bind, cached
+from bench_protocol.runtime.binding import bind, cached
 from bench_protocol.units import NS
 from bench_protocol.wires import Table
 

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from bench_protocol.realtime.library import c_function
+from bench_protocol.runtime.library import c_function
 from bench_protocol.units import NS
 
 _prctl: Final = c_function("prctl", ctypes.c_int, ctypes.c_int, *(4 * [ctypes.c_ulong]))

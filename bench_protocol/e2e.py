@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.realtime.binding import bind, cached
+from bench_protocol.runtime.binding import bind, cached
 
 COUNTER_PERIOD: Final = 15
 POLYNOMIAL: Final = 0x1D

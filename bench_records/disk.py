@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.system.room import reserve
+from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
 #: Of no use to name another file for: the machine is at fault, not whoever named it.

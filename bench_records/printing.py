@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.system import is_root
+from bench_protocol.runtime import is_root
 from bench_records.disk import kept
 from bench_records.layout import RecordError
 

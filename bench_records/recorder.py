@@ -20,8 +20,8 @@ from shutil import copyfileobj
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 
-from bench_protocol.system import OPEN_FILES_MOVE
-from bench_protocol.system.file_locks import hold
+from bench_protocol.runtime import OPEN_FILES_MOVE
+from bench_protocol.runtime.file_locks import hold
 from bench_records.conversion import convert
 from bench_records.disk import NotKept, begun, give_room, keep_room, kept, why
 from bench_records.layout import (

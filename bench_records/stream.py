@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
-from bench_protocol.system.file_locks import hold
+from bench_protocol.runtime.file_locks import hold
 from bench_records.layout import (
     FORMAT,
     PREFIX,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bench_protocol.clock import Clock, Task, every_without_late
 from bench_protocol.rates import COMMAND_RATE
-from bench_protocol.realtime.mutex import Mutex
+from bench_protocol.runtime.mutex import Mutex
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse

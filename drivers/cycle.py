@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import Encoder, encode_into
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
-from bench_protocol.realtime.binding import bind, inlined
-from bench_protocol.realtime.calls import SPEC_WORDS, lock_mutex, sleep_until, unlock_mutex
-from bench_protocol.realtime.sending import send_all
+from bench_protocol.runtime.binding import bind, inlined
+from bench_protocol.runtime.calls import SPEC_WORDS, lock_mutex, sleep_until, unlock_mutex
+from bench_protocol.runtime.sending import send_all
 from bench_protocol.table import TABLE
 from drivers.setpoints import Setpoints, advance, entry
 

@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.realtime.binding import bind, cached, inlined
-from bench_protocol.realtime.calls import lock_mutex, unlock_mutex
+from bench_protocol.runtime.binding import bind, cached, inlined
+from bench_protocol.runtime.calls import lock_mutex, unlock_mutex
 
 RAMP: Final = np.dtype(
     [

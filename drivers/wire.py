@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.realtime.mutex import Mutex
+from bench_protocol.runtime.mutex import Mutex
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,12 +21,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("astb", deadline=None)
 settings.load_profile("astb")
 
-#: What gives a test away that has deadlines; others say it themselves.
 HERE = Path(__file__).parent
+#: Where tests are, in a directory for each subject.
+TESTS = (HERE, HERE.parent / "studies" / "tests")
 # The asserts of modules that tests share say what they saw, as those of the tests do.
 pytest.register_assert_rewrite(
     *(f"tests.{one.stem}" for one in HERE.iterdir() if one.stem != "conftest" and one.name != "__pycache__")
 )
+#: A test with one of these fixtures, or in tests/wires, has deadlines; others carry the mark themselves.
 WIRES = HERE / "wires"
 RIGS = {"site", "start_rig", "shared_rig", "bench_panel"}
 #: Where such tests are. The choice of them alone reads no other directory, which would take longer than some of them.
@@ -40,8 +42,9 @@ LONG_ROOMS = ("system", "diagnosis", "plans", "benchmarks", "paper", "model")
 
 def complain_of_an_old_environment() -> None:
     """Refuse an environment that lacks what pyproject.toml offers by now, such as plans of other packages."""
-    offered = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["entry-points"]
-    for group, points in offered.items():
+    files = (HERE.parent / "pyproject.toml", HERE.parent / "studies" / "pyproject.toml")
+    offered = [tomllib.loads(file.read_text())["project"]["entry-points"] for file in files]
+    for group, points in (item for one in offered for item in one.items()):
         found = {(one.name, one.value) for one in entry_points(group=group)}
         if lacking := sorted(points.items() - found):
             raise pytest.UsageError(
@@ -59,9 +62,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    room = collection_path.relative_to(HERE).parts[:1] if collection_path.is_relative_to(HERE) else ()
+    room = room_of(collection_path)
     chosen = config.option.markexpr
-    if chosen.endswith(TIMED) and collection_path.is_dir() and room and room[0] not in TIMED_ROOMS:
+    if chosen.endswith(TIMED) and collection_path.is_dir() and room and room not in TIMED_ROOMS:
         return True
     # Half of the files have no slow test: to read them takes every process longer than many a test.
     if chosen.startswith("slow") and room and collection_path.suffix == ".py":
@@ -69,8 +72,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
-def room_of(item: pytest.Item) -> str:
-    return item.path.relative_to(HERE).parts[0] if item.path.is_relative_to(HERE) else ""
+def room_of(path: Path) -> str:
+    """Return the directory of tests that a path is in; "" for none."""
+    inside = [path.relative_to(tests).parts for tests in TESTS if path.is_relative_to(tests)]
+    return inside[0][0] if inside and inside[0] else ""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -79,12 +84,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(WIRES) or RIGS.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("real_time")
-        if item.get_closest_marker("real_time") and room_of(item) not in TIMED_ROOMS:
+        if item.get_closest_marker("real_time") and room_of(item.path) not in TIMED_ROOMS:
             raise pytest.UsageError(
                 f"{item.nodeid} holds deadlines: it belongs in one of {sorted(TIMED_ROOMS)}"
             )
     rank = {room: place for place, room in enumerate(LONG_ROOMS)}
-    items.sort(key=lambda item: rank.get(room_of(item), len(rank)))
+    items.sort(key=lambda item: rank.get(room_of(item.path), len(rank)))
 
 
 def pytest_collection_finish() -> None:
@@ -113,7 +118,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[P
     place = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once"
 
     def made(name: str, make: Callable[[Path], Any]) -> Any:
-        from bench_protocol.system.file_locks import hold
+        from bench_protocol.runtime.file_locks import hold
 
         folder, kept = place / name, place / f"{name}.pickle"
         folder.mkdir(parents=True, exist_ok=True)

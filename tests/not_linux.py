@@ -19,18 +19,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 OURS = (
-    "acceptance",
     "astb",
-    "bench_fmu",
-    "bench_panel",
+    "astb_studies",
     "bench_protocol",
     "bench_records",
     "bench_sim",
-    "bench_twin",
-    "campaigns",
     "diagnosis",
     "drivers",
-    "paper_study",
     "test_plans",
 )
 #: What neither of the two has.

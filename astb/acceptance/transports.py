@@ -2,7 +2,7 @@
 
 ::
 
-    from acceptance.transports import Subject, check_transport
+    from astb.acceptance.transports import Subject, check_transport
 
     def test_my_transport():
         subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})

@@ -10,11 +10,11 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from astb.api import find_plan
+from astb.campaigns.plan_case import PlanCase, by_key
 from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
 from astb.session import build_rig
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
-from campaigns.plan_case import PlanCase, by_key
 from test_plans.run import PlanError
 from test_plans.specimen import read_specimen
 

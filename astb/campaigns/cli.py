@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from astb.campaigns.kept import KeptError, KeptFailed
+from astb.campaigns.page import write_page, write_workbook
+from astb.campaigns.plan_case import run_plan_cases
+from astb.campaigns.workers import ClusterError
 from astb.exit_codes import blocked, misuse
 from astb.tables import plain_console
 from bench_protocol.extras import installed, lacking
 from bench_records.layout import RecordError
-from campaigns.kept import KeptError, KeptFailed
-from campaigns.page import write_page, write_workbook
-from campaigns.plan_case import run_plan_cases
-from campaigns.workers import ClusterError
 
 if TYPE_CHECKING:
-    from campaigns.plan_case import PlanCase
+    from astb.campaigns.plan_case import PlanCase
 
 
 @click.command("campaign")
@@ -58,7 +58,7 @@ def campaign_command(
 
     Ends with 0 if every case has a verdict, whichever it is, 2 for misuse, 3 if a case failed or the cluster is gone.
     """
-    from campaigns.display import CampaignDisplay, failed_checks, verdicts
+    from astb.campaigns.display import CampaignDisplay, failed_checks, verdicts
 
     if not only_list and not installed("campaign"):
         misuse(lacking("campaign", "campaigns"))
@@ -112,8 +112,8 @@ def _write_beside(rows: list[dict[str, Any]], out: Path) -> None:
 
 def _asked_for(file: Path, limit: str) -> "tuple[dict[str, PlanCase], float]":
     """Return the cases of a campaign file, and the time for each (s)."""
+    from astb.campaigns.campaign_file import CampaignError, read_campaign
     from bench_protocol.written_values import NotAValue, read_written
-    from campaigns.campaign_file import CampaignError, read_campaign
 
     try:
         seconds = read_written("--limit", limit, "s")

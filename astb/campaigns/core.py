@@ -7,10 +7,10 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
+from astb.campaigns.on_a_worker import GRACE, Finished, carry_out, in_words
+from astb.campaigns.workers import ClusterError
 from bench_protocol.clock import RealClock
 from bench_protocol.units import NS, s
-from campaigns.on_a_worker import GRACE, Finished, carry_out, in_words
-from campaigns.workers import ClusterError
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -9,9 +9,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
+from astb.campaigns.findings import Kind, distributions, kind_of, verdict_of
+from astb.campaigns.run import Standing
 from bench_protocol.units import hours, minutes, s
-from campaigns.findings import Kind, distributions, kind_of, verdict_of
-from campaigns.run import Standing
 
 #: Through a pipe there is a line so often.
 BETWEEN: Final = 10 * s

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
-from bench_protocol.system.file_locks import hold
+from bench_protocol.runtime.file_locks import hold
 from bench_records.disk import why
 from bench_records.layout import whole
 

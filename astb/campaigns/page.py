@@ -9,12 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup
 
-from bench_records.check_table import SIGNS
-from bench_records.disk import kept
-from bench_records.templates import template
-from bench_records.typography import primed, significant, unit
-from bench_records.workbook import workbook, write_row
-from campaigns.findings import (
+from astb.campaigns.findings import (
     FAILED,
     Distribution,
     Kind,
@@ -29,6 +24,11 @@ from campaigns.findings import (
     reason_of,
     verdict_of,
 )
+from bench_records.check_table import SIGNS
+from bench_records.disk import kept
+from bench_records.templates import template
+from bench_records.typography import primed, significant, unit
+from bench_records.workbook import workbook, write_row
 
 #: Of a distribution's picture (px).
 WIDTH, HEIGHT = 260.0, 18.0

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from astb.campaigns.run import run_cases
 from astb.rig_file import RigFile, Simulation
 from bench_records.disk import NotKept
-from campaigns.run import run_cases
 
 if TYPE_CHECKING:
     from bench_records.result import Result

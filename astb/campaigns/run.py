@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from astb.campaigns.core import carried_out
+from astb.campaigns.kept import KeptFailed, KeptRows, read_rows
+from astb.campaigns.on_a_worker import Finished
+from astb.campaigns.workers import cluster
 from bench_protocol.clock import RealClock
 from bench_protocol.units import NS
-from campaigns.core import carried_out
-from campaigns.kept import KeptFailed, KeptRows, read_rows
-from campaigns.on_a_worker import Finished
-from campaigns.workers import cluster
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.extras import installed, lacking
-from bench_protocol.system import processors
+from bench_protocol.runtime import processors
 from bench_protocol.units import s
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, NoReturn
 
-from bench_protocol.system.signals import known
+from bench_protocol.runtime.signals import known
 
 #: Signals that whoever sent them may not know of: a closed terminal, Ctrl-\\.
 UNAWARES: Final = ("SIGHUP", "SIGQUIT")

@@ -17,7 +17,7 @@ from astb.commands.ending import UNAWARES, ended_by
 from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
 from astb.exit_codes import blocked, misuse
 from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
-from bench_protocol.system import require_linux
+from bench_protocol.runtime import require_linux
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile, Simulation
@@ -78,7 +78,7 @@ def rig_command(
     require_linux("a rig in real time")
     _at_tick_rate(tick_rate)
     from astb.session import build_rig, bus_stages
-    from bench_protocol.realtime.pacing import Late
+    from bench_protocol.runtime.pacing import Late
     from bench_sim.rig.process import run_rig
 
     rig, path = read_rig(rig_named)

@@ -70,8 +70,8 @@ def car_command(**given: Any) -> None:
 
 
 def _write(kind: str, *, out: Path, fmi: str, native: bool, **sets: Any) -> None:
-    from bench_fmu.export import ExportError, write_unit
-    from bench_fmu.models.kinds import unit_of
+    from astb.fmu.export import ExportError, write_unit
+    from astb.fmu.models.kinds import unit_of
     from bench_sim.parameters import ParameterError
 
     try:

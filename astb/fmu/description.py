@@ -5,7 +5,7 @@ from math import isfinite
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from bench_fmu.unit import Kind, Unit, Variable
+from astb.fmu.unit import Kind, Unit, Variable
 from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
 from bench_protocol.units import WRITTEN_UNITS

@@ -16,12 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from bench_fmu.description import model_description
-from bench_fmu.object_code import write_object
-from bench_fmu.unit import Code, Kind, Unit
+from astb.fmu.description import model_description
+from astb.fmu.object_code import write_object
+from astb.fmu.unit import Code, Kind, Unit
 from bench_protocol.rates import TICK
-from bench_protocol.realtime.sources import digest_of
-from bench_protocol.system import LINUX
+from bench_protocol.runtime import LINUX
+from bench_protocol.runtime.sources import digest_of
 
 #: Versions of FMI that there are.
 VERSIONS: Final = (2, 3)
@@ -84,7 +84,7 @@ def _token(unit: Unit, fmi: int) -> str:
     digest = hashlib.sha256(
         str(digest_of(__name__, unit.code.start.__module__, unit.code.advance.__module__)).encode()
     )
-    for source in sorted(files("bench_fmu").joinpath("c").iterdir(), key=lambda one: one.name):
+    for source in sorted(files("astb.fmu").joinpath("c").iterdir(), key=lambda one: one.name):
         digest.update(source.read_bytes())
     digest.update(unit.defaults.tobytes())
     told = [unit.code.name, fmi, *(f"{one.name} {one.start}" for one in unit.variables)]
@@ -168,7 +168,7 @@ def _object(code: Code, function: str) -> str:
 
 
 def _link(compiler: str, place: Path, compiled: Path, code: Code, fmi: int) -> Path:
-    sources = files("bench_fmu").joinpath("c")
+    sources = files("astb.fmu").joinpath("c")
     written = "unit.c", f"fmi{fmi}.c", code.checks
     for name in ("unit.h", *written):
         (place / name).write_bytes(sources.joinpath(name).read_bytes())

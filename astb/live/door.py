@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from astb.live.model import Live
-from bench_protocol.system.own_folder import own_directory
+from bench_protocol.runtime.own_folder import own_directory
 from bench_sim.rig.control_socket import LINE_MAX, ask, control_path, is_alive
 from drivers.errors import BenchError
 

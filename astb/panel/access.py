@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from astb.live.door import door_path
 from bench_protocol.clock import Clock
-from bench_protocol.system.own_folder import own_directory
+from bench_protocol.runtime.own_folder import own_directory
 from bench_protocol.units import NS, s
 
 #: A page that commands and is not heard of for so long (a reload, a lost network) has left its seat.

@@ -8,7 +8,7 @@ from anyio import CapacityLimiter, to_thread
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from bench_panel.access import Access
+from astb.panel.access import Access
 from bench_records.layout import RecordError
 
 #: A page that was made of a record has its script and style inside, and needs nothing from anywhere.

@@ -24,8 +24,8 @@ from drivers.errors import BenchError
 from drivers.stamps import StampClock
 
 if TYPE_CHECKING:
-    from bench_panel.parts import Parts
-    from bench_panel.watch import Watch
+    from astb.panel.parts import Parts
+    from astb.panel.watch import Watch
     from bench_protocol.frames import Block
     from drivers.can_port import CanPort
 

@@ -17,7 +17,7 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
-    from bench_panel.access import Access
+    from astb.panel.access import Access
 
 
 _LOCAL: Final = "127.0.0.1"
@@ -45,12 +45,12 @@ def panel_command(
     Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
     started. A run goes on when the panel ends, and the next panel finds it.
     """
-    from bench_panel.access import Access, kept_token
-    from bench_panel.kept_rig import KeptRig
-    from bench_panel.parts import Parts
-    from bench_panel.runs import Runs
-    from bench_panel.server import application
-    from bench_panel.watch import Watch
+    from astb.panel.access import Access, kept_token
+    from astb.panel.kept_rig import KeptRig
+    from astb.panel.parts import Parts
+    from astb.panel.runs import Runs
+    from astb.panel.server import application
+    from astb.panel.watch import Watch
 
     end_in_order()
     rig, path = read_rig(rig_named)
@@ -90,7 +90,7 @@ def panel_command(
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
     """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
-    from bench_panel.connections import Server
+    from astb.panel.connections import Server
 
     server = Server(app, access)
 

@@ -9,9 +9,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from bench_panel.access import NotAllowed
-from bench_panel.parts import Parts
-from bench_panel.runs import CannotDo
+from astb.panel.access import NotAllowed
+from astb.panel.parts import Parts
+from astb.panel.runs import CannotDo
 
 _BODY_MAX: Final = 64 * 1024
 _DEPTH_MAX: Final = 8

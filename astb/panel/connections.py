@@ -22,7 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode
 
-from bench_panel.access import Access
+from astb.panel.access import Access
 from bench_protocol.units import minutes, s
 
 #: Places of connections: in all, and for one address. All of them fit into 1024 file descriptors, the usual limit.

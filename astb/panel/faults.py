@@ -11,13 +11,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from bench_panel.commands import command
-from bench_panel.runs import CannotDo
+from astb.panel.commands import command
+from astb.panel.runs import CannotDo
 from bench_sim.rig.control_socket import ask, control_path
 
 if TYPE_CHECKING:
+    from astb.panel.parts import Parts
     from astb.rig_file import RigFile
-    from bench_panel.parts import Parts
 
 
 def routes(parts: Parts) -> Sequence[Route]:

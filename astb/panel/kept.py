@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 from starlette.routing import Route
 
-from bench_panel import notes
-from bench_panel.answers import answered
-from bench_panel.commands import command, text_of
-from bench_panel.runs import CannotDo
-from bench_panel.specimens import FOLDER
+from astb.panel import notes
+from astb.panel.answers import answered
+from astb.panel.commands import command, text_of
+from astb.panel.runs import CannotDo
+from astb.panel.specimens import FOLDER
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.comparison import compare_runs
 from bench_records.index import RunIndex
@@ -31,7 +31,7 @@ from bench_records.trend import trend_of
 from diagnosis.report.words import prose
 
 if TYPE_CHECKING:
-    from bench_panel.parts import Parts
+    from astb.panel.parts import Parts
 
 FINDING: Final = "finding.json"
 #: Where runs lie that are kept and no longer listed among the others.

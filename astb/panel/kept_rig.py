@@ -7,7 +7,7 @@ from pathlib import Path
 
 from astb.rig_file import RigFile
 from astb.session import answers, ready_line, start_rig
-from bench_protocol.system import LINUX
+from bench_protocol.runtime import LINUX
 
 
 class KeptRig:

@@ -13,14 +13,14 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from bench_panel.access import NotAllowed
-from bench_panel.answers import answered
-from bench_panel.commands import json_answer, read_body, refusal
+from astb.panel.access import NotAllowed
+from astb.panel.answers import answered
+from astb.panel.commands import json_answer, read_body, refusal
 from bench_records.layout import RecordError
 from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
 
 if TYPE_CHECKING:
-    from bench_panel.parts import Parts
+    from astb.panel.parts import Parts
 
 #: What a browser may show as a picture; everything else is a file to be saved, which no browser runs.
 PICTURES: Final = {

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench_panel.access import Access
-from bench_panel.runs import Runs
-from bench_panel.watch import Watch
+from astb.panel.access import Access
+from astb.panel.runs import Runs
+from astb.panel.watch import Watch
 
 
 @dataclass(frozen=True, slots=True)

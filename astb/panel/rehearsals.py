@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 from starlette.routing import Route
 
-from bench_panel.access import NotAllowed
-from bench_panel.answers import answered
-from bench_panel.commands import command, settings_of, text_of
-from bench_panel.kept import Kept
-from bench_panel.runs import CannotDo, refuse_settings
-from bench_panel.specimens import Specimens
+from astb.panel.access import NotAllowed
+from astb.panel.answers import answered
+from astb.panel.commands import command, settings_of, text_of
+from astb.panel.kept import Kept
+from astb.panel.runs import CannotDo, refuse_settings
+from astb.panel.specimens import Specimens
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.layout import RecordError
 from bench_records.result import read_result
 
 if TYPE_CHECKING:
-    from bench_panel.parts import Parts
+    from astb.panel.parts import Parts
 
 #: What a rehearsal leaves, beside its record.
 PAGE: Final = "rehearsal.html"

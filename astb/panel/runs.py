@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from astb.live.door import NoRun, knock
 from astb.operators import PANEL
-from bench_panel.kept_rig import KeptRig
-from bench_panel.watch import Watch
+from astb.panel.kept_rig import KeptRig
+from astb.panel.watch import Watch
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.units import s
 from bench_protocol.words import SIDES

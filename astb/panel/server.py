@@ -13,16 +13,16 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 import bench_records
+from astb.panel.access import Doorkeeper, NotAllowed
+from astb.panel.answers import Threads, answered
+from astb.panel.commands import command, json_answer, json_body, settings_of, text_of
+from astb.panel.parts import Parts
+from astb.panel.runs import CannotDo
+from astb.panel.specimens import Specimens
+from astb.panel.stream import Stream
+from astb.panel.views import VIEWS
+from astb.panel.watch import CONTACTS
 from astb.rig_limits import ASSUMED
-from bench_panel.access import Doorkeeper, NotAllowed
-from bench_panel.answers import Threads, answered
-from bench_panel.commands import command, json_answer, json_body, settings_of, text_of
-from bench_panel.parts import Parts
-from bench_panel.runs import CannotDo
-from bench_panel.specimens import Specimens
-from bench_panel.stream import Stream
-from bench_panel.views import VIEWS
-from bench_panel.watch import CONTACTS
 from bench_records.layout import RecordError
 from test_plans.discovery import plans, unusable
 from test_plans.holding import can_be_held

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from starlette.routing import Route
 
-from bench_panel.answers import answered
-from bench_panel.commands import command, text_of
-from bench_panel.runs import CannotDo
+from astb.panel.answers import answered
+from astb.panel.commands import command, text_of
+from astb.panel.runs import CannotDo
 from bench_protocol.input_limits import parse_toml, read_bounded
 from bench_protocol.named_files import place_of
 from bench_protocol.units import kN
@@ -24,7 +24,7 @@ from test_plans.loads import SpecimenError
 from test_plans.specimen import ORDINARY, PACKAGE, Specimen, packaged, read_specimen
 
 if TYPE_CHECKING:
-    from bench_panel.parts import Parts
+    from astb.panel.parts import Parts
 
 #: Where the files lie that were brought, in the folder of the runs.
 FOLDER: Final = "specimens"

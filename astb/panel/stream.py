@@ -17,10 +17,10 @@ import msgspec
 import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from bench_panel.access import Access
-from bench_panel.envelope import Scale
-from bench_panel.runs import Runs
-from bench_panel.watch import Watch
+from astb.panel.access import Access
+from astb.panel.envelope import Scale
+from astb.panel.runs import Runs
+from astb.panel.watch import Watch
 from bench_protocol.units import hours, ms
 
 PERIOD: Final = 66 * ms

@@ -9,8 +9,8 @@ from msgspec import to_builtins
 from starlette.requests import Request
 from starlette.routing import Route
 
-from bench_panel.answers import answered
-from bench_panel.signals import shown
+from astb.panel.answers import answered
+from astb.panel.signals import shown
 from bench_protocol.table import TABLE
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
@@ -19,7 +19,7 @@ from bench_records.twin import PARTS, TWIN, LastMinute, Parting, read_twin
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench_panel.parts import Parts
+    from astb.panel.parts import Parts
 
 
 def routes(parts: Parts) -> Sequence[Route]:

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from bench_panel import bus, faults, kept, rehearsals, specimens, twin
-from bench_panel.parts import Parts
+from astb.panel import bus, faults, kept, rehearsals, specimens, twin
+from astb.panel.parts import Parts
 
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute

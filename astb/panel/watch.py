@@ -11,15 +11,15 @@ import numpy as np
 
 from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
+from astb.panel.beside import Beside
+from astb.panel.envelope import Envelope, Ints
+from astb.panel.signals import Shown, shown_signals
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import dimensions_of, open_wiring, wiring_of
-from bench_panel.beside import Beside
-from bench_panel.envelope import Envelope, Ints
-from bench_panel.signals import Shown, shown_signals
 from bench_protocol.clock import RealClock
+from bench_protocol.runtime import LINUX
 from bench_protocol.signals import Kind
-from bench_protocol.system import LINUX
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import FAULT_STATES, SIDES, TO_SAFE, LimitKind

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from astb.exit_codes import FAIL, INCOMPLETE, PASS, blocked, misuse
-from bench_protocol.system.one_core import keep_algebra_to_one_core
+from bench_protocol.runtime.one_core import keep_algebra_to_one_core
 
 if TYPE_CHECKING:
     from bench_records.twin import TwinStory
@@ -27,7 +27,7 @@ def watch_command(directory: Path, model: str) -> None:
     read, 4 if nothing could be judged.
     """
     keep_algebra_to_one_core()
-    from bench_twin.screen import DiagnosisError, ParameterError, RecordError, watch_on_screen
+    from astb.watch.screen import DiagnosisError, ParameterError, RecordError, watch_on_screen
 
     try:
         story = watch_on_screen(directory, model)

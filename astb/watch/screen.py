@@ -9,10 +9,10 @@ from rich.live import Live
 from rich.table import Table
 
 from astb.tables import open_console, open_table, styled
+from astb.watch.watching import DiagnosisError, ParameterError, RecordError, watch
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
 from bench_records.twin import PARTS, LastMinute, Parting, TwinStory
-from bench_twin.watching import DiagnosisError, ParameterError, RecordError, watch
 
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "beside", "watch_on_screen"]
 

@@ -13,9 +13,9 @@ from bench_records.record import Record, read
 from bench_records.stream import is_held
 from bench_records.twin import TwinStory, write_twin
 from bench_sim.parameters import ParameterError, load
-from bench_twin.pace import Pace
-from bench_twin.twin import Twin
 from diagnosis.contracts import DiagnosisError
+from diagnosis.twin.pace import Pace
+from diagnosis.twin.twin import Twin
 
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numba
 import numpy as np
 
-from bench_protocol.realtime.sources import digest_of
-from bench_protocol.system.file_locks import hold
+from bench_protocol.runtime.file_locks import hold
+from bench_protocol.runtime.sources import digest_of
 
 #: Said once where an installation is not ours to write to, and the user has no folder for caches either.
 NOT_KEPT: Final = (

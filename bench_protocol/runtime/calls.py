@@ -12,8 +12,8 @@ from typing import Any, Final
 from llvmlite.binding import add_symbol
 from numba import config, types
 
-from bench_protocol.realtime.binding import inlined
-from bench_protocol.realtime.library import c_function, interpreter_function
+from bench_protocol.runtime.binding import inlined
+from bench_protocol.runtime.library import c_function, interpreter_function
 from bench_protocol.units import NS
 
 _CLOCK_MONOTONIC: Final = 1

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bench_protocol.system import require_linux
+from bench_protocol.runtime import require_linux
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-from bench_protocol.system import LINUX
+from bench_protocol.runtime import LINUX
 
 _C: Final = ctypes.CDLL(None) if LINUX else None
 _locks: Final[dict[int, threading.RLock]] = {}

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.realtime.library import c_function
+from bench_protocol.runtime.library import c_function
 
 #: More than a pthread_mutex_t takes on any 64-bit Linux, and the alignment that it wants.
 _WORDS: Final = 16

@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from bench_protocol.frames import Block, copied
 from bench_protocol.rates import TICK
-from bench_protocol.realtime.binding import inlined
-from bench_protocol.realtime.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
-from bench_protocol.realtime.eventfd import wake
+from bench_protocol.runtime.binding import inlined
+from bench_protocol.runtime.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
+from bench_protocol.runtime.eventfd import wake
 from bench_protocol.units import NS, ms
 
 _PERIOD: Final = round(TICK * NS)

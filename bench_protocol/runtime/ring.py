@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.realtime.binding import cached, inlined
-from bench_protocol.realtime.calls import lock_yielding, unlock_yielding
+from bench_protocol.runtime.binding import cached, inlined
+from bench_protocol.runtime.calls import lock_yielding, unlock_yielding
 
 _WRITTEN: Final = 0
 _READ: Final = 1

@@ -2,8 +2,8 @@
 
 from typing import Any, Final
 
-from bench_protocol.realtime.binding import inlined
-from bench_protocol.realtime.calls import ADDRESS, INT, external, now, sleep_until
+from bench_protocol.runtime.binding import inlined
+from bench_protocol.runtime.calls import ADDRESS, INT, external, now, sleep_until
 from bench_protocol.units import NS, ms
 
 #: How long it waits for room, ns.

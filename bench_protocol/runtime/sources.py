@@ -10,7 +10,7 @@ from typing import Any, Final
 from bench_protocol.rates import TICK_RATE
 
 #: Packages whose modules can be part of a compiled function.
-PACKAGES: Final = frozenset({"bench_protocol", "bench_sim", "drivers", "bench_fmu"})
+PACKAGES: Final = frozenset({"astb", "bench_protocol", "bench_sim", "drivers"})
 #: Flags of a code object (`inspect`): it is a function; it has a docstring (Python 3.13 and later).
 _FUNCTION: Final = 0x2
 _DOCSTRING: Final = 0x4000000

@@ -6,7 +6,7 @@ With ``NUMBA_DISABLE_JIT=1`` functions stay plain Python: the same equations, th
 from collections.abc import Callable
 from typing import Any
 
-from bench_protocol.realtime.binding import cached
+from bench_protocol.runtime.binding import cached
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_protocol.realtime.binding import bind
+from bench_protocol.runtime.binding import bind
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bench_rest import rest_forces, seated_height, settle_bench
 from bench_sim.model.kernel import advance_plant, measure_plant, observe

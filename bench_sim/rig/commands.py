@@ -13,7 +13,7 @@ import numpy.typing as npt
 from bench_protocol.can_codec import NOBODY, Decoder, Tally, data_word, decode_into
 from bench_protocol.e2e import crc8
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
-from bench_protocol.realtime.ring import Ring, take
+from bench_protocol.runtime.ring import Ring, take
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
 from bench_sim.model.compiled import compiled

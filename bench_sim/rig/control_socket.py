@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.system.own_folder import own_directory, own_folder, require_own
+from bench_protocol.runtime.own_folder import own_directory, own_folder, require_own
 
 #: Bytes of a line, and clients at once.
 LINE_MAX: Final = 8192

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.realtime.addresses import INT, NUMBER, WORD, at_address
-from bench_protocol.realtime.calls import (
+from bench_protocol.runtime.addresses import INT, NUMBER, WORD, at_address
+from bench_protocol.runtime.calls import (
     enter_interpreter,
     leave_interpreter,
     now,

@@ -3,7 +3,7 @@
 from typing import Any, Final
 
 from bench_protocol.rates import LATENESS_BINS
-from bench_protocol.realtime.pacing import Late
+from bench_protocol.runtime.pacing import Late
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
 from bench_sim.model.compiled import compiled

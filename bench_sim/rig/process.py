@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from bench_protocol.clock import RealClock, hurry, hurry_process, wall_time_ns
-from bench_protocol.realtime.eventfd import open_eventfd
-from bench_protocol.realtime.pacing import Late
+from bench_protocol.runtime.eventfd import open_eventfd
+from bench_protocol.runtime.pacing import Late
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture

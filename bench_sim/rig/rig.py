@@ -12,10 +12,10 @@ from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
-from bench_protocol.realtime.binding import bind
-from bench_protocol.realtime.mutex import Mutex
-from bench_protocol.realtime.pacing import Late, Pacing
-from bench_protocol.realtime.ring import Ring, drain, fill
+from bench_protocol.runtime.binding import bind
+from bench_protocol.runtime.mutex import Mutex
+from bench_protocol.runtime.pacing import Late, Pacing
+from bench_protocol.runtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.elsewhere import Elsewhere

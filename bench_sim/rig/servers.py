@@ -16,7 +16,7 @@ from typing import Any, Final, Self
 
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
-from bench_protocol.realtime.eventfd import clear
+from bench_protocol.runtime.eventfd import clear
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.control_socket import ControlSocket

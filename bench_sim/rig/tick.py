@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import TICK
-from bench_protocol.realtime.calls import (
+from bench_protocol.runtime.calls import (
     enter_interpreter,
     leave_interpreter,
     lock_yielding,
@@ -20,8 +20,8 @@ from bench_protocol.realtime.calls import (
     unlock_yielding,
     wake,
 )
-from bench_protocol.realtime.pacing import Pacing, await_tick, put_off
-from bench_protocol.realtime.ring import Ring, push
+from bench_protocol.runtime.pacing import Pacing, await_tick, put_off
+from bench_protocol.runtime.ring import Ring, push
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar
 from bench_protocol.words import (

@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from bench_sim.parameters import Parameters
-from bench_twin.innovations import Belief
 from diagnosis.contracts import Job, MeasuredRun, Nuisance
 from diagnosis.systems.air_spring.gas import GAS, MOVING
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import STEP
+from diagnosis.twin.innovations import Belief
 
 #: A motion goes to and fro within so many s.
 _TO_AND_FRO: Final = 4.0

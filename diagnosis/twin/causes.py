@@ -5,7 +5,7 @@ then is the difference of two replays that begin there, with the cause and witho
 known well, but that is the same in both.
 
 A quick look, linear in the size of the cause and of all parameters: a diagnosis (`astb diagnose`) is slower, and knows
-more. A cause explains a stretch if the twin that has it does not part from the rig (`bench_twin.detector`).
+more. A cause explains a stretch if the twin that has it does not part from the rig (`diagnosis.twin.detector`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bench_twin.fitting import Fit, Fitted
-from bench_twin.forms import (
+from diagnosis.contracts import Array, Hypothesis, MeasuredRun
+from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.twin.fitting import Fit, Fitted
+from diagnosis.twin.forms import (
     POSSIBLE,
     Form,
     Forms,
@@ -29,13 +31,11 @@ from bench_twin.forms import (
     places,
     suspect,
 )
-from bench_twin.growth import Growing, Growth
-from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns
-from bench_twin.pairs import Acting, Pairs
-from bench_twin.replays import Replays, Secant, bounded, typical
-from bench_twin.slices import Work
-from diagnosis.contracts import Array, Hypothesis, MeasuredRun
-from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.twin.growth import Growing, Growth
+from diagnosis.twin.innovations import BIN, BINS, BLOCK, Belief, Columns
+from diagnosis.twin.pairs import Acting, Pairs
+from diagnosis.twin.replays import Replays, Secant, bounded, typical
+from diagnosis.twin.slices import Work
 
 #: So many of the causes that explain most are looked at closely, at the size that they were found to have.
 _CLOSELY: Final = 9

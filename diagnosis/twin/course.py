@@ -8,10 +8,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from bench_records.twin import Parting, PossibleCause, Said, Summary
-from bench_twin.forms import Form, Suspect
 from diagnosis.contracts import Channel, Hypothesis
 from diagnosis.engine.summary import WHERE
 from diagnosis.estimates import decimals
+from diagnosis.twin.forms import Form, Suspect
 
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
 #: half is blocked comes out 3.5 % too open.

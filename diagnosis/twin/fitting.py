@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench_twin.innovations import BINS, Belief, Columns, rough
 from diagnosis.contracts import Array
+from diagnosis.twin.innovations import BINS, Belief, Columns, rough
 
 
 class Fitted(NamedTuple):

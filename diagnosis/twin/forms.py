@@ -17,11 +17,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bench_twin.detector import Alarm, Detector
-from bench_twin.fitting import Fit, Fitted
-from bench_twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
-from bench_twin.replays import Replays, can_be, typical
 from diagnosis.contracts import Array, Hypothesis
+from diagnosis.twin.detector import Alarm, Detector
+from diagnosis.twin.fitting import Fit, Fitted
+from diagnosis.twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
+from diagnosis.twin.replays import Replays, can_be, typical
 
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 POSSIBLE: Final = 4.0

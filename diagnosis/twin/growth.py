@@ -1,6 +1,6 @@
 """What explains a stretch as it grows: replays of its growth, each from where the one before was off.
 
-The sum of steps (`bench_twin.forms.growing`) says about when something grew, and to which size. A replay in which it
+The sum of steps (`forms.growing`) says about when something grew, and to which size. A replay in which it
 does that says what it is really like, also where nothing is linear in its size any more. What the replay does more than
 the steps is added to these, for all growths near it, and they say better where the next replay is to grow.
 """
@@ -12,11 +12,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bench_twin.forms import Form, Forms, Parted, Shaped, Suspect, left_by, places, share_grown, suspect
-from bench_twin.pairs import Acting
-from bench_twin.replays import Secant, bounded, can_be, typical
-from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis
+from diagnosis.twin.forms import Form, Forms, Parted, Shaped, Suspect, left_by, places, share_grown, suspect
+from diagnosis.twin.pairs import Acting
+from diagnosis.twin.replays import Secant, bounded, can_be, typical
+from diagnosis.twin.slices import Work
 
 #: So many replays of one growth.
 _ROUNDS: Final = 10

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from bench_records.twin import Compared, LastMinute
-from bench_twin.innovations import BLOCK, Innovations
 from diagnosis.contracts import Array, Channel
+from diagnosis.twin.innovations import BLOCK, Innovations
 
 #: So long (s) is looked back.
 _MINUTE: Final = 60.0

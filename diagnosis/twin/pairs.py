@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from bench_twin.fitting import Fitted
-from bench_twin.forms import POSSIBLE, Parted, Suspect, interval
-from bench_twin.innovations import BIN, BINS
-from bench_twin.replays import bounded, can_be, typical
-from bench_twin.slices import Work
 from diagnosis.contracts import Array, Hypothesis
+from diagnosis.twin.fitting import Fitted
+from diagnosis.twin.forms import POSSIBLE, Parted, Suspect, interval
+from diagnosis.twin.innovations import BIN, BINS
+from diagnosis.twin.replays import bounded, can_be, typical
+from diagnosis.twin.slices import Work
 
 #: Of so many second causes for each first one the beginning is looked for.
 _SECONDS: Final = 3

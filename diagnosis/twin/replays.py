@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from bench_twin.innovations import Bins
 from diagnosis.contracts import Array, Experiment, Hypothesis, Job, MeasuredRun
 from diagnosis.systems.air_spring.gas import BEFORE
 from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.twin.innovations import Bins
 
 #: No size is tried beyond so much of what is possible.
 _WITHIN: Final = 0.95

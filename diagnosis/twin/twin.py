@@ -13,13 +13,17 @@ from bench_records.record import Record
 from bench_records.twin import Judged, LastMinute, Parting, TwinStory
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
-from bench_twin import course
-from bench_twin.carried import Carried, GasOf
-from bench_twin.causes import explanations
-from bench_twin.detector import Alarm, Detector
-from bench_twin.fitting import Fit
-from bench_twin.forms import Form, Suspect
-from bench_twin.innovations import (
+from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
+from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
+from diagnosis.systems.records import STEP as SAMPLE
+from diagnosis.systems.records import run_between
+from diagnosis.twin import course
+from diagnosis.twin.carried import Carried, GasOf
+from diagnosis.twin.causes import explanations
+from diagnosis.twin.detector import Alarm, Detector
+from diagnosis.twin.fitting import Fit
+from diagnosis.twin.forms import Form, Suspect
+from diagnosis.twin.innovations import (
     BLOCK,
     Belief,
     Columns,
@@ -29,10 +33,10 @@ from bench_twin.innovations import (
     judge,
     parameters_of,
 )
-from bench_twin.lately import joined
-from bench_twin.replays import Replays
-from bench_twin.slices import Sliced, Work
-from bench_twin.stretches import (
+from diagnosis.twin.lately import joined
+from diagnosis.twin.replays import Replays
+from diagnosis.twin.slices import Sliced, Work
+from diagnosis.twin.stretches import (
     BEGINNING,
     LEAST,
     MOVING,
@@ -42,10 +46,6 @@ from bench_twin.stretches import (
     Stretch,
     stretches,
 )
-from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
-from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
-from diagnosis.systems.records import STEP as SAMPLE
-from diagnosis.systems.records import run_between
 
 #: A motion is smoothed by what comes after it: so much of the end (s) waits for that.
 _WAITS: Final = 0.5

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import Clock, Task
-from bench_protocol.realtime.mutex import Mutex
+from bench_protocol.runtime.mutex import Mutex
 from bench_protocol.wires import Table
 from bench_protocol.words import AirFate
 from drivers.errors import BenchError, LinkLost, NotAvailable

@@ -8,10 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from acceptance.conformance.listening import listen
-from acceptance.conformance.raw_access import Cable, RawAccess
-from acceptance.conformance.report import Observation, Outcome, Report, ReportError, differences, read_report
-from acceptance.conformance.suite import examine
+from astb.acceptance.conformance.listening import listen
+from astb.acceptance.conformance.raw_access import Cable, RawAccess
+from astb.acceptance.conformance.report import (
+    Observation,
+    Outcome,
+    Report,
+    ReportError,
+    differences,
+    read_report,
+)
+from astb.acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
 from bench_protocol.modbus import refuse

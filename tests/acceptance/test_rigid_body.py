@@ -6,7 +6,7 @@ from math import sqrt, tau
 import numpy as np
 import pytest
 
-from acceptance.checking.rigid_body import CELLS_ACROSS, Motion, RigidBody
+from astb.acceptance.checking.rigid_body import CELLS_ACROSS, Motion, RigidBody
 from bench_protocol.dimensions import LAGS, across, lag, ordinary, place
 from bench_protocol.units import mm, mrad
 from test_plans.instruments import ordinary as instruments

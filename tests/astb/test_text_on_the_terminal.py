@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.progress import Progress
 
-from acceptance.checking.report import CheckReport, Missing
-from acceptance.commands import check_rig
+from astb.acceptance.checking.report import CheckReport, Missing
+from astb.acceptance.commands import check_rig
 from astb.cli import main
 from astb.display import ProgressDisplay
 from astb.tables import open_console, open_table, plain_console, print_json, styled
@@ -182,18 +182,7 @@ def test_a_run_says_what_it_is_told(capsys):
 def test_consoles_are_made_in_one_place():
     """Elsewhere, rich would take what stands in square brackets for its own."""
     found = []
-    for folder in (
-        "acceptance",
-        "astb",
-        "bench_fmu",
-        "bench_panel",
-        "bench_twin",
-        "campaigns",
-        "paper_study",
-        "diagnosis",
-        "bench_records",
-        "test_plans",
-    ):
+    for folder in ("astb", "bench_records", "diagnosis", "studies/astb_studies/paper", "test_plans"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text())):
                 if not isinstance(node, ast.Call):

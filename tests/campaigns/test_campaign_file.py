@@ -14,12 +14,12 @@ import pytest
 from rich.console import Console
 
 from astb.api import run_plan
-from campaigns import plan_case
-from campaigns.campaign_file import CampaignError, read_campaign
-from campaigns.display import CampaignDisplay, duration, verdicts
-from campaigns.kept import read_rows
-from campaigns.plan_case import PlanCase, run_plan_case
-from campaigns.run import Standing
+from astb.campaigns import plan_case
+from astb.campaigns.campaign_file import CampaignError, read_campaign
+from astb.campaigns.display import CampaignDisplay, duration, verdicts
+from astb.campaigns.kept import read_rows
+from astb.campaigns.plan_case import PlanCase, run_plan_case
+from astb.campaigns.run import Standing
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/run-a-campaign.md").read_text()

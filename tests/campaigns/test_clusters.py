@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.kept import read_rows
-from campaigns.run import run_cases
+from astb.campaigns.kept import read_rows
+from astb.campaigns.run import run_cases
 from tests.campaigns import questions
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +23,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
 
 CAMPAIGN = """
 import sys
-from campaigns.run import run_cases
+from astb.campaigns.run import run_cases
 from tests.campaigns import questions
 
 if __name__ == "__main__":

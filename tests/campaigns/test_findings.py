@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from astb.campaigns.display import failed_checks, verdicts
+from astb.campaigns.findings import distributions, failures_first, verdict_of
+from astb.campaigns.page import write_page, write_workbook
+from astb.campaigns.plan_case import PlanCase
 from bench_records.result import check
-from campaigns.display import failed_checks, verdicts
-from campaigns.findings import distributions, failures_first, verdict_of
-from campaigns.page import write_page, write_workbook
-from campaigns.plan_case import PlanCase
 
 EVIL = '=HYPERLINK("http://x")<script>'
 

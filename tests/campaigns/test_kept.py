@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from campaigns.kept import PARTS, KeptError, KeptRows, read_rows
+from astb.campaigns.kept import PARTS, KeptError, KeptRows, read_rows
 
 
 def test_rows_come_back_with_the_columns_of_all_of_them(tmp_path):

@@ -4,10 +4,10 @@ import threading
 
 import pytest
 
-from campaigns.core import carried_out
-from campaigns.kept import read_rows
-from campaigns.run import Standing, run_cases
-from campaigns.workers import ClusterError, cluster
+from astb.campaigns.core import carried_out
+from astb.campaigns.kept import read_rows
+from astb.campaigns.run import Standing, run_cases
+from astb.campaigns.workers import ClusterError, cluster
 from tests.campaigns import questions
 
 
@@ -83,7 +83,7 @@ def test_what_cannot_be_sent_is_an_error_of_its_case(client):
 
 
 def test_a_scheduler_that_is_none_is_told(monkeypatch):
-    monkeypatch.setattr("campaigns.workers.CONNECT", 0.5)
+    monkeypatch.setattr("astb.campaigns.workers.CONNECT", 0.5)
     with (
         pytest.raises(ClusterError, match=r"no scheduler answers at tcp://127.0.0.1:9"),
         cluster("tcp://127.0.0.1:9"),

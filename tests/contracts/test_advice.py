@@ -2,17 +2,15 @@
 
 import ast
 import re
-import tomllib
 from pathlib import Path
 
 import click
 import pytest
 
 from astb.cli import commands
+from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = PROJECT["tool"]["mypy"]["packages"]
 ENDINGS = (".py", ".j2", ".js", ".html", ".toml")
 #: What is no command: the first words of the format of a record.
 FORMAT = "record"
@@ -20,7 +18,7 @@ FORMAT = "record"
 
 def texts():
     """Every text of the product, with the file that it stands in: of Python its strings, help texts included."""
-    folders = [ROOT / name for name in (*PACKAGES, "rigs", "specimens", "instruments", "dimensions")]
+    folders = [ROOT / name for name in (*PACKAGES.values(), "rigs", "specimens", "instruments", "dimensions")]
     for path in sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in ENDINGS):
         if path.suffix != ".py":
             yield path, path.read_text()

@@ -8,14 +8,15 @@ import pytest
 from click.testing import CliRunner
 from packaging.requirements import Requirement
 
+from astb.campaigns.workers import ClusterError, cluster
 from astb.cli import commands
 from astb.exit_codes import MISUSE
 from bench_protocol.extras import EXTRAS, installed, lacking, mend, requirements
-from campaigns.workers import ClusterError, cluster
+from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PROJECT, PACKAGES = CONFIG["project"], CONFIG["tool"]["importlinter"]["root_packages"]
+PROJECT = CONFIG["project"]
 
 
 def test_extras_are_those_of_the_project() -> None:
@@ -28,7 +29,7 @@ def test_extras_are_those_of_the_project() -> None:
 
 def test_packages_of_typed_code_say_so() -> None:
     assert PACKAGES
-    assert all((ROOT / package / "py.typed").exists() for package in PACKAGES)
+    assert all((ROOT / folder / "py.typed").exists() for folder in PACKAGES.values())
 
 
 def test_a_missing_library_is_named_with_what_installs_it(

@@ -15,14 +15,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 CONTRACTS = CONFIG["tool"]["importlinter"]["contracts"]
-PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
+PACKAGES = {
+    name: Path("studies" if name == "astb_studies" else "") / name
+    for name in CONFIG["tool"]["importlinter"]["root_packages"]
+}
+"""Each package and its folder, relative to the root."""
 
 LAYERS = "Imports go down; drivers, records and rig are apart"
+APART = "In astb: acceptance, campaigns, fmu, panel and watch stay apart, above the rest"
 CIRCLES = "No circles, types included"
 INSIDE = "Inside the rig: shell, then parameters, then model"
 PLANS = "Test plans reach the rig only through drivers"
 REPLAY = "The diagnosis replays the model: it never sees the rig or the drivers"
-DIAGNOSIS = "Inside the diagnosis: systems and report, then engine, then its contracts"
+DIAGNOSIS = "Inside the diagnosis: twin, then systems and report, then engine, then its contracts"
 STUDY = "Inside the paper's study: command, page, pictures, results, checks, experiments, plans"
 ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
@@ -31,7 +36,7 @@ PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
 RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
-DASK = "dask belongs to the campaigns"
+DASK = "dask belongs to astb.campaigns"
 OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
 #: What is packaged and holds no module.
@@ -52,28 +57,36 @@ SABOTAGE = [
     (LAYERS, "bench_records/__init__.py", HIDDEN.format("from bench_sim import rig")),
     (LAYERS, "drivers/__init__.py", "import bench_records"),
     (LAYERS, "test_plans/__init__.py", "import astb"),
-    (LAYERS, "astb/__init__.py", HIDDEN.format("import paper_study")),
-    (LAYERS, "astb/session.py", HIDDEN.format("import acceptance")),
-    (LAYERS, "astb/commands/run.py", HIDDEN.format("import bench_panel")),
-    (LAYERS, "acceptance/__init__.py", "import bench_panel"),
-    (LAYERS, "diagnosis/__init__.py", "from paper_study import subject"),
+    (LAYERS, "astb/__init__.py", HIDDEN.format("import astb_studies.paper")),
+    (APART, "astb/session.py", HIDDEN.format("import astb.acceptance")),
+    (APART, "astb/commands/run.py", HIDDEN.format("import astb.panel")),
+    (APART, "astb/acceptance/__init__.py", "import astb.panel"),
+    (LAYERS, "diagnosis/__init__.py", "from astb_studies.paper import subject"),
     (CIRCLES, "astb/session.py", "from astb.run import run_plans"),
     (CIRCLES, "drivers/settings.py", HIDDEN.format("from drivers.link import Link")),
-    (CIRCLES, "paper_study/bench_results.py", TYPE_ONLY.format("from paper_study.study import Study")),
+    (
+        CIRCLES,
+        "studies/astb_studies/paper/bench_results.py",
+        TYPE_ONLY.format("from astb_studies.paper.study import Study"),
+    ),
     (CIRCLES, "test_plans/run.py", TYPE_ONLY.format("from test_plans.plan import Plan")),
     (INSIDE, "bench_sim/model/__init__.py", "import bench_sim.parameters"),
     (INSIDE, "bench_sim/parameters/__init__.py", HIDDEN.format("from bench_sim import rig")),
     (INSIDE, "bench_sim/newcomer.py", '"""A module that no layer knows."""'),
     (PLANS, "test_plans/__init__.py", "import bench_sim.model"),
     (PLANS, "test_plans/__init__.py", HIDDEN.format("from bench_sim import parameters")),
-    (PLANS, "paper_study/plans/__init__.py", "import bench_sim.model"),
+    (PLANS, "studies/astb_studies/paper/plans/__init__.py", "import bench_sim.model"),
     (REPLAY, "diagnosis/systems/__init__.py", "import bench_sim.rig"),
     (REPLAY, "diagnosis/systems/__init__.py", HIDDEN.format("from drivers import bench")),
     (DIAGNOSIS, "diagnosis/engine/__init__.py", "import diagnosis.systems"),
     (DIAGNOSIS, "diagnosis/contracts.py", HIDDEN.format("from diagnosis import engine")),
     (DIAGNOSIS, "diagnosis/newcomer.py", '"""A module that no layer knows."""'),
-    (STUDY, "paper_study/checks/gas.py", HIDDEN.format("from paper_study.study import Study")),
-    (STUDY, "paper_study/newcomer.py", '"""A module that no layer knows."""'),
+    (
+        STUDY,
+        "studies/astb_studies/paper/checks/gas.py",
+        HIDDEN.format("from astb_studies.paper.study import Study"),
+    ),
+    (STUDY, "studies/astb_studies/paper/newcomer.py", '"""A module that no layer knows."""'),
     (ENGINE, "diagnosis/engine/__init__.py", "import bench_sim.model"),
     (ENGINE, "diagnosis/contracts.py", HIDDEN.format("import bench_records")),
     (PURE, "bench_sim/model/__init__.py", "import random"),
@@ -83,7 +96,7 @@ SABOTAGE = [
     (CLOCK, "bench_sim/rig/__init__.py", "from time import monotonic_ns"),
     (CLOCK, "drivers/__init__.py", HIDDEN.format("import time")),
     (CLOCK, "astb/__init__.py", "import time as wall"),
-    (CLOCK, "paper_study/__init__.py", "import time"),
+    (CLOCK, "studies/astb_studies/paper/__init__.py", "import time"),
     (PROTOCOL, "bench_protocol/__init__.py", "import socket"),
     (RIG, "bench_sim/rig/__init__.py", HIDDEN.format("import asyncio")),
     (RIG, "bench_sim/rig/tick.py", "import socket"),
@@ -91,8 +104,8 @@ SABOTAGE = [
     (CAN, "bench_records/__init__.py", HIDDEN.format("from can import Message")),
     (MODBUS, "drivers/__init__.py", "from pymodbus.client import ModbusTcpClient"),
     (MODBUS, "test_plans/__init__.py", HIDDEN.format("import pymodbus")),
-    (LAYERS, "astb/__init__.py", HIDDEN.format("import campaigns")),
-    (DASK, "paper_study/__init__.py", HIDDEN.format("from distributed import Client")),
+    (APART, "astb/__init__.py", HIDDEN.format("import astb.campaigns")),
+    (DASK, "studies/astb_studies/paper/__init__.py", HIDDEN.format("from distributed import Client")),
     (OPCUA, "drivers/bench.py", HIDDEN.format("import asyncua")),
 ]
 """(the contract that must go red, the file, the line added to it)."""
@@ -100,7 +113,7 @@ SABOTAGE = [
 
 def sources(package: str) -> Iterator[Path]:
     """The package's Python files, relative to the root."""
-    return (path.relative_to(ROOT) for path in sorted((ROOT / package).rglob("*.py")))
+    return (path.relative_to(ROOT) for path in sorted((ROOT / PACKAGES[package]).rglob("*.py")))
 
 
 def reported(code: int, said: str) -> set[str]:
@@ -147,7 +160,7 @@ def broken(tree: Path) -> dict[tuple[str, str], set[str]]:
     run = subprocess.run(
         [sys.executable, "-c", SABOTEUR],
         cwd=tree,
-        env=ENVIRONMENT | {"PYTHONPATH": str(tree)},
+        env=ENVIRONMENT | {"PYTHONPATH": f"{tree}:{tree / 'studies'}"},
         input=json.dumps(acts),
         capture_output=True,
         text=True,
@@ -162,7 +175,7 @@ def test_the_tree_keeps_every_contract(tree: Path) -> None:
     run = subprocess.run(
         [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()", "--no-cache"],
         cwd=tree,
-        env=ENVIRONMENT | {"PYTHONPATH": str(tree)},
+        env=ENVIRONMENT | {"PYTHONPATH": f"{tree}:{tree / 'studies'}"},
         capture_output=True,
         text=True,
         timeout=60,
@@ -186,20 +199,16 @@ def test_every_contract_is_broken_on_purpose() -> None:
 
 def test_the_layers_are_exhaustive() -> None:
     """import-linter cannot see a new package at the root: every list of packages must name the same ones."""
-    on_disk = {
-        path.parent.relative_to(ROOT).as_posix().replace("/", ".")
-        for top in ROOT.iterdir()
-        if not top.name.startswith(".") and (top / "__init__.py").exists()
-        for path in top.rglob("__init__.py")
-    }
+    on_disk = {top.parent.name for top in (*ROOT.glob("*/__init__.py"), *ROOT.glob("studies/*/__init__.py"))}
     layers = next(contract["layers"] for contract in CONTRACTS if contract["name"] == LAYERS)
     packaged = CONFIG["tool"]["setuptools"]["packages"]["find"]["include"]
     assert sorted(packaged) == sorted(
-        f"{name}{end}" for name in {*PACKAGES, *FILES_ONLY} for end in ("", ".*")
+        f"{name}{end}" for name in {*PACKAGES, *FILES_ONLY} - {"astb_studies"} for end in ("", ".*")
     )
-    assert {name.split(".")[0] for name in on_disk} == set(PACKAGES)
+    assert on_disk == set(PACKAGES)
     assert {name.strip() for layer in layers for name in layer.split("|")} == set(PACKAGES)
-    assert set(CONFIG["tool"]["mypy"]["packages"]) == {*PACKAGES, "tools.generate"}
+    typed = {"astb_studies.mutations", "astb_studies.paper", "tools.generate"}
+    assert set(CONFIG["tool"]["mypy"]["packages"]) == {*PACKAGES, *typed} - {"astb_studies"}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """What we use of numba without its promise: every such name, and numba still has it."""
 
 import ast
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,13 +8,13 @@ import numba
 import numpy as np
 import pytest
 
+from tests.contracts.test_imports import CONFIG, PACKAGES
+
 ROOT = Path(__file__).resolve().parents[2]
-CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
 
 #: By file. A new release of numba may change any of them: it is allowed in pyproject.toml when the tests have passed.
 PRIVATE = {
-    "bench_protocol/realtime/binding.py": {
+    "bench_protocol/runtime/binding.py": {
         "_nrt",  # an option: a function without numba's runtime, which counts references
         "_cache",  # of a compiled function
         "_cache_file",  # of its cache: reads and writes the files
@@ -26,7 +25,7 @@ PRIVATE = {
         "_data_name_pattern",
         "get_overload",  # the compiled function for some types, called without a look at its arguments
     },
-    "bench_protocol/realtime/addresses.py": {"numba.extending"},  # a call of an address
+    "bench_protocol/runtime/addresses.py": {"numba.extending"},  # a call of an address
     "bench_sim/model/compiled.py": {"_nrt"},
     "drivers/cycle.py": {"get_overload"},
     "tests/protocol/test_compiled_cache.py": {"numba.core.caching", "_cache", "_cache_file", "_source_stamp"},
@@ -82,7 +81,7 @@ def private(tree: ast.Module) -> set[str]:
 
 def knows_numba(tree: ast.Module) -> bool:
     """Whether a file imports numba, or something from where its functions are compiled."""
-    homes = ("numba", "bench_protocol.realtime.binding", "bench_sim.model.compiled")
+    homes = ("numba", "bench_protocol.runtime.binding", "bench_sim.model.compiled")
     return any(
         (isinstance(node, ast.Import) and any(one.name.split(".")[0] == "numba" for one in node.names))
         or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith(homes))
@@ -92,7 +91,7 @@ def knows_numba(tree: ast.Module) -> bool:
 
 def test_every_private_name_of_numba_is_listed() -> None:
     found = {}
-    for top in (*PACKAGES, "benchmarks", "tools", "tests"):
+    for top in (*PACKAGES.values(), "studies/tests", "tools", "tests"):
         for path in sorted((ROOT / top).rglob("*.py")):
             text, where = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
             if path == Path(__file__) or not any(home in text for home in ("numba", "binding", "compiled")):

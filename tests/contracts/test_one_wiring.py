@@ -1,10 +1,10 @@
 """Nobody asks of a wiring which one it is: every wiring answers the whole contract, and says what its rig can do."""
 
 import ast
-import tomllib
 from pathlib import Path
 
 from drivers.wiring import contract
+from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 ASKING = "from x import OwnWiring as W\nif isinstance(bench.wiring, (W, Other)): pass\n"
@@ -34,11 +34,10 @@ def questions(source: str) -> list[int]:
 
 def test_no_part_of_the_product_asks_which_wiring_it_has():
     assert questions(ASKING) == [2]
-    packages = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["packages"]
     asked = [
         f"{path.relative_to(ROOT)}:{line}"
-        for package in packages
-        for path in (ROOT / package).rglob("*.py")
+        for folder in PACKAGES.values()
+        for path in (ROOT / folder).rglob("*.py")
         if "iring" in (text := path.read_text())
         for line in questions(text)
     ]

@@ -39,7 +39,9 @@ class Copy:
             ["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True
         )
         names = [
-            name for name in listed.stdout.decode().split("\0") if name and not name.startswith("tests/")
+            name
+            for name in listed.stdout.decode().split("\0")
+            if name and not name.startswith(("tests/", "studies/tests/"))
         ]
         for name in names:
             place = folder / name
@@ -70,7 +72,10 @@ class Copy:
 
     def run(self, *command: str, plain: bool = True) -> str:
         """Run Python in the copy, as plain Python unless it is compiled there already; return what it says."""
-        environment = os.environ | {"PYTHONPATH": str(self.folder), "NUMBA_DISABLE_JIT": str(int(plain))}
+        environment = os.environ | {
+            "PYTHONPATH": f"{self.folder}:{self.folder / 'studies'}",
+            "NUMBA_DISABLE_JIT": str(int(plain)),
+        }
         done = subprocess.run(
             [sys.executable, *command],
             cwd=self.folder,

@@ -16,9 +16,9 @@ EXCEPTIONS: dict[str, int] = {
 
 
 def python_files(root: Path) -> list[Path]:
-    """All files of the packages, tests, benchmarks and tools."""
+    """All files of the packages, studies, tests and tools."""
     packages = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["mypy"]["packages"]
-    folders = [*packages, "tests", "benchmarks", "tools"]
+    folders = [*packages, "studies", "tests", "tools"]
     return sorted(path for folder in folders for path in (root / folder).rglob("*.py"))
 
 

@@ -1,4 +1,4 @@
-"""What only Linux has is asked for in two packages, and the rest of the house starts without it."""
+"""What only Linux has is used in one package, and the rest of the house starts without it."""
 
 import ast
 import subprocess
@@ -7,17 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.not_linux import MODULES, ONLY_LINUX, ONLY_UNIX, OURS
+from tests.contracts.test_imports import PACKAGES
+from tests.not_linux import MODULES, ONLY_LINUX, ONLY_UNIX
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIM = ROOT / "tests" / "not_linux.py"
-PLACES = {ROOT / "bench_protocol" / "system", ROOT / "bench_protocol" / "realtime"}
+PLACE = ROOT / "bench_protocol" / "runtime"
 #: Modules that are loaded by a run in real time alone; what they ask for is there then.
 IN_REAL_TIME = {
     "astb/commands/rig.py",
     "astb/doctor.py",
     "astb/live/door.py",
-    "bench_panel/runs.py",
+    "astb/panel/runs.py",
     "bench_protocol/clock.py",
     "bench_sim/rig/capture.py",
     "bench_sim/rig/socketcan.py",
@@ -51,9 +52,11 @@ def asked_for(source: str) -> set[str]:
 def test_what_not_every_system_has_is_asked_for_in_its_places() -> None:
     asking = {
         str(one.relative_to(ROOT)): found
-        for package in OURS
-        for one in sorted((ROOT / package).rglob("*.py"))
-        if PLACES.isdisjoint(one.parents) and (found := asked_for(one.read_text(encoding="utf-8")))
+        for folder in PACKAGES.values()
+        for one in sorted((ROOT / folder).rglob("*.py"))
+        if PLACE not in one.parents
+        and "benchmarks" not in one.parts
+        and (found := asked_for(one.read_text(encoding="utf-8")))
     }
     assert {name: found for name, found in asking.items() if name not in IN_REAL_TIME} == {}
     assert set(asking) == IN_REAL_TIME, "no exception without a need"

@@ -5,8 +5,8 @@ from functools import cache
 
 import pytest
 
+from astb_studies.benchmarks.diagnosis.oscillator_cases import OscillatorCases
 from bench_sim.model.effects import CATALOGUE
-from benchmarks.diagnosis.oscillator_cases import OscillatorCases
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.laws import alike_laws

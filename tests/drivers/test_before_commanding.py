@@ -9,7 +9,7 @@ from pathlib import Path
 import cantools
 import pytest
 
-from acceptance.checking.examining import WITHIN, examine
+from astb.acceptance.checking.examining import WITHIN, examine
 from astb.listening import Listening
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block, frame, payload

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.clock import RealClock
 from bench_protocol.frames import frame, join
-from bench_protocol.realtime.mutex import Mutex
+from bench_protocol.runtime.mutex import Mutex
 from bench_protocol.socketcand import Parser, Sent, send_bytes
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms

@@ -2,7 +2,7 @@
 
 import pytest
 
-from acceptance.skeleton.register_list import register_points
+from astb.acceptance.skeleton.register_list import register_points
 from bench_protocol.input_limits import DESCRIPTION_BYTES
 from bench_protocol.written_values import NotAValue, read_written
 from drivers.errors import WiringError

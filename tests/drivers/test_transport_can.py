@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acceptance.transports import Subject, check_transport
+from astb.acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from drivers.can_port import has_interface

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench_fmu.export import compile_code, write_unit
-from bench_fmu.models.kinds import unit_of
-from bench_protocol.system.file_locks import hold
+from astb.fmu.export import compile_code, write_unit
+from astb.fmu.models.kinds import unit_of
+from bench_protocol.runtime.file_locks import hold
 
 HERE = Path(__file__).parent
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench_fmu.models.bench import bench, structured
-from bench_fmu.unit import Kind
+from astb.fmu.models.bench import bench, structured
+from astb.fmu.unit import Kind
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.layout import ACTUATORS, Input, Mode

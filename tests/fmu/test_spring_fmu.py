@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench_fmu.cli import fmu_command
-from bench_fmu.export import write_unit
-from bench_fmu.models.springs import springs
-from bench_fmu.unit import Kind
+from astb.fmu.cli import fmu_command
+from astb.fmu.export import write_unit
+from astb.fmu.models.springs import springs
+from astb.fmu.unit import Kind
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, Input
 from bench_sim.model.plant import Plant
@@ -48,7 +48,7 @@ OUTPUTS = (
 TWIN = """
 import sys
 import numpy as np
-from bench_fmu.kernels.springs import OUTPUTS, ROWS, advance, start
+from astb.fmu.kernels.springs import OUTPUTS, ROWS, advance, start
 from bench_sim.model.layout import INPUTS, STATES, Input
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.parameters import load
@@ -162,7 +162,7 @@ def test_it_does_what_the_laws_do(spring_fmus, alone, ridden, tmp_path):
 JUMP = """
 import sys
 import numpy as np
-from bench_fmu.kernels.springs import OUTPUTS, ROWS, advance, start
+from astb.fmu.kernels.springs import OUTPUTS, ROWS, advance, start
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.layout import INPUTS, STATES
 from bench_sim.model.quantities import MEMORY, PARAMETERS

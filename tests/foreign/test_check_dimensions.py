@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from acceptance.checking.moving import move_each
-from acceptance.checking.report import MoveLine, Plausibility
+from astb.acceptance.checking.moving import move_each
+from astb.acceptance.checking.report import MoveLine, Plausibility
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, across, ordinary, place
 from bench_sim.parameters import load

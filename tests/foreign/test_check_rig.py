@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acceptance.checking.examining import WITHIN, examine
-from acceptance.checking.moving import move_each
-from acceptance.checking.report import Plausibility
+from astb.acceptance.checking.examining import WITHIN, examine
+from astb.acceptance.checking.moving import move_each
+from astb.acceptance.checking.report import Plausibility
 from astb.cli import commands
 from astb.listening import Listening
 from astb.rig_in_memory import RigInMemory
@@ -220,7 +220,7 @@ def test_the_command_ends_with_4_where_dimensions_keep_plans_from_beginning(monk
 
 
 def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
-    monkeypatch.setattr("acceptance.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
-    monkeypatch.setattr("acceptance.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
+    monkeypatch.setattr("astb.acceptance.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
+    monkeypatch.setattr("astb.acceptance.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
     result = CliRunner().invoke(commands, ["check-rig", "virtual", "--allow-motion"])
     assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output

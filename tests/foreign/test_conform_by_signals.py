@@ -7,8 +7,8 @@ import tomllib
 
 import pytest
 
-from acceptance.conformance.report import Outcome
-from acceptance.conformance.suite import examine_bench
+from astb.acceptance.conformance.report import Outcome
+from astb.acceptance.conformance.suite import examine_bench
 from tests.foreign.machine import Valve
 from tests.foreign.plc_rig import PlcRig, State
 from tests.foreign.virtual import VirtualHall, VirtualPlc

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acceptance.skeleton.register_list import read_register_list
+from astb.acceptance.skeleton.register_list import read_register_list
 from astb.cli import commands
 from drivers.errors import WiringError
 

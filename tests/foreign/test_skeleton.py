@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acceptance.skeleton.points import dbc_points
-from acceptance.skeleton.register_list import register_points
-from acceptance.skeleton.writing import GROUPS, matches, skeleton
-from acceptance.skeleton.written_units import WrittenUnit, unit_of
+from astb.acceptance.skeleton.points import dbc_points
+from astb.acceptance.skeleton.register_list import register_points
+from astb.acceptance.skeleton.writing import GROUPS, matches, skeleton
+from astb.acceptance.skeleton.written_units import WrittenUnit, unit_of
 from astb.cli import commands
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from acceptance.checking.examining import examine
-from acceptance.checking.moving import move_each
-from acceptance.checking.report import Plausibility
-from acceptance.skeleton.writing import skeleton
+from astb.acceptance.checking.examining import examine
+from astb.acceptance.checking.moving import move_each
+from astb.acceptance.checking.report import Plausibility
+from astb.acceptance.skeleton.writing import skeleton
 from astb.listening import Listening
 from bench_protocol.dimensions import read_dimensions
 from bench_protocol.table import TABLE

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 
 from astb.live.door import NoRun
+from astb.panel import runs as runs_module
+from astb.panel.access import Access
+from astb.panel.connections import Server
+from astb.panel.parts import Parts
+from astb.panel.runs import Runs
+from astb.panel.server import application
+from astb.panel.watch import Status, Watch
 from astb.rig_file import RigFile, Simulation
-from bench_panel import runs as runs_module
-from bench_panel.access import Access
-from bench_panel.connections import Server
-from bench_panel.parts import Parts
-from bench_panel.runs import Runs
-from bench_panel.server import application
-from bench_panel.watch import Status, Watch
 from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
 from bench_records.layout import SignalInfo

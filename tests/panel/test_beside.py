@@ -2,7 +2,7 @@
 
 import os
 
-from bench_panel.beside import Beside
+from astb.panel.beside import Beside
 from bench_records.twin import TWIN, Judged, Parting, TwinStory, write_twin
 
 SOUND = TwinStory(

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 
 import bench_records
+from astb.panel.signals import shown_signals
+from astb.panel.watch import Watch
 from astb.rig_file import RigFile, Simulation, read
 from astb.rig_limits import known_limits
-from bench_panel.signals import shown_signals
-from bench_panel.watch import Watch
 from bench_protocol.dimensions import ordinary
 from bench_protocol.table_signals import MEASUREMENTS
 from tests.foreign.conftest import running, write_files

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_panel.envelope import LEVELS, Envelope
+from astb.panel.envelope import LEVELS, Envelope
 from bench_protocol.units import NS
 
 SAMPLES = st.lists(

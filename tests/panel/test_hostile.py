@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from starlette.routing import Route
 from websockets.sync.client import connect
 
-from bench_panel.access import _ALL, _EACH, _LONGEST, NotAllowed, Patience
-from bench_panel.cli import _tell
-from bench_panel.connections import Server
-from bench_panel.server import application
+from astb.panel.access import _ALL, _EACH, _LONGEST, NotAllowed, Patience
+from astb.panel.cli import _tell
+from astb.panel.connections import Server
+from astb.panel.server import application
 from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
 from tests.panel.conftest import PanelProcess

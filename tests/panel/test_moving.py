@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench_panel import rehearsals
-from bench_panel.watch import Status
+from astb.panel import rehearsals
+from astb.panel.watch import Status
 from bench_records.checksums import broken_files, write_sums
 
 

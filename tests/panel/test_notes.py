@@ -68,7 +68,7 @@ def test_what_cannot_be_kept_is_refused_and_nothing_is_left(kept, words, status,
 
 
 def test_a_film_is_no_note(kept, monkeypatch):
-    monkeypatch.setattr("bench_panel.notes.FILE_MAX", 1000)
+    monkeypatch.setattr("astb.panel.notes.FILE_MAX", 1000)
     page, _, run = kept
     told = added(page, "film.mp4", (b"x" * 100 for _ in range(11)))
     assert told.status_code == 413 and not (run / NOTES).exists()

@@ -13,11 +13,11 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
 from astb.cli import commands
-from bench_panel import runs as runs_module
-from bench_panel.access import SEAT_KEPT, Access, kept_token
-from bench_panel.parts import Parts
-from bench_panel.stream import HEAD
-from bench_panel.watch import BLIND, Status, first_out
+from astb.panel import runs as runs_module
+from astb.panel.access import SEAT_KEPT, Access, kept_token
+from astb.panel.parts import Parts
+from astb.panel.stream import HEAD
+from astb.panel.watch import BLIND, Status, first_out
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS

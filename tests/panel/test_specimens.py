@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench_panel import runs as runs_module
-from bench_panel.specimens import FOLDER
+from astb.panel import runs as runs_module
+from astb.panel.specimens import FOLDER
 from bench_protocol.named_files import named_files
 from test_plans.specimen import PACKAGE, read_specimen
 

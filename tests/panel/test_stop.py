@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from astb.live.door import Deaf
-from bench_panel import runs as runs_module
-from bench_panel import watch as watch_module
-from bench_panel.runs import CannotDo
-from bench_panel.watch import Status
+from astb.panel import runs as runs_module
+from astb.panel import watch as watch_module
+from astb.panel.runs import CannotDo
+from astb.panel.watch import Status
 from drivers.errors import Refused
 
 
@@ -145,7 +145,7 @@ def test_a_stop_waits_for_no_other_order(served, parts, door, monkeypatch):
     port, _ = served
     free = threading.Event()
     monkeypatch.setattr(parts.runs, "order", lambda *_, **__: free.wait(10))
-    monkeypatch.setattr("bench_panel.faults._order", lambda *_: free.wait(10))
+    monkeypatch.setattr("astb.panel.faults._order", lambda *_: free.wait(10))
     headers = {"X-ASTB-Page": "one", "Cookie": f"{parts.access.cookie}={parts.access.token}"}
 
     def ask(method, path):

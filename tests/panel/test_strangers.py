@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from bench_panel import connections
-from bench_panel.connections import STRANGERS, WATCHING_PAGES, Room
+from astb.panel import connections
+from astb.panel.connections import STRANGERS, WATCHING_PAGES, Room
 
 pytestmark = pytest.mark.real_time
 

@@ -9,7 +9,7 @@ from bench_records.record import read
 from bench_records.twin import Judged, Parting, PossibleCause, Said, TwinStory, write_twin
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
-from bench_twin.twin import Twin
+from diagnosis.twin.twin import Twin
 from tests.twin.test_twin import Growing, run
 
 #: Where pictures go, to be looked at.

@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from starlette.testclient import TestClient
 
 from astb.cli import commands
+from astb.panel.access import Access
+from astb.panel.bus import Bus
+from astb.panel.parts import Parts
+from astb.panel.runs import Runs
+from astb.panel.server import application
+from astb.panel.watch import Watch
 from astb.rig_file import RigFile, Simulation
-from bench_panel.access import Access
-from bench_panel.bus import Bus
-from bench_panel.parts import Parts
-from bench_panel.runs import Runs
-from bench_panel.server import application
-from bench_panel.watch import Watch
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import FRAME
 from bench_protocol.units import NS
@@ -130,7 +130,7 @@ class Broken:
 
 def test_only_the_page_that_commands_breaks_and_mends_a_simulated_rig(panel, monkeypatch) -> None:
     rig = Broken()
-    monkeypatch.setattr("bench_panel.faults.ask", rig)
+    monkeypatch.setattr("astb.panel.faults.ask", rig)
     order = {"name": "leak", "values": {"area": "2 mm2"}, "for": "3 s"}
     for path in ("on", "off"):
         assert panel(command=False).post(f"/api/faults/{path}", json=order).status_code == 403

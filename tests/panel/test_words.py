@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-import bench_panel
+import astb.panel
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_records.result import CheckVerdict, Outcome
 from bench_records.run_folder import Unfinished
 from test_plans.loads import AW0, AW3
 
-PAGE = Path(bench_panel.__file__).parent / "page"
+PAGE = Path(astb.panel.__file__).parent / "page"
 WORDS = dict(
     re.findall(r'^  "([^"]+)": "([^"]+)",$', (PAGE / "words.js").read_text(encoding="utf-8"), re.MULTILINE)
 )

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acceptance.checking.moving import move_each
-from acceptance.checking.report import Plausibility
+from astb.acceptance.checking.moving import move_each
+from astb.acceptance.checking.report import Plausibility
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import Dimensions, ordinary
 from bench_records.result import CheckVerdict

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from astb.campaigns.on_a_worker import OutOfTime
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kPa
@@ -16,7 +17,6 @@ from bench_protocol.words import AIR_BY_STATE, STATES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
-from campaigns.on_a_worker import OutOfTime
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, Refused, RigFault
 from drivers.wiring.contract import Capabilities
 from test_plans.analysis import NotMeasured

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from astb.api import find_plan
 from astb.cli import commands
 from astb.exit_codes import MISUSE, PASS
-from bench_panel.server import _plans
+from astb.panel.server import _plans
 from bench_protocol.units import mbar
 from bench_records.result import Outcome
 from test_plans.discovery import FOLDER, find_all, in_file, plans, unusable

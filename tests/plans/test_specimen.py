@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from astb_studies.paper.plans.lateral_pressure import PARTS
 from bench_protocol.named_files import named_files
 from bench_protocol.units import bar, kN, mm
 from bench_protocol.words import PROVENANCES
 from bench_records.junit import junit
 from bench_records.report import write_report
 from bench_records.result import Outcome, read_result
-from paper_study.plans.lateral_pressure import PARTS
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.loads import Band, Limits, SpecimenError

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from bench_protocol.realtime.binding import _without_linear_algebra
+from bench_protocol.runtime.binding import _without_linear_algebra
 
 NAME = "scipy.linalg.cython_blas"
 

@@ -15,8 +15,8 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.realtime.binding import LOCK, cached, folder_of, take_turns
-from bench_protocol.realtime.sources import digest_of
+from bench_protocol.runtime.binding import LOCK, cached, folder_of, take_turns
+from bench_protocol.runtime.sources import digest_of
 
 WORKERS, FUNCTIONS = 4, 40
 
@@ -162,7 +162,7 @@ def _digest(folder: Path, sources: dict[str, str]) -> str:
     for name, text in sources.items():
         (package / name).write_text(text)
     script = (
-        "from bench_protocol.realtime import sources; sources.PACKAGES |= {'bench_fmu_like'}; "
+        "from bench_protocol.runtime import sources; sources.PACKAGES |= {'bench_fmu_like'}; "
         "print(sources.digest_of('bench_fmu_like.kernel'))"
     )
     environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}

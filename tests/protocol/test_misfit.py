@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from astb import rig_file
+from astb.campaigns.campaign_file import CampaignFile
 from bench_protocol.misfit import Misfits, converted, misfit
 from bench_records.importing import import_keys
 from bench_records.layout import RecordError
-from campaigns.campaign_file import CampaignFile
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import Map, read_map
 from drivers.errors import WiringError

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from astb.cli import commands
 from astb.exit_codes import BLOCKED
 from astb.live.door import NoRun, knock
-from bench_protocol.system.own_folder import own_directory
+from bench_protocol.runtime.own_folder import own_directory
 from bench_sim.rig.control_socket import ask, control_path
 
 

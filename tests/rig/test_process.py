@@ -11,8 +11,8 @@ import pytest
 
 from bench_protocol.clock import RealClock, hurry
 from bench_protocol.frames import Block, join
-from bench_protocol.realtime.pacing import Late, Pacing
-from bench_protocol.realtime.ring import Ring, drain, fill
+from bench_protocol.runtime.pacing import Late, Pacing
+from bench_protocol.runtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import BenchState

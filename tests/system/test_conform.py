@@ -2,7 +2,7 @@
 
 import pytest
 
-from acceptance.conformance.report import Observation, Report, read_report
+from astb.acceptance.conformance.report import Observation, Report, read_report
 
 
 def test_the_command_tells_people_and_programs(astb_here, tmp_path):

@@ -309,7 +309,9 @@ sys.argv = ["astb", *sys.argv[1:]]
 _ENTRIES = {
     "astb": "from astb.cli import main; main()",
     "python -m astb": "import runpy; runpy.run_module('astb', run_name='__main__')",
-    "python -m benchmarks.diagnosis": "import runpy; runpy.run_module('benchmarks.diagnosis', run_name='__main__')",
+    "python -m astb_studies.benchmarks.diagnosis": (
+        "import runpy; runpy.run_module('astb_studies.benchmarks.diagnosis', run_name='__main__')"
+    ),
 }
 
 
@@ -322,7 +324,7 @@ _ENTRIES = {
         ("astb", ["diagnose", "nowhere", "--out", "out"]),
         ("python -m astb", ["diagnose", "nowhere", "--out", "out"]),
         ("astb", ["investigate", "--rig", "rig.toml", "--out", "out", "--budget", "1min"]),
-        ("python -m benchmarks.diagnosis", ["--help"]),
+        ("python -m astb_studies.benchmarks.diagnosis", ["--help"]),
     ],
 )
 def test_where_diagnoses_are_made_the_algebra_keeps_to_one_core(tmp_path, entry, arguments):

@@ -7,13 +7,13 @@ from typing import Any
 import click
 import pytest
 
+from astb.campaigns.campaign_file import CampaignError, read_campaign
 from astb.commands.plan_values import _read as read_values
 from astb.operators import AnswersFileError, read_answers
 from astb.rig_file import RigFileError
 from astb.rig_file import read as read_rig
 from bench_protocol.table import TABLE
 from bench_sim.parameters import ParameterError, load
-from campaigns.campaign_file import CampaignError, read_campaign
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import read_map
 from drivers.errors import WiringError

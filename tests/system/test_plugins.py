@@ -70,7 +70,7 @@ def test_the_papers_study_is_found_as_anybodys_is(astb: Astb) -> None:
 
 def test_nothing_of_astb_names_its_study() -> None:
     for path in (ROOT / "astb").rglob("*.py"):
-        assert "paper_study" not in path.read_text(), path
+        assert "astb_studies.paper" not in path.read_text(), path
 
 
 def test_a_command_of_another_package_is_listed_and_run(install: Install, astb: Astb) -> None:

@@ -6,7 +6,7 @@ import pytest
 from bench_records.record import read
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
-from bench_twin.twin import Twin
+from diagnosis.twin.twin import Twin
 from tests.twin.test_twin import Growing, run
 
 

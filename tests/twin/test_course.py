@@ -6,8 +6,8 @@ from msgspec.structs import replace
 from bench_records.twin import PARTS, Parting, PossibleCause, TwinStory
 from bench_sim.model.effects import CATALOGUE as EFFECTS
 from bench_sim.parameters import load
-from bench_twin import course
 from diagnosis.systems.air_spring.simulator import AirSpring, channels
+from diagnosis.twin import course
 
 CHANNEL = channels(load("astb"))[0]
 CATALOGUE = AirSpring(load("astb"), effects=EFFECTS).catalogue

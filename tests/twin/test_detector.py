@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench_twin.detector import BETWEEN, MOST, Detector, likelihood_ratios
+from diagnosis.twin.detector import BETWEEN, MOST, Detector, likelihood_ratios
 
 BLOCK = 0.5
 

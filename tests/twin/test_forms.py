@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_twin.fitting import Fit
-from bench_twin.forms import growing
-from bench_twin.innovations import BINS, Belief, Columns
+from diagnosis.twin.fitting import Fit
+from diagnosis.twin.forms import growing
+from diagnosis.twin.innovations import BINS, Belief, Columns
 
 N = 400
 

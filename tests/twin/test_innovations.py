@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from bench_sim.model.rubber import friction_curve
-from bench_twin.innovations import BINS, Belief, Columns, friction_goes_on, judge
+from diagnosis.twin.innovations import BINS, Belief, Columns, friction_goes_on, judge
 
 
 def columns(

@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from astb.watch.screen import beside
 from bench_records.twin import Compared, LastMinute, TwinStory
-from bench_twin.innovations import BLOCK, Belief, Innovations
-from bench_twin.lately import joined
-from bench_twin.screen import beside
 from diagnosis.contracts import Channel
+from diagnosis.twin.innovations import BLOCK, Belief, Innovations
+from diagnosis.twin.lately import joined
 
 CHANNELS = (Channel("left.bellows_pressure", "Pa"), Channel("load_cell.1", "N"))
 

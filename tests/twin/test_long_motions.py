@@ -10,8 +10,8 @@ from bench_records.record import Record, read
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
-from bench_twin.stretches import BEGINNING, LONG, LONGEST, STEP, Stretch, stretches
-from bench_twin.twin import Seen, Twin
+from diagnosis.twin.stretches import BEGINNING, LONG, LONGEST, STEP, Stretch, stretches
+from diagnosis.twin.twin import Seen, Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.twin.test_twin import Growing

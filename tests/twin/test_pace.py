@@ -5,8 +5,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench_twin.pace import BEHIND, EVERY, Pace
-from bench_twin.slices import Sliced, finished
+from diagnosis.twin.pace import BEHIND, EVERY, Pace
+from diagnosis.twin.slices import Sliced, finished
 
 #: What a look costs, what it costs until a search can be interrupted, and by how many times longer the clock shows it.
 LOOKS = st.lists(

@@ -4,9 +4,9 @@ import numpy as np
 
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from bench_twin.innovations import Bins, columns_of, parameters_of
 from diagnosis.contracts import Experiment, Job, MeasuredRun
 from diagnosis.systems.air_spring.simulator import AirSpring
+from diagnosis.twin.innovations import Bins, columns_of, parameters_of
 
 STEP = 5e-3
 PRESSURE = 4.0e5

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench_twin.stretches import STEP, resting
 from diagnosis.systems.motion import SENSORS
+from diagnosis.twin.stretches import STEP, resting
 
 GRID = STEP * np.arange(100)
 NOISE = 0.01e-3

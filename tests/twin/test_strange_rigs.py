@@ -10,7 +10,7 @@ from bench_records.twin import TwinStory
 from bench_sim.model.effects.leak import sonic_conductance
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
-from bench_twin.twin import Twin
+from diagnosis.twin.twin import Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.foreign.virtual import VirtualHall, VirtualPlc, VirtualYard

@@ -18,8 +18,8 @@ from bench_records.twin import PARTS, TwinStory, read_twin
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
-from bench_twin.twin import Twin
 from diagnosis.contracts import DiagnosisError
+from diagnosis.twin.twin import Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.plans.endurance import NOBODY_WATCHES
@@ -188,7 +188,7 @@ def test_the_command_keeps_what_it_found_and_the_report_tells_it(tmp_path):
 
 
 def test_where_no_run_is_the_command_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench_twin.watching.BEGINS", 0.0)
+    monkeypatch.setattr("astb.watch.watching.BEGINS", 0.0)
     asked = CliRunner().invoke(commands, ["watch", str(tmp_path)])
     assert asked.exit_code == 3
     assert "holds no record.parquet" in asked.output

@@ -46,14 +46,6 @@ for package in ({packages}):
         if not module.name.endswith(("__main__", "astb.pytest_plugin", "astb.catalogue")):
             importlib.import_module(module.name)
 """
-#: What the study of the paper reads beside its modules.
-DATA_OF_THE_PAPER = """
-from importlib.resources import files
-from paper_study.parameters import load_paper
-from bench_sim.parameters.vehicle import load_vehicle
-load_paper(), load_vehicle()
-assert (files("paper_study") / "page.html.j2").read_text()
-"""
 
 
 def content(wheel: Path) -> dict[str, bytes]:
@@ -67,6 +59,11 @@ def test_a_wheel_holds_the_files_of_its_packages_and_no_other(built: Built) -> N
     expected = {name for name in built.tracked if PurePosixPath(name).parts[0] in PACKAGES and "/" in name}
     assert held == expected | {TOLD}
     assert {name: files[name] for name in expected} == {name: (ROOT / name).read_bytes() for name in expected}
+
+
+def test_a_wheel_installs_no_name_but_those_of_its_packages(built: Built) -> None:
+    names = {PurePosixPath(name).parts[0] for name in content(built.of_sources) if ".dist-info/" not in name}
+    assert names == PACKAGES
 
 
 def test_an_sdist_gives_the_same_wheel(built: Built) -> None:
@@ -88,11 +85,10 @@ def test_it_knows_its_commit(built: Built, elsewhere: Elsewhere) -> None:
 
 def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: Elsewhere) -> None:
     said = elsewhere.python(EVERY_HELP).splitlines()
-    assert {"run", "panel", "diagnose", "campaign", "paper", "wiring new", "rigs"} <= set(said)
+    assert {"run", "panel", "diagnose", "campaign", "wiring new", "rigs"} <= set(said)
     base = PACKAGES & set(CONFIG["tool"]["importlinter"]["root_packages"])
     environment = str(elsewhere.bin.parent)
     elsewhere.python(EVERY_MODULE.format(packages=", ".join(sorted(base)), environment=environment))
-    elsewhere.python(DATA_OF_THE_PAPER)
 
 
 def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:

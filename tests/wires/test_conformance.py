@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from acceptance.transports import RuleResult, Subject, check_transport
+from astb.acceptance.transports import RuleResult, Subject, check_transport
 from drivers.errors import LinkLost, Refused
 from drivers.wiring.transports import open_transport
 

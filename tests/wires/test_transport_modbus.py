@@ -13,7 +13,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from acceptance.transports import Subject, check_transport
+from astb.acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.modbus import answer
 from drivers.errors import LinkLost, Refused, WiringError

@@ -15,7 +15,7 @@ import pytest
 from asyncua import Server, ua
 from asyncua.common.subscription import Subscription
 
-from acceptance.transports import Subject, check_transport
+from astb.acceptance.transports import Subject, check_transport
 from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.opcua.transport import OpcUaTransport

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from acceptance.checking.report import Missing
+from astb.acceptance.checking.report import Missing
 from bench_protocol.words import SIDES
 from test_plans.discovery import plans
 from test_plans.steps import carrying

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from acceptance.checking.consequences import checks_without, missing
-from acceptance.checking.report import CheckReport, ConnectionLine, Plausibility, SignalLine
-from acceptance.checking.rest import doubts
+from astb.acceptance.checking.consequences import checks_without, missing
+from astb.acceptance.checking.report import CheckReport, ConnectionLine, Plausibility, SignalLine
+from astb.acceptance.checking.rest import doubts
 from astb.listening import Listening
 from bench_protocol.dimensions import NAMES, Dimensions
 from bench_protocol.signals import Kind, Signal

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from acceptance.checking.report import MoveLine, Plausibility
-from acceptance.checking.rigid_body import (
+from astb.acceptance.checking.report import MoveLine, Plausibility
+from astb.acceptance.checking.rigid_body import (
     ACCELEROMETER,
     CELLS_ACROSS,
     FORCES,

@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.checking.measuring import Measuring
-from acceptance.checking.report import MoveLine, Plausibility
+from astb.acceptance.checking.measuring import Measuring
+from astb.acceptance.checking.report import MoveLine, Plausibility
 from bench_protocol.units import N, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import PLATFORM_AXES, SIDES
 from drivers.bench import Bench

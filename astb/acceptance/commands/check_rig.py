@@ -13,7 +13,7 @@ from astb.tables import open_console, open_table, styled
 from drivers.errors import BenchError, WiringError
 
 if TYPE_CHECKING:
-    from acceptance.checking.report import CheckReport, MoveLine
+    from astb.acceptance.checking.report import CheckReport, MoveLine
     from astb.rig_file import RigFile
 
 #: Width of a terminal from which on all is told beside a signal; else remarks stand below, and sources in the JSON.
@@ -60,7 +60,7 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
 
 
 def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckReport":
-    from acceptance.checking.examining import WITHIN, examine
+    from astb.acceptance.checking.examining import WITHIN, examine
     from astb.listening import Listening
     from astb.session import dimensions_of, open_session
 
@@ -72,7 +72,7 @@ def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckRep
 
 
 def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveLine]":
-    from acceptance.checking.moving import move_each
+    from astb.acceptance.checking.moving import move_each
     from astb.session import open_session
 
     with open_session(rig, path, say=say) as session, session.bench as bench:

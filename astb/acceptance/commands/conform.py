@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from acceptance.conformance.report import Report, ReportError, differences, read_report
+from astb.acceptance.conformance.report import Report, ReportError, differences, read_report
 from astb.exit_codes import FAIL, PASS, blocked, misuse
 from astb.rig_file import RigFileError, find_rig
 from astb.tables import open_console, open_table, styled
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from acceptance.conformance.report import Difference
+    from astb.acceptance.conformance.report import Difference
 
 
 @click.command("conform")
@@ -40,7 +40,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     TARGET is a rig file, or a name of `astb rigs`. Nothing moves without --allow-motion. Ends with 0 if all is right
     and nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
     """
-    from acceptance.conformance.suite import examine_rig
+    from astb.acceptance.conformance.suite import examine_rig
 
     def say(text: str) -> None:
         click.echo(text, err=True)

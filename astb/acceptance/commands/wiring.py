@@ -39,7 +39,7 @@ def new_command(
 
     Signs, offsets and states nobody can know from names: read every line, then let `astb check-rig` look.
     """
-    from acceptance.skeleton.writing import skeleton
+    from astb.acceptance.skeleton.writing import skeleton
 
     if dbc is None and registers is None:
         misuse("there is nothing to describe: --dbc, --registers or both would be right")

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.raw_access import ModbusConnection, RawAccess
-from acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from astb.acceptance.conformance.report import Notebook
 from bench_protocol.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, NO_SUCH_UNIT
 from bench_protocol.registers import FLOAT_BLOCK, PROBE_FLOAT, PROBE_WORD
 from bench_protocol.signals import Kind

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from acceptance.conformance.leaving import leave, note_rest, take
-from acceptance.conformance.raw_access import ModbusConnection, RawAccess
-from acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.leaving import leave, note_rest, take
+from astb.acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from astb.acceptance.conformance.report import Notebook
 from bench_protocol.can_codec import Encoder
 from bench_protocol.clock import Task
 from bench_protocol.frames import Block

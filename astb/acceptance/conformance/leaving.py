@@ -5,8 +5,8 @@ import struct
 from collections.abc import Mapping
 from typing import Final
 
-from acceptance.conformance.raw_access import ModbusConnection, RawAccess
-from acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from astb.acceptance.conformance.report import Notebook
 from bench_protocol.registers import LEASE_ADDRESS
 from bench_protocol.rest import REST
 from bench_protocol.table import TABLE

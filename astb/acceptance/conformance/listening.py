@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.raw_access import RawAccess
-from acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.raw_access import RawAccess
+from astb.acceptance.conformance.report import Notebook
 from bench_protocol.can_codec import Decoder, Tally
 from bench_protocol.frames import Block
 from bench_protocol.table import TABLE

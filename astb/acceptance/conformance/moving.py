@@ -4,11 +4,11 @@ from typing import Final
 
 import numpy as np
 
-from acceptance.conformance.commanding import READY_WITHIN, Stream
-from acceptance.conformance.leaving import give_back, leave, note_rest, take
-from acceptance.conformance.raw_access import ModbusConnection, RawAccess
-from acceptance.conformance.report import Notebook
-from acceptance.conformance.stillness import WATCH
+from astb.acceptance.conformance.commanding import READY_WITHIN, Stream
+from astb.acceptance.conformance.leaving import give_back, leave, note_rest, take
+from astb.acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from astb.acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.stillness import WATCH
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, mm, ms, s

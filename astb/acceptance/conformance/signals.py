@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from acceptance.conformance.moving import LATENCY_MAX, MOVE, MOVE_WITHIN, THERE, TIME_APART
-from acceptance.conformance.report import Notebook
-from acceptance.conformance.stillness import OVER, PLACES, PRESSURES, WATCH, note_still
+from astb.acceptance.conformance.moving import LATENCY_MAX, MOVE, MOVE_WITHIN, THERE, TIME_APART
+from astb.acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.stillness import OVER, PLACES, PRESSURES, WATCH, note_still
 from bench_protocol.signals import MEASURED, Kind, Signal
 from bench_protocol.units import NS, minutes, mm, ms, s
 from drivers.errors import BenchError

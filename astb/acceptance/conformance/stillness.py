@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.report import Notebook
 from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar, mm, ms, s

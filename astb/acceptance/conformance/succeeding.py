@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from acceptance.conformance.commanding import Stream
-from acceptance.conformance.leaving import give_back, leave, note_rest, take
-from acceptance.conformance.moving import STEP_WITHIN, reset, way_up
-from acceptance.conformance.raw_access import ModbusConnection, RawAccess
-from acceptance.conformance.report import Notebook
-from acceptance.conformance.stillness import (
+from astb.acceptance.conformance.commanding import Stream
+from astb.acceptance.conformance.leaving import give_back, leave, note_rest, take
+from astb.acceptance.conformance.moving import STEP_WITHIN, reset, way_up
+from astb.acceptance.conformance.raw_access import ModbusConnection, RawAccess
+from astb.acceptance.conformance.report import Notebook
+from astb.acceptance.conformance.stillness import (
     OVER,
     PLACES,
     PRESSURES,

@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from acceptance.conformance import signals
-from acceptance.conformance.asking import ask
-from acceptance.conformance.commanding import command
-from acceptance.conformance.listening import listen
-from acceptance.conformance.moving import move
-from acceptance.conformance.raw_access import RawAccess, open_access
-from acceptance.conformance.report import Notebook, Observation, joined
-from acceptance.conformance.succeeding import succeed
+from astb.acceptance.conformance import signals
+from astb.acceptance.conformance.asking import ask
+from astb.acceptance.conformance.commanding import command
+from astb.acceptance.conformance.listening import listen
+from astb.acceptance.conformance.moving import move
+from astb.acceptance.conformance.raw_access import RawAccess, open_access
+from astb.acceptance.conformance.report import Notebook, Observation, joined
+from astb.acceptance.conformance.succeeding import succeed
 from astb.api import open_bench
 from drivers.errors import BenchError
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from acceptance.skeleton.list_words import ORDERS, SCALING, TYPES, WORDS
+from astb.acceptance.skeleton.list_words import ORDERS, SCALING, TYPES, WORDS
 from drivers.errors import WiringError
 
 #: An exponent of ten that a register may have.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
 from typing import Final, NamedTuple
 
-from acceptance.skeleton.points import Point
+from astb.acceptance.skeleton.points import Point
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import UNITS
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from acceptance.skeleton.written_units import unit_of
+from astb.acceptance.skeleton.written_units import unit_of
 from bench_protocol.dbc import DbcError, read_dbc
 from bench_protocol.no_value import no_value_codes
 from drivers.errors import WiringError

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
-from acceptance.skeleton.list_scales import (
+from astb.acceptance.skeleton.list_scales import (
     LeftOut,
     are_exponents,
     comma_in,
@@ -22,7 +22,7 @@ from acceptance.skeleton.list_scales import (
     sized_type,
     unread_scaling,
 )
-from acceptance.skeleton.list_words import (
+from astb.acceptance.skeleton.list_words import (
     ACCESS,
     COLUMNS,
     DEVICES,
@@ -32,8 +32,8 @@ from acceptance.skeleton.list_words import (
     TABLES,
     WRITING,
 )
-from acceptance.skeleton.points import Point
-from acceptance.skeleton.written_units import unit_of
+from astb.acceptance.skeleton.points import Point
+from astb.acceptance.skeleton.written_units import unit_of
 from bench_protocol.account import Account
 from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
 from bench_records.layout import RecordError

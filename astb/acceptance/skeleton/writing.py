@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from acceptance.checking.consequences import plans_by_need
-from acceptance.skeleton.matching import Match, match
-from acceptance.skeleton.points import Point, dbc_points
-from acceptance.skeleton.register_list import Counting, read_register_list
+from astb.acceptance.checking.consequences import plans_by_need
+from astb.acceptance.skeleton.matching import Match, match
+from astb.acceptance.skeleton.points import Point, dbc_points
+from astb.acceptance.skeleton.register_list import Counting, read_register_list
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS

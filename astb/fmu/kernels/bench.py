@@ -3,7 +3,7 @@
 from enum import IntEnum
 from typing import Any, Final
 
-from bench_fmu.kernels.springs import supply_open
+from astb.fmu.kernels.springs import supply_open
 from bench_sim.model import bench_rest
 from bench_sim.model.actuator import command_actuators
 from bench_sim.model.algebraic import ALGEBRAICS

@@ -6,7 +6,7 @@ Within a communication step the displacements go on with the speeds and accelera
 from enum import IntEnum
 from typing import Any, Final
 
-from bench_fmu.kernels.motion import gone_on
+from astb.fmu.kernels.motion import gone_on
 from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_once

@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from bench_fmu.kernels.bench import GIVEN, OUTPUTS, ROWS, Given, advance, start
-from bench_fmu.models.gas import ORDERS, defaults_of, places_of
-from bench_fmu.models.springs import FIXED, FLOWS, OF_SPRINGS, dpv_flow, of_sides, valves
-from bench_fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
+from astb.fmu.kernels.bench import GIVEN, OUTPUTS, ROWS, Given, advance, start
+from astb.fmu.models.gas import ORDERS, defaults_of, places_of
+from astb.fmu.models.springs import FIXED, FLOWS, OF_SPRINGS, dpv_flow, of_sides, valves
+from astb.fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES

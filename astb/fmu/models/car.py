@@ -6,10 +6,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_fmu.kernels.car import CAR, INPUTS, MOTIONS, NOTHING, OUTPUTS, ROWS, Force, Told, advance, start
-from bench_fmu.models.springs import MOTIONS as STRETCH
-from bench_fmu.models.springs import OF_SPRINGS
-from bench_fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
+from astb.fmu.kernels.car import CAR, INPUTS, MOTIONS, NOTHING, OUTPUTS, ROWS, Force, Told, advance, start
+from astb.fmu.models.springs import MOTIONS as STRETCH
+from astb.fmu.models.springs import OF_SPRINGS
+from astb.fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
 from bench_protocol.car import STOP_POINTS
 from bench_protocol.table import TABLE
 from bench_protocol.words import SIDES

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_fmu.unit import offset
+from astb.fmu.unit import offset
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.layout import State
 from bench_sim.model.quantities import PARAMETERS

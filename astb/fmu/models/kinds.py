@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from bench_fmu.models.bench import bench
-from bench_fmu.models.car import car
-from bench_fmu.models.springs import springs
-from bench_fmu.unit import Unit
+from astb.fmu.models.bench import bench
+from astb.fmu.models.car import car
+from astb.fmu.models.springs import springs
+from astb.fmu.unit import Unit
 from bench_sim.parameters import load
 from bench_sim.parameters.vehicle import load_vehicle
 

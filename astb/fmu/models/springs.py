@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from math import inf
 from typing import Final
 
-from bench_fmu.kernels.springs import OUTPUTS, ROWS, Gauge, advance, start
-from bench_fmu.models.gas import ORDERS, defaults_of, places_of
-from bench_fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
+from astb.fmu.kernels.springs import OUTPUTS, ROWS, Gauge, advance, start
+from astb.fmu.models.gas import ORDERS, defaults_of, places_of
+from astb.fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
 from bench_protocol.table import TABLE
 from bench_protocol.words import SIDES
 from bench_sim.model.algebraic import Algebraic

@@ -1,4 +1,4 @@
-"""``python -m benchmarks``: measure speed and lateness, each beside a control of the same minute."""
+"""``python -m astb_studies.benchmarks``: measure speed and lateness, each beside a control of the same minute."""
 
 import importlib
 import sys
@@ -7,8 +7,8 @@ from typing import Final
 import click
 from rich.console import Console
 
-from benchmarks.measure import Effort, Section, machine
-from benchmarks.page import PAGE, show, write_json, write_page
+from astb_studies.benchmarks.measure import Effort, Section, machine
+from astb_studies.benchmarks.page import PAGE, show, write_json, write_page
 
 #: In the order of the page; each is a module with ``run(effort)``.
 NAMES: Final = (
@@ -43,7 +43,7 @@ def main(names: tuple[str, ...], quick: bool) -> None:
     facts = machine()
     for name in names or NAMES:
         with console.status(f"measuring: {name}"):
-            sections[name] = importlib.import_module(f"benchmarks.{name}").run(Effort(quick))
+            sections[name] = importlib.import_module(f"astb_studies.benchmarks.{name}").run(Effort(quick))
         show(sections[name], console)
         if not quick:
             write_page([sections[name]], facts)

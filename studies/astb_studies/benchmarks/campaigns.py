@@ -8,10 +8,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Final
 
+from astb.campaigns.plan_case import PlanCase, by_key, run_plan_case, run_plan_cases
+from astb.campaigns.workers import cluster
 from astb.rig_file import Simulation
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, interleaved, wall
-from campaigns.plan_case import PlanCase, by_key, run_plan_case, run_plan_cases
-from campaigns.workers import cluster
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, interleaved, wall
 
 WORKERS: Final = 2
 #: Both find their processes running and warm. Cases are equally long, or the loops would have to wait for one another.

@@ -9,8 +9,8 @@ from typing import Final
 
 import can
 
-from benchmarks.measure import Effort, Section, compare, interleaved, trips
-from benchmarks.peers import CAN_REPLY, CAN_REQUEST, FRAME_BLOCK, connected, peers
+from astb_studies.benchmarks.measure import Effort, Section, compare, interleaved, trips
+from astb_studies.benchmarks.peers import CAN_REPLY, CAN_REQUEST, FRAME_BLOCK, connected, peers
 from drivers.hub_bus import HubBus
 
 TRIPS, QUICK_TRIPS = 500, 200

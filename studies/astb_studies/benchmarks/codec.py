@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.benchmarks.measure import Effort, Section, compare, cpu, interleaved
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, join
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.socketcand import Parser, frame_bytes, iterate
 from bench_protocol.table import TABLE
-from benchmarks.measure import Effort, Section, compare, cpu, interleaved
 from tools.generate.dbc import dbc
 
 ROUNDS: Final = 200

@@ -1,6 +1,7 @@
 """How steadily set-points arrive while a plan computes, beside a stream that needs the interpreter for every cycle.
 
-python -m benchmarks.commander_cycles PORT PLAN WAY    streams until its input ends; WAY is compiled or interpreted
+python -m astb_studies.benchmarks.commander_cycles PORT PLAN WAY
+    streams until its input ends; WAY is compiled or interpreted
 """
 
 import contextlib
@@ -15,9 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from astb_studies.benchmarks.measure import Effort, Section, child, compare
 from bench_protocol.clock import RealClock, hurry, hurry_process
 from bench_protocol.units import ms, s
-from benchmarks.measure import Effort, Section, child, compare
 from drivers.can_port import PythonCanPort, open_can
 from drivers.commander import Commander
 from drivers.memory import Faults, FaultyCan
@@ -123,7 +124,14 @@ def measure(plan: str, seconds: int) -> list[NDArray[np.float64]]:
     with contextlib.ExitStack() as stack:
         for listener, way in zip(listeners, WAYS, strict=True):
             listener.start()
-            command = sys.executable, "-m", "benchmarks.commander_cycles", str(listener.port), plan, way
+            command = (
+                sys.executable,
+                "-m",
+                "astb_studies.benchmarks.commander_cycles",
+                str(listener.port),
+                plan,
+                way,
+            )
             stack.enter_context(child(*command)).stdout.readline()
         time.sleep(WARM_UP)
         start = time.monotonic_ns()

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from astb.diagnose import with_roles
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth
+from astb_studies.benchmarks.diagnosis.sealed import measure
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, wall
 from bench_protocol.units import s
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from benchmarks.diagnosis.ground_truth import GroundTruth
-from benchmarks.diagnosis.sealed import measure
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, wall
 from diagnosis.contracts import Array, Dataset, Effects, Experiment, Job, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose

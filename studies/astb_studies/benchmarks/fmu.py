@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from bench_fmu.export import ExportError, compile_code, write_unit
-from bench_fmu.models.kinds import unit_of
+from astb.fmu.export import ExportError, compile_code, write_unit
+from astb.fmu.models.kinds import unit_of
+from astb_studies.benchmarks.measure import Effort, Section, Skipped, compare, cpu, interleaved
 from bench_protocol.rates import TICK
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
-from benchmarks.measure import Effort, Section, Skipped, compare, cpu, interleaved
 
 #: Simulated in one call of a subject, s.
 SPAN: Final = 1.0

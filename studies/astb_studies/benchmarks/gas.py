@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from bench_protocol.realtime.binding import bind
+from astb_studies.benchmarks import gcc
+from astb_studies.benchmarks.measure import Effort, Section, Skipped, compare, cpu, interleaved
+from bench_protocol.runtime.binding import bind
 from bench_protocol.units import Hz, mm, ms
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.gas import density_factor, energy_of, mass_of, temperature, transfer, wall_heat
 from bench_sim.model.orifice import effective_flow_area, orifice_between
 from bench_sim.parameters import load
-from benchmarks import gcc
-from benchmarks.measure import Effort, Section, Skipped, compare, cpu, interleaved
 
 STEPS = 50_000
 STEP = 1 * ms

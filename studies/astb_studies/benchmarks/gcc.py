@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 from typing import Final
 
-from benchmarks.measure import Skipped
+from astb_studies.benchmarks.measure import Skipped
 
 _HERE: Final = Path(__file__).parent
 

@@ -1,6 +1,6 @@
 """Runs that are killed at drawn moments, by SIGKILL and over real wires: what is left of them, and what is lost.
 
-python -m benchmarks.killed_runs --count 100
+python -m astb_studies.benchmarks.killed_runs --count 100
 """
 
 import argparse
@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.benchmarks.soak import running_rig
 from bench_protocol.can_codec import Decoder
 from bench_protocol.clock import RealClock
 from bench_protocol.frames import Block
@@ -32,7 +33,6 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.record import read
 from bench_records.report import report_page
 from bench_records.run_folder import SIGNS, open_run
-from benchmarks.soak import running_rig
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import BenchError

@@ -14,11 +14,11 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from astb_studies.benchmarks import gcc
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Skipped, Spread, child, compare
+from astb_studies.benchmarks.peers import MODBUS_REPLY, MODBUS_REQUEST, REGISTERS
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
-from benchmarks import gcc
-from benchmarks.measure import BenchmarkRow, Effort, Section, Skipped, Spread, child, compare
-from benchmarks.peers import MODBUS_REPLY, MODBUS_REQUEST, REGISTERS
 from drivers.hub_bus import HubBus
 
 SECONDS, QUICK_SECONDS = 60, 10
@@ -109,7 +109,7 @@ def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
     ours, control = loop.with_name("ours"), loop.with_name("control")
     with contextlib.ExitStack() as stack:
         rig = stack.enter_context(
-            child(sys.executable, "-m", "benchmarks.lateness_rig", str(seconds), str(ours))
+            child(sys.executable, "-m", "astb_studies.benchmarks.lateness_rig", str(seconds), str(ours))
         )
         ports = rig.stdout.readline().split()
         listener = Listener(int(ports[0]))
@@ -117,7 +117,9 @@ def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
         for thread in (listener, *pollers):
             thread.start()
         if attacked:
-            stack.enter_context(child(sys.executable, "-m", "benchmarks.lateness_attack", *ports))
+            stack.enter_context(
+                child(sys.executable, "-m", "astb_studies.benchmarks.lateness_attack", *ports)
+            )
         time.sleep(WARM_UP)
         beside = stack.enter_context(child(str(loop), str(seconds), str(control)))
         rig.wait(PATIENCE)

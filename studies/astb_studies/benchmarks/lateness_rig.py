@@ -1,6 +1,7 @@
 """A rig process for the lateness benchmark: the real loop and ports, twelve frames a tick, every lateness kept.
 
-python -m benchmarks.lateness_rig SECONDS FILE    prints its ports, then writes the lateness of every tick (ns) to FILE
+python -m astb_studies.benchmarks.lateness_rig SECONDS FILE
+    prints its ports, then writes the lateness of every tick (ns) to FILE
 """
 
 import sys
@@ -8,13 +9,13 @@ import threading
 from pathlib import Path
 from typing import Final
 
+from astb_studies.benchmarks.lateness import FRAMES
 from bench_protocol.clock import RealClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from bench_sim.parameters import load
 from bench_sim.rig.process import run_rig
 from bench_sim.rig.rig import Rig
-from benchmarks.lateness import FRAMES
 
 #: Clients connect meanwhile; not measured.
 WARM_UP_TICKS: Final = 2000

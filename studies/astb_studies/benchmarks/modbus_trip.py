@@ -7,9 +7,9 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from benchmarks import gcc
-from benchmarks.measure import Effort, Section, Skipped, child, compare, interleaved, trips
-from benchmarks.peers import ADDRESS, MODBUS_REPLY, MODBUS_REQUEST, REGISTERS, connected, peers
+from astb_studies.benchmarks import gcc
+from astb_studies.benchmarks.measure import Effort, Section, Skipped, child, compare, interleaved, trips
+from astb_studies.benchmarks.peers import ADDRESS, MODBUS_REPLY, MODBUS_REQUEST, REGISTERS, connected, peers
 from drivers.modbus_port import open_modbus
 
 TRIPS, QUICK_TRIPS = 500, 200

@@ -9,11 +9,11 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.measure import BenchmarkRow, Section, Spread
+from astb_studies.benchmarks.measure import BenchmarkRow, Section, Spread
+from astb_studies.places import DOCS, ROOT
 
-_ROOT: Final = Path(__file__).parent.parent
-PAGE: Final = _ROOT / "docs" / "reference" / "benchmarks.md"
-JSON: Final = _ROOT / "runs" / "benchmarks.json"
+PAGE: Final = DOCS / "reference" / "benchmarks.md"
+JSON: Final = ROOT / "runs" / "benchmarks.json"
 _PREFIXES: Final = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 _HEAD: Final = ("what", "ratio", "ours", "control", "of the control", "aim")
 

@@ -13,9 +13,9 @@ import msgspec
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread, child, compare
+from astb_studies.benchmarks.ticks import CALLED, Lateness, lateness_during, rig_of_its_own
 from bench_protocol.units import s
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, child, compare
-from benchmarks.ticks import CALLED, Lateness, lateness_during, rig_of_its_own
 
 SECONDS, QUICK_SECONDS = 20, 8
 PAIRS, QUICK_PAIRS = 9, 3

@@ -1,6 +1,7 @@
 """The far ends of the round trips, in a process of their own: hub, Modbus server, and raw sockets for comparison.
 
-python -m benchmarks.peers    prints the ports of hub, Modbus server, raw peers and echo; ends with its input
+python -m astb_studies.benchmarks.peers
+    prints the ports of hub, Modbus server, raw peers and echo; ends with its input
 """
 
 import asyncio
@@ -48,7 +49,7 @@ class Ports:
 @contextlib.contextmanager
 def peers() -> Iterator[Ports]:
     """Run the peers while the block lasts."""
-    command = [sys.executable, "-m", "benchmarks.peers"]
+    command = [sys.executable, "-m", "astb_studies.benchmarks.peers"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout and process.stdin
         try:

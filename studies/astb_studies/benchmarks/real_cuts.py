@@ -1,6 +1,7 @@
 """Cuts in real time: a plan in a process of its own, a rig in another, and between them wires that can be cut.
 
-python -m benchmarks.real_cuts FILE    the plan: arms the rig of a rig file, fills the springs, says `armed`, and waits
+python -m astb_studies.benchmarks.real_cuts FILE
+    the plan: arms the rig of a rig file, fills the springs, says `armed`, and waits
 """
 
 import contextlib
@@ -21,9 +22,7 @@ import numpy as np
 from astb.rig_file import read
 from astb.run import undisturbed
 from astb.session import real_session
-from bench_protocol.clock import wall_time_ns
-from bench_protocol.units import bar, s
-from benchmarks.cuts import (
+from astb_studies.benchmarks.cuts import (
     BOTH_CLOSED,
     CAN_CLOSED,
     CAN_HOLE,
@@ -36,6 +35,8 @@ from benchmarks.cuts import (
     Witness,
     give_up,
 )
+from bench_protocol.clock import wall_time_ns
+from bench_protocol.units import bar, s
 from drivers.can_port import open_can
 from drivers.errors import BenchError
 
@@ -151,7 +152,9 @@ class RealCuts:
                 stack.callback(wire.close)
             file = self._directory / "plan.toml"
             file.write_text(_PLAN.format(can=can.port, modbus=modbus.port))
-            plan = stack.enter_context(_process(sys.executable, "-m", "benchmarks.real_cuts", str(file)))
+            plan = stack.enter_context(
+                _process(sys.executable, "-m", "astb_studies.benchmarks.real_cuts", str(file))
+            )
             _said(plan, "armed")
             time.sleep(0.2 + 0.02 * (time.perf_counter_ns() % 1000) / 1000)  # anywhere between two commands
             self._witness.start(wall_time_ns())

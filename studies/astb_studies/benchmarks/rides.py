@@ -1,4 +1,4 @@
-"""``python -m benchmarks.rides``: a car on measured springs in four winds, and the table of it in docs/explanation.
+"""Rides of a car on measured springs in four winds, and their table: ``python -m astb_studies.benchmarks.rides``.
 
 Each cell is plan `ride` in virtual time, through the wires, for five minutes. One line of JSON a cell goes to the file
 of results, so that measuring goes on where it was cut off.
@@ -13,17 +13,18 @@ from typing import Any, Final
 import click
 
 from astb.rig_in_memory import RigInMemory
+from astb_studies.paper.experiments import WIND_SPEEDS
+from astb_studies.paper.hybrid.floor import COMFORT, COMFORT_OF_BOTH, COMFORT_UPWARD, RISES, SHAKES
+from astb_studies.paper.plans.ride import AGREES
+from astb_studies.paper.subject import LOADS
+from astb_studies.places import DOCS
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from paper_study.experiments import WIND_SPEEDS
-from paper_study.hybrid.floor import COMFORT, COMFORT_OF_BOTH, COMFORT_UPWARD, RISES, SHAKES
-from paper_study.plans.ride import AGREES
-from paper_study.subject import LOADS
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
 
-PAGE: Final = Path(__file__).parents[1] / "docs" / "explanation" / "the-paper.md"
+PAGE: Final = DOCS / "explanation" / "the-paper.md"
 #: The table stands between these two lines of the page.
 BEGIN, END = "<!-- benchmarks.rides -->", "<!-- end of benchmarks.rides -->"
 HEAD: Final = (

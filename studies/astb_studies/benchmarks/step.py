@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from bench_protocol.realtime.binding import bind
+from astb_studies.benchmarks.measure import Effort, Section, compare, cpu, interleaved
+from bench_protocol.runtime.binding import bind
 from bench_protocol.units import Hz, mm, ms, s
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled_entry
@@ -16,7 +17,6 @@ from bench_sim.model.layout import STATES, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.runge_kutta import integrated_states
 from bench_sim.parameters import load
-from benchmarks.measure import Effort, Section, compare, cpu, interleaved
 
 STEP = 1 * ms
 DURATION = 3 * s

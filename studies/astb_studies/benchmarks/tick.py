@@ -6,10 +6,10 @@ import numpy as np
 
 from astb.rig_file import Simulation
 from astb.session import build_rig, virtual_session
+from astb_studies.benchmarks.measure import Effort, Section, compare, cpu
 from bench_protocol.units import bar, minutes, mm, ms, s
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
-from benchmarks.measure import Effort, Section, compare, cpu
 
 BATCH = 20
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from socket import create_server
 from typing import Final, NamedTuple
 
+from astb_studies.benchmarks.measure import child
 from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.table import TABLE
-from benchmarks.measure import child
 from drivers.modbus_port import ModbusPort, open_modbus
 from drivers.wiring.astb.modbus import AstbRegisters
 

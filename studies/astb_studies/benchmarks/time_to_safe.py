@@ -2,19 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from astb.campaigns.workers import executor
+from astb_studies.benchmarks.cuts import CUTS, REAL_CUTS, Cut
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread
+from astb_studies.benchmarks.real_cuts import RealCuts
+from astb_studies.benchmarks.virtual_cuts import virtual_cuts
+from astb_studies.places import DOCS
 from bench_protocol.rates import TICK
 from bench_protocol.units import ms
-from benchmarks.cuts import CUTS, REAL_CUTS, Cut
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread
-from benchmarks.real_cuts import RealCuts
-from benchmarks.virtual_cuts import virtual_cuts
-from campaigns.workers import executor
 
 #: Of each kind: a thousand in virtual time in all.
 VIRTUAL, QUICK_VIRTUAL = 112, 8
@@ -23,7 +23,7 @@ REAL, QUICK_REAL = 20, 1
 #: emergency is; on sockets comes what carries it.
 TELLING: Final = 20 * ms
 TRANSPORT: Final = 10 * ms
-PICTURE: Final = Path(__file__).parent.parent / "docs" / "gallery" / "time-to-safe.svg"
+PICTURE: Final = DOCS / "gallery" / "time-to-safe.svg"
 
 #: Time to hold and time to safe (s), one row a cut.
 Times = NDArray[np.float64]

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 from astb.rig_file import Simulation
 from astb.session import build_rig, virtual_session
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, interleaved
 from bench_protocol.units import NS, ms, s
 from bench_records.report import write_report
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, interleaved
 from drivers.memory import InMemoryCan
 from test_plans.discovery import plans
 from test_plans.execution import execute

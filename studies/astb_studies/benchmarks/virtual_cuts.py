@@ -6,10 +6,7 @@ from typing import Final
 import numpy as np
 
 from astb.rig_in_memory import RigInMemory
-from bench_protocol.units import NS, bar, mm, ms, s
-from bench_sim.parameters import load
-from bench_sim.rig.rig import Rig
-from benchmarks.cuts import (
+from astb_studies.benchmarks.cuts import (
     BOTH_CLOSED,
     CAN_CLOSED,
     CAN_HOLE,
@@ -25,6 +22,9 @@ from benchmarks.cuts import (
     Witness,
     give_up,
 )
+from bench_protocol.units import NS, bar, mm, ms, s
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.wiring.own import own_wiring
 

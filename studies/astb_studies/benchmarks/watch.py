@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from astb.rig_file import read as read_rig
+from astb_studies.benchmarks.measure import BenchmarkRow, Effort, Section, Spread, child, compare
+from astb_studies.benchmarks.ticks import CALLED, Lateness, lateness_during, rig_of_its_own
 from bench_records.growing import GrowingRecord
 from bench_records.layout import RecordError
 from bench_records.twin import TwinStory, read_twin
 from bench_sim.rig.control_socket import ask, control_path
-from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, child, compare
-from benchmarks.ticks import CALLED, Lateness, lateness_during, rig_of_its_own
 from drivers.modbus_port import ModbusPort
 
 PLAN: Final = "aw0"

@@ -1,1 +1,1 @@
-"""The pictures of docs/gallery.md, and the page itself: python -m tools.gallery."""
+"""The pictures of docs/gallery.md, and the page itself: python -m astb_studies.gallery."""

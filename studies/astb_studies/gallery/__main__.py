@@ -1,4 +1,4 @@
-"""Make the gallery anew: python -m tools.gallery [NAME…], all pictures unless some are named, and the page."""
+"""Make the gallery anew: python -m astb_studies.gallery [NAME…], all pictures unless some are named, and the page."""
 
 import argparse
 import shlex
@@ -7,13 +7,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
-from tools.gallery.page import PAGE, page
-from tools.gallery.recipes import GALLERY, RECIPES, RUNS, Recipe
+from astb_studies.gallery.page import PAGE, page
+from astb_studies.gallery.recipes import GALLERY, RECIPES, RUNS, Recipe
+from astb_studies.places import ROOT
 
 #: Where the commands find the files of rigs.
-ROOT: Final = Path(__file__).parents[2]
 
 
 def make(recipes: Sequence[Recipe], into: Path) -> None:

@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.gallery.drawing import figure_of, save
 from bench_records.conformity import SURE, conformity, guard_factor
 from bench_records.plots import ALARM, INK, PALETTE, SHADE, SOFT, heading, style
 from bench_records.result import read_result
-from tools.gallery.drawing import figure_of, save
 
 #: A band from -1 to 1, and a standard uncertainty for which the guard bands can be seen.
 U: Final = 0.12

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from astb.diagnose import read_data
+from astb_studies.gallery.drawing import LEGEND, figure_of, save
 from bench_protocol.units import mbar
 from bench_records.plots import ALARM, INK, PALETTE, heading, style
 from bench_sim.parameters import load
 from diagnosis.contracts import MeasuredRun, Simulator
 from diagnosis.finding import Finding, Models
-from tools.gallery.drawing import LEGEND, figure_of, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from astb_studies.gallery.drawing import LEGEND, SIDE, figure_of, save
 from bench_protocol.units import bar, kN, mm
 from bench_records.layout import Phase
 from bench_records.plots import ALARM, INK, PALETTE, SHADE, heading, style
@@ -16,7 +17,6 @@ from bench_records.result import Check, read_result
 from test_plans.analysis import Samples
 from test_plans.analysis.geometry import POSE_SIGNALS, shear_of
 from test_plans.description import ours
-from tools.gallery.drawing import LEGEND, SIDE, figure_of, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

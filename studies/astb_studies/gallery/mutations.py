@@ -5,10 +5,10 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from astb_studies.gallery.drawing import WIDTH, save
+from astb_studies.mutations.faults import Cell, mutations, read_cells
+from astb_studies.mutations.page import MOVED
 from bench_records.plots import ALARM, INK, PALETTE, SOFT, style
-from campaigns.mutation_page import MOVED
-from campaigns.mutations import Cell, mutations, read_cells
-from tools.gallery.drawing import WIDTH, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

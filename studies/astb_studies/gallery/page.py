@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from tools.gallery.recipes import GALLERY, RECIPES
+from astb_studies.gallery.recipes import GALLERY, RECIPES
 
 PAGE: Final = GALLERY.parent / "gallery.md"
 HEAD: Final = """<!-- Written by `make gallery`; do not edit. -->
@@ -23,7 +23,7 @@ Other figures of the paper are made by the same [command](how-to/reproduce-the-p
 text](explanation/the-paper.md): [areas and volumes](gallery/figure-07.svg), [stiffness over the roll
 angle](gallery/figure-10.svg), [comfort in the crosswind](gallery/comfort.svg). How the diagnosis comes to a
 name is drawn on [its own page](explanation/how-the-diagnosis-reasons.md), which
-`python -m benchmarks.diagnosis.explanation_drawings` illustrates anew, and how often it is right in [its
+`python -m astb_studies.benchmarks.diagnosis.explanation_drawings` illustrates anew, and how often it is right in [its
 benchmark](reference/diagnosis-benchmark.md). Or see it happen: [a notebook](tutorials/bench.ipynb).
 """
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from tools.gallery.certainty import certainty
-from tools.gallery.found import before_and_after
-from tools.gallery.measured import gust, leveling, stiffness
-from tools.gallery.mutations import matrix
-from tools.gallery.safety import time_to_safe
-from tools.gallery.sketch import sketch
+from astb_studies.gallery.certainty import certainty
+from astb_studies.gallery.found import before_and_after
+from astb_studies.gallery.measured import gust, leveling, stiffness
+from astb_studies.gallery.mutations import matrix
+from astb_studies.gallery.safety import time_to_safe
+from astb_studies.gallery.sketch import sketch
+from astb_studies.places import DOCS
 
-GALLERY: Final = Path(__file__).parents[2] / "docs" / "gallery"
+GALLERY: Final = DOCS / "gallery"
 #: Where the commands put their runs, as a reader types them.
 RUNS: Final = "runs/gallery"
 

@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.benchmarks.cuts import CUTS
+from astb_studies.benchmarks.virtual_cuts import virtual_cuts
+from astb_studies.gallery.drawing import figure_of, save
 from bench_records.plots import ALARM, INK, PALETTE, heading, style
-from benchmarks.cuts import CUTS
-from benchmarks.virtual_cuts import virtual_cuts
-from tools.gallery.drawing import figure_of, save
 
 #: Of each kind; the benchmark makes ten times as many.
 COUNT: Final = 12

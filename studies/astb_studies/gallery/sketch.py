@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from astb_studies.gallery.drawing import figure_of, save
 from bench_records.plots import INK, PALETTE, SHADE, SOFT
-from tools.gallery.drawing import figure_of, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ from typing import Any, Final, Literal
 
 import msgspec
 
+from astb.campaigns.findings import FAILED
 from astb.rig_file import FaultEntry, Simulation
-from campaigns.findings import FAILED
 
 HERE: Final = Path(__file__).parent
 TABLE: Final = HERE / "mutations.toml"

@@ -1,4 +1,4 @@
-"""Measures what the plans catch and whether sound rigs pass: ``python -m campaigns.measure``."""
+"""Measures what the plans catch and whether sound rigs pass: ``python -m astb_studies.mutations.measure``."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
+from astb.campaigns.findings import FAILED
+from astb.campaigns.plan_case import PlanCase, by_key, facts, run_plan_case, warm_up
+from astb.campaigns.run import Standing, run_cases
 from astb.rig_file import Simulation
-from campaigns.findings import FAILED
-from campaigns.healthy import SoundRun, sound_rig, write_sound_runs
-from campaigns.mutation_page import PAGE, page
-from campaigns.mutations import (
+from astb_studies.mutations.faults import (
     FOUND,
     HERE,
     SEED,
@@ -23,8 +23,8 @@ from campaigns.mutations import (
     read_cells,
     write_cells,
 )
-from campaigns.plan_case import PlanCase, by_key, facts, run_plan_case, warm_up
-from campaigns.run import Standing, run_cases
+from astb_studies.mutations.healthy import SoundRun, sound_rig, write_sound_runs
+from astb_studies.mutations.page import PAGE, page
 
 #: No plan takes that long (s), even on a busy machine.
 LIMIT = 600.0

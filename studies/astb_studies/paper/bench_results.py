@@ -12,11 +12,11 @@ import numpy.typing as npt
 from astb.rig_file import RigFile, Simulation
 from astb.run import connected, describe
 from astb.session import build_rig, virtual_session
+from astb_studies.paper import combined
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
 from bench_records.record import read
 from bench_records.result import Outcome, Result, read_result
-from paper_study import combined
 from test_plans.discovery import plans
 from test_plans.execution import execute
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from paper_study.subject import Subject
+from astb_studies.paper.subject import Subject
 
 #: plant: the energy-consistent model of the rig; paper: the closed forms; both: outside of the springs.
 Layer = Literal["plant", "paper", "both"]

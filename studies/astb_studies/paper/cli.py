@@ -25,8 +25,8 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
     Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
     claim that does not hold is a result, not an error.
     """
-    from paper_study.bench_results import NoBenchResult
-    from paper_study.make import make
+    from astb_studies.paper.bench_results import NoBenchResult
+    from astb_studies.paper.make import make
 
     if not installed("campaign"):
         misuse(lacking("campaign", "the paper's bench runs"))

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from astb_studies.paper.subject import LOADS
 from bench_protocol.written_values import read_written
-from paper_study.subject import LOADS
 
 #: What is changed of the plan's ordinary parameters, by what a figure shows it over.
 VARIED: Final[Mapping[str, tuple[Mapping[str, str], ...]]] = {

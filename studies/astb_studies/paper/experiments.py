@@ -6,6 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from astb_studies.paper.closed_form import PaperParameters, diaphragm_stiffness
+from astb_studies.paper.closed_form import dynamic_stiffness as paper_stiffness
+from astb_studies.paper.comfort import (
+    Samples,
+    block_percentiles,
+    lateral_percentiles,
+    mean_comfort,
+    weighting,
+    window_rms,
+)
+from astb_studies.paper.subject import LOADS, Subject, remembered
 from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -21,17 +32,6 @@ from bench_sim.model.experiments import (
 from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
 from bench_sim.model.wind import wind_force
-from paper_study.closed_form import PaperParameters, diaphragm_stiffness
-from paper_study.closed_form import dynamic_stiffness as paper_stiffness
-from paper_study.comfort import (
-    Samples,
-    block_percentiles,
-    lateral_percentiles,
-    mean_comfort,
-    weighting,
-    window_rms,
-)
-from paper_study.subject import LOADS, Subject, remembered
 
 WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.

@@ -5,10 +5,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.bench_results import BenchResults
+from astb_studies.paper.closed_form import combined, diaphragm_stiffness, layered_stiffness
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import mm
-from paper_study.bench_results import BenchResults
-from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
-from paper_study.subject import LOADS, Subject
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from typing import Final
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from astb.campaigns.workers import executor
 from astb.tables import plain_console
-from campaigns.workers import executor
-from paper_study import page
-from paper_study.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, study
+from astb_studies.paper import page
+from astb_studies.paper.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, study
 
 _KINDS: Final = (BENCH, MODEL, CHECKED, SENSITIVITY, FIGURES)
 

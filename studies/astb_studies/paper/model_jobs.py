@@ -6,16 +6,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper import plant_curves
+from astb_studies.paper.bench_results import BenchResults
+from astb_studies.paper.identification.spring import Identified
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.sweeps.frequency import SMALL_FREQUENCIES
+from astb_studies.paper.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
+from astb_studies.paper.sweeps.pressure import AMPLITUDES
+from astb_studies.paper.sweeps.ratio import NATURAL
 from bench_protocol.units import Hz, mm
-from paper_study import plant_curves
-from paper_study.bench_results import BenchResults
-from paper_study.identification.spring import Identified
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.subject import LOADS, Subject
-from paper_study.sweeps.frequency import SMALL_FREQUENCIES
-from paper_study.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
-from paper_study.sweeps.pressure import AMPLITUDES
-from paper_study.sweeps.ratio import NATURAL
 from test_plans.steps.rolled import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 
 Floats = npt.NDArray[np.float64]

@@ -9,18 +9,18 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from astb_studies.paper.checks.evaluation import to_json
+from astb_studies.paper.comfort import describe_mean_comfort
+from astb_studies.paper.comparisons.comparison import MINUS, beside
+from astb_studies.paper.comparisons.validation import deviations
+from astb_studies.paper.experiments import OTHER_RIDES, WIND_SPEEDS
+from astb_studies.paper.figures.catalogue import GLOBAL, SECTIONS, draw
+from astb_studies.paper.sensitivity import PAPER, PLANT
+from astb_studies.paper.stated import spatial_correlation, tables, topologies
+from astb_studies.paper.study import FIGURES as DRAWN
+from astb_studies.paper.study import IDENTIFIED, ComfortRow, Progress, Study
+from astb_studies.paper.subject import Subject
 from bench_records.templates import environment
-from paper_study.checks.evaluation import to_json
-from paper_study.comfort import describe_mean_comfort
-from paper_study.comparisons.comparison import MINUS, beside
-from paper_study.comparisons.validation import deviations
-from paper_study.experiments import OTHER_RIDES, WIND_SPEEDS
-from paper_study.figures.catalogue import GLOBAL, SECTIONS, draw
-from paper_study.sensitivity import PAPER, PLANT
-from paper_study.stated import spatial_correlation, tables, topologies
-from paper_study.study import FIGURES as DRAWN
-from paper_study.study import IDENTIFIED, ComfortRow, Progress, Study
-from paper_study.subject import Subject
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -8,6 +8,7 @@ from typing import Any, Final, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike
 
+from astb_studies.paper.closed_form.parameters import PaperParameters
 from bench_sim.model.quantities import Quantity
 from bench_sim.model.wind import Crosswind
 from bench_sim.parameters.loading import (
@@ -21,7 +22,6 @@ from bench_sim.parameters.loading import (
     read_toml,
     unknown,
 )
-from paper_study.closed_form.parameters import PaperParameters
 
 
 def _quantities(kind: type) -> dict[str, Quantity]:
@@ -45,7 +45,7 @@ class PaperSet:
 
     @property
     def spring(self) -> PaperParameters:
-        """The spring, for `paper_study.closed_form`."""
+        """The spring, for `astb_studies.paper.closed_form`."""
         return PaperParameters(**{name: _plain(self.entries[name]) for name in _SPRING})
 
     @property

@@ -6,6 +6,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.subject import Subject
+from astb_studies.paper.sweeps.frequency import PIPE_PLATE
 from bench_protocol.units import Hz, m, ms, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -19,8 +21,6 @@ from bench_sim.model.experiments import (
 )
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
-from paper_study.subject import Subject
-from paper_study.sweeps.frequency import PIPE_PLATE
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]

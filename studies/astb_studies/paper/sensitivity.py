@@ -12,16 +12,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc, sobol_indices
 
-from bench_protocol.units import Hz, mm
-from bench_sim.model.experiments import LATERAL, dynamic_stiffness
-from paper_study.closed_form import (
+from astb_studies.paper.closed_form import (
     combined,
     coupling_stiffness,
     diaphragm_stiffness,
     layered_stiffness,
     orifice_damping,
 )
-from paper_study.subject import Subject
+from astb_studies.paper.subject import Subject
+from bench_protocol.units import Hz, mm
+from bench_sim.model.experiments import LATERAL, dynamic_stiffness
 
 Floats = npt.NDArray[np.float64]
 

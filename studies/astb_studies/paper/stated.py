@@ -5,14 +5,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.paper.closed_form import combined, diaphragm_stiffness, layered_stiffness
+from astb_studies.paper.parameters import load_paper
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import Hz, kN, m, s
 from bench_sim.model.wind import coherence, line_admittance
 from bench_sim.parameters import load
 from bench_sim.parameters.loading import Entry
 from bench_sim.parameters.vehicle import load_vehicle
-from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
-from paper_study.parameters import load_paper
-from paper_study.subject import LOADS, Subject
 
 #: The parameters of the bench, of the track and of the simulation, by the names of their files.
 BENCH: Final = (

@@ -11,16 +11,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from paper_study import combined, sensitivity
-from paper_study.bench_results import PLANS, BenchResults, gather, measure
-from paper_study.checks.catalogue import CHECKS, select
-from paper_study.checks.evaluation import entry
-from paper_study.experiments import OTHER_RIDES, paper_ride, plant_ride
-from paper_study.identification.parameter_file import write_parameters
-from paper_study.identification.spring import Identified, identify
-from paper_study.model_jobs import Curves, confusable, model_jobs
-from paper_study.sensitivity import Indices
-from paper_study.subject import Subject
+from astb_studies.paper import combined, sensitivity
+from astb_studies.paper.bench_results import PLANS, BenchResults, gather, measure
+from astb_studies.paper.checks.catalogue import CHECKS, select
+from astb_studies.paper.checks.evaluation import entry
+from astb_studies.paper.experiments import OTHER_RIDES, paper_ride, plant_ride
+from astb_studies.paper.identification.parameter_file import write_parameters
+from astb_studies.paper.identification.spring import Identified, identify
+from astb_studies.paper.model_jobs import Curves, confusable, model_jobs
+from astb_studies.paper.sensitivity import Indices
+from astb_studies.paper.subject import Subject
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,14 +6,14 @@ from functools import cached_property, wraps
 from inspect import signature
 from typing import Any, Final, TypeVar, cast
 
+from astb_studies.paper.closed_form import PaperParameters
+from astb_studies.paper.parameters import PaperSet, load_paper
 from bench_protocol.units import kN
 from bench_sim.model.experiments import isolate
 from bench_sim.model.plant import Plant
 from bench_sim.model.wind import Crosswind
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.vehicle import VehicleParameters, load_vehicle
-from paper_study.closed_form import PaperParameters
-from paper_study.parameters import PaperSet, load_paper
 
 #: The paper's load cases and their preload per spring.
 LOADS: Final = {"AW0": 53.5 * kN, "AW3": 145 * kN}

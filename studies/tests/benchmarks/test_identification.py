@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
+from astb_studies.benchmarks.identification.__main__ import COUNTED, FURTHEST, coverage, drawn
 from bench_sim.parameters import load
-from benchmarks.identification.__main__ import COUNTED, FURTHEST, coverage, drawn
 from diagnosis.systems.air_spring.identified import ASKED
 
 

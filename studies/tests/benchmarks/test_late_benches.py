@@ -3,10 +3,10 @@
 import pytest
 
 from astb.diagnose import with_roles
+from astb_studies.benchmarks.diagnosis.bench_cases import BenchCases
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth
+from astb_studies.benchmarks.diagnosis.sealed import measure
 from bench_sim.model.effects import CATALOGUE
-from benchmarks.diagnosis.bench_cases import BenchCases
-from benchmarks.diagnosis.ground_truth import GroundTruth
-from benchmarks.diagnosis.sealed import measure
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict

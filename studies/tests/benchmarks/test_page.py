@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import page
-from benchmarks.measure import BenchmarkRow, Section, Spread
+from astb_studies.benchmarks import page
+from astb_studies.benchmarks.measure import BenchmarkRow, Section, Spread
 
 
 def section(title: str, figure: float) -> Section:

@@ -1,8 +1,8 @@
 """What was counted of twins is kept, and the page says what it says."""
 
-from benchmarks.twin.__main__ import all_counted
-from benchmarks.twin.page import PAGE
-from benchmarks.twin.tables import tables
+from astb_studies.benchmarks.twin.__main__ import all_counted
+from astb_studies.benchmarks.twin.page import PAGE
+from astb_studies.benchmarks.twin.tables import tables
 
 
 def test_the_page_tells_what_was_counted():

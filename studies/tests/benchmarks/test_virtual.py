@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.virtual import Meter, execute_plan
+from astb_studies.benchmarks.virtual import Meter, execute_plan
 
 
 @pytest.mark.slow

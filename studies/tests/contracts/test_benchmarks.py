@@ -6,15 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import NAMES
+from astb_studies.benchmarks.__main__ import NAMES
 
-ROOT = Path(__file__).parents[2]
-SOURCES = sorted(path for folder in ("benchmarks", "tools") for path in (ROOT / folder).rglob("*.py"))
+ROOT = Path(__file__).parents[3]
+SOURCES = sorted(
+    path for folder in ("studies/astb_studies", "tools") for path in (ROOT / folder).rglob("*.py")
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_benchmark_can_be_started(name):
-    assert callable(importlib.import_module(f"benchmarks.{name}").run)
+    assert callable(importlib.import_module(f"astb_studies.benchmarks.{name}").run)
 
 
 def imports_tests(source: str) -> bool:

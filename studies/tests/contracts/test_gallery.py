@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from tools.gallery.page import PAGE, page
-from tools.gallery.recipes import GALLERY, RECIPES
+from astb_studies.gallery.page import PAGE, page
+from astb_studies.gallery.recipes import GALLERY, RECIPES
 
 SIZE = {".svg": 200_000, ".png": 150_000}
 

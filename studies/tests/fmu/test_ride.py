@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
+from astb_studies.paper.hybrid.alone import Alone
+from astb_studies.paper.hybrid.car import STEP
+from astb_studies.paper.hybrid.floor import COMPARED, ridden
+from astb_studies.paper.plans.ride import AGREES, CAR, RISE, RUN_IN, car_mass, wind_force
+from astb_studies.places import DOCS
 from bench_sim.model.car import RideChannel
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load
 from bench_sim.parameters.vehicle import load_vehicle
 from bench_sim.rig.rig import Rig
-from paper_study.hybrid.alone import Alone
-from paper_study.hybrid.car import STEP
-from paper_study.hybrid.floor import COMPARED, ridden
-from paper_study.plans.ride import AGREES, CAR, RISE, RUN_IN, car_mass, wind_force
 from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -115,7 +116,7 @@ def test_it_gives_the_figures_of_the_ride(
 
 def test_what_the_page_says_couples_both(spring_fmus, car_fmus, tmp_path, monkeypatch):
     """As the model's own vehicle goes in the same wind, whose springs are not told anything in steps."""
-    page = (HERE.parents[1] / "docs" / "how-to" / "export-an-fmu.md").read_text()
+    page = (DOCS / "how-to" / "export-an-fmu.md").read_text()
     shutil.copy(spring_fmus[3], tmp_path / "spring.fmu")
     shutil.copy(car_fmus[3], tmp_path / "car.fmu")
     monkeypatch.chdir(tmp_path)

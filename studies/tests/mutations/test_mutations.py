@@ -6,15 +6,15 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pytest
 
+from astb.campaigns.plan_case import run_plan_case
 from astb.session import planned_faults, simulated_parameters
+from astb_studies.mutations.faults import judge, mutations, read_cells
+from astb_studies.mutations.healthy import read_sound_runs, sound_rig, tolerances
+from astb_studies.mutations.measure import cells_of, fault_cases, sound_case, sound_run
+from astb_studies.mutations.page import PAGE, PICTURE, page
 from bench_protocol.units import mm
 from bench_sim.parameters import load
 from bench_sim.rig.faults.catalogue import find_fault
-from campaigns.healthy import read_sound_runs, sound_rig, tolerances
-from campaigns.measure import cells_of, fault_cases, sound_case, sound_run
-from campaigns.mutation_page import PAGE, PICTURE, page
-from campaigns.mutations import judge, mutations, read_cells
-from campaigns.plan_case import run_plan_case
 from test_plans.discovery import plans
 
 FAULTS = {one.name: one for one in mutations().mutation}
@@ -92,7 +92,7 @@ def test_a_miss_tells_how_near_it_was():
 
 
 def test_the_page_says_what_was_measured():
-    assert PAGE.read_text(encoding="utf-8") == page(), "python -m campaigns.measure page"
+    assert PAGE.read_text(encoding="utf-8") == page(), "python -m astb_studies.mutations.measure page"
 
 
 def test_the_picture_shows_what_was_measured():

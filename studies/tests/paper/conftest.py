@@ -2,8 +2,8 @@
 
 import pytest
 
+from astb_studies.paper.parameters import load_paper
 from bench_protocol.clock import RealClock
-from paper_study.parameters import load_paper
 from tests.plans.conftest import bench_composed, bench_run, judged, sound_run
 
 __all__ = ["aw0", "aw3", "bench_composed", "bench_run", "judged", "quick_study", "sound_run", "wind"]
@@ -31,7 +31,7 @@ def quick_study(once):
 
 
 def made_quickly(folder):
-    from paper_study.make import make
+    from astb_studies.paper.make import make
 
     clock = RealClock()
     start = clock.now()

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from astb_studies.paper import experiments
+from astb_studies.paper.checks import catalogue, evaluation
+from astb_studies.paper.checks.catalogue import CHECKS
+from astb_studies.paper.checks.evaluation import evaluate_all, to_json
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.page import CLAIMS
+from astb_studies.paper.subject import Subject
 from bench_protocol.units import bar, mm
-from paper_study import experiments
-from paper_study.checks import catalogue, evaluation
-from paper_study.checks.catalogue import CHECKS
-from paper_study.checks.evaluation import evaluate_all, to_json
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.page import CLAIMS
-from paper_study.subject import Subject
 
 #: A11, A12 and A13 are claims of the paper: T10, T5 and T4.
 PLANT_ONLY = {f"A{n:02d}" for n in range(1, 31)} - {f"A{n}" for n in (11, 12, 13, 14, 15, 17, 18, 19, 26, 27)}

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from astb_studies.paper.bench_results import BenchResults, NoBenchResult
+from astb_studies.paper.combined import DAMPING, PHASE, STIFFNESS, VARIED, cases, name_of
+from astb_studies.paper.subject import LOADS
 from bench_protocol.units import bar, mrad
-from paper_study.bench_results import BenchResults, NoBenchResult
-from paper_study.combined import DAMPING, PHASE, STIFFNESS, VARIED, cases, name_of
-from paper_study.subject import LOADS
 from test_plans.discovery import plans
 
 

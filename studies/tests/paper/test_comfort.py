@@ -5,7 +5,7 @@ from math import inf, pi, sqrt, tau
 import numpy as np
 import pytest
 
-from paper_study.comfort import (
+from astb_studies.paper.comfort import (
     W_B,
     W_D,
     NotARide,
@@ -19,7 +19,7 @@ from paper_study.comfort import (
     weighting,
     window_rms,
 )
-from paper_study.hybrid.floor import (
+from astb_studies.paper.hybrid.floor import (
     COMFORT,
     COMFORT_OF_BOTH,
     COMFORT_UPWARD,

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_protocol.units import Hz, kN, mm
-from paper_study.closed_form import (
+from astb_studies.paper.closed_form import (
     amplitude_damping,
     amplitude_time_constant,
     mass_flow,
     peak_angular_frequency,
     stiffness_step,
 )
-from paper_study.parameters import load_paper
+from astb_studies.paper.parameters import load_paper
+from bench_protocol.units import Hz, kN, mm
 
 PAR = load_paper("paper", "AW0").spring
 

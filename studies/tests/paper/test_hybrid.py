@@ -6,6 +6,20 @@ from math import exp, pi
 import numpy as np
 import pytest
 
+from astb_studies.paper.hybrid import coupling
+from astb_studies.paper.hybrid.agreement import Agreement, followed
+from astb_studies.paper.hybrid.alone import NoModel, SimulatedSprings, ride_alone
+from astb_studies.paper.hybrid.car import STEP, Car, Ride, linear
+from astb_studies.paper.hybrid.coupling import (
+    FORCES,
+    HOST_STEP,
+    Course,
+    Delay,
+    path_of,
+    springs_of,
+)
+from astb_studies.paper.hybrid.loop import FREQUENCIES, Path, loci, margins
+from astb_studies.paper.plans.ride import CAR, longest_delay, margins_of
 from bench_protocol.car import move_car
 from bench_protocol.places import STILL, Place, Springs, setpoints_of
 from bench_protocol.units import mm, ms
@@ -14,20 +28,6 @@ from bench_sim.model.car import RideChannel
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load as parameters
 from bench_sim.parameters.vehicle import load_vehicle
-from paper_study.hybrid import coupling
-from paper_study.hybrid.agreement import Agreement, followed
-from paper_study.hybrid.alone import NoModel, SimulatedSprings, ride_alone
-from paper_study.hybrid.car import STEP, Car, Ride, linear
-from paper_study.hybrid.coupling import (
-    FORCES,
-    HOST_STEP,
-    Course,
-    Delay,
-    path_of,
-    springs_of,
-)
-from paper_study.hybrid.loop import FREQUENCIES, Path, loci, margins
-from paper_study.plans.ride import CAR, longest_delay, margins_of
 from test_plans.analysis import geometry
 from test_plans.description import lag_of, ours
 from test_plans.specimen import ordinary

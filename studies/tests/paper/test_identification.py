@@ -9,15 +9,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bench_sim.parameters
+from astb_studies.paper.identification.area_and_volume import fit_area_and_volume, fit_paper_law
+from astb_studies.paper.identification.curves import Isolated, Sheared, isolated
+from astb_studies.paper.identification.fits import Fit, NotIdentified, fit
+from astb_studies.paper.identification.lateral import (
+    fit_lateral_stiffness,
+    friction_stiffness,
+    lateral_stiffness,
+)
+from astb_studies.paper.identification.parameter_file import (
+    FittedValue,
+    Known,
+    fitted_values,
+    write_parameters,
+)
+from astb_studies.paper.identification.spring import FITTED, FITTED_LATERAL, identify
 from bench_protocol.units import ATMOSPHERE
 from bench_records.result import Outcome, read_result
 from bench_sim.parameters import load
-from paper_study.identification.area_and_volume import fit_area_and_volume, fit_paper_law
-from paper_study.identification.curves import Isolated, Sheared, isolated
-from paper_study.identification.fits import Fit, NotIdentified, fit
-from paper_study.identification.lateral import fit_lateral_stiffness, friction_stiffness, lateral_stiffness
-from paper_study.identification.parameter_file import FittedValue, Known, fitted_values, write_parameters
-from paper_study.identification.spring import FITTED, FITTED_LATERAL, identify
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.loads import AW0, AW3

@@ -6,8 +6,7 @@ from math import tau
 import numpy as np
 import pytest
 
-from bench_protocol.units import kN, mm
-from paper_study.closed_form import (
+from astb_studies.paper.closed_form import (
     angular_frequency,
     combined,
     coupling_stiffness,
@@ -20,6 +19,7 @@ from paper_study.closed_form import (
     surge_frequencies,
     torsional_stiffness,
 )
+from bench_protocol.units import kN, mm
 
 OFFSETS = np.array([0.0, 20.0, 40.0, 60.0]) * mm
 OMEGA = tau * 1.2

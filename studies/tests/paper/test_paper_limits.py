@@ -8,10 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_protocol.units import bar, mm
-from bench_sim.model.orifice import effective_flow_area, nozzle_flow
-from bench_sim.model.orifice import nozzle_function as compiled_nozzle_function
-from paper_study.closed_form import (
+from astb_studies.paper.closed_form import (
     critical_ratio,
     damping_of,
     diaphragm_stiffness,
@@ -28,7 +25,10 @@ from paper_study.closed_form import (
     time_constant,
     unilateral_cosine,
 )
-from paper_study.parameters import load_paper
+from astb_studies.paper.parameters import load_paper
+from bench_protocol.units import bar, mm
+from bench_sim.model.orifice import effective_flow_area, nozzle_flow
+from bench_sim.model.orifice import nozzle_function as compiled_nozzle_function
 
 PAR = load_paper("paper", "AW0").spring
 

@@ -6,12 +6,12 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from astb_studies.paper.closed_form import PaperParameters, diaphragm_stiffness
+from astb_studies.paper.parameters import load_paper
 from bench_sim.model.wind import Crosswind
 from bench_sim.parameters import PROVENANCES, ParameterError, load
-from paper_study.closed_form import PaperParameters, diaphragm_stiffness
-from paper_study.parameters import load_paper
 
-TEXT = (files("paper_study") / "paper.toml").read_text(encoding="utf-8")
+TEXT = (files("astb_studies.paper") / "paper.toml").read_text(encoding="utf-8")
 
 
 def test_every_field_has_its_entry():

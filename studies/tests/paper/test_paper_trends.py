@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_protocol.units import bar, mm
-from paper_study.closed_form import (
+from astb_studies.paper.closed_form import (
     combined,
     coupled_reaction,
     coupling_stiffness,
@@ -27,7 +26,8 @@ from paper_study.closed_form import (
     roll_factor,
     torsional_stiffness,
 )
-from paper_study.parameters import load_paper
+from astb_studies.paper.parameters import load_paper
+from bench_protocol.units import bar, mm
 
 PAR = load_paper("paper", "AW0").spring
 

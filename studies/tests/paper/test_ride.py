@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from astb_studies.paper.hybrid import coupling
+from astb_studies.paper.plans.ride import RUN_IN, WIND_STEP, wind_force
 from bench_records.result import Outcome
 from bench_sim.model.car import RideChannel
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load as parameters
 from bench_sim.parameters.vehicle import load_vehicle
-from paper_study.hybrid import coupling
-from paper_study.plans.ride import RUN_IN, WIND_STEP, wind_force
 from test_plans.instruments import ordinary
 from test_plans.steps.wind import RISE
 

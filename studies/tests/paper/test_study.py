@@ -15,18 +15,18 @@ from click.testing import CliRunner
 
 from astb.cli import commands
 from astb.exit_codes import BLOCKED, MISUSE
+from astb_studies.paper import page, plant_curves, sensitivity, stated, study
+from astb_studies.paper.bench_results import BenchResults, NoBenchResult, Points
+from astb_studies.paper.checks.catalogue import CHECKS
+from astb_studies.paper.checks.lateral import T1, T2, T3
+from astb_studies.paper.claims import CLAIMS
+from astb_studies.paper.comparisons.comparison import ClaimComparison, compared
+from astb_studies.paper.experiments import OTHER_RIDES
+from astb_studies.paper.figures.catalogue import GLOBAL, SECTIONS
+from astb_studies.paper.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
+from astb_studies.paper.subject import LOADS, Subject, remembered
 from bench_protocol.units import bar, mm, ms
 from bench_records.curves import Axis, curve
-from paper_study import page, plant_curves, sensitivity, stated, study
-from paper_study.bench_results import BenchResults, NoBenchResult, Points
-from paper_study.checks.catalogue import CHECKS
-from paper_study.checks.lateral import T1, T2, T3
-from paper_study.claims import CLAIMS
-from paper_study.comparisons.comparison import ClaimComparison, compared
-from paper_study.experiments import OTHER_RIDES
-from paper_study.figures.catalogue import GLOBAL, SECTIONS
-from paper_study.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
-from paper_study.subject import LOADS, Subject, remembered
 from tests.pictures import MARKUP
 
 slow = pytest.mark.slow
@@ -273,7 +273,7 @@ def test_the_table_leaves_out_what_is_not_known():
 def test_the_error_bars_are_those_of_the_rigs():
     from matplotlib.figure import Figure
 
-    from paper_study.figures.style import draw_points
+    from astb_studies.paper.figures.style import draw_points
 
     axes = Figure().subplots()
     y = np.array([2.0, 3.0])
@@ -289,7 +289,7 @@ def test_a_blocked_bench_ends_with_3_and_says_why(tmp_path, monkeypatch):
     def blocked(*args, **kwargs):
         raise NoBenchResult("roll_angle_aw0 on rig 0 was blocked: the rig: emergency stop")
 
-    monkeypatch.setattr("paper_study.make.make", blocked)
+    monkeypatch.setattr("astb_studies.paper.make.make", blocked)
     done = CliRunner().invoke(
         commands, ["paper", "--quick", "--out", str(tmp_path / "out")], standalone_mode=False
     )

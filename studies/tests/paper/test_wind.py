@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from astb_studies.paper.parameters import load_paper
 from bench_protocol.units import kN
 from bench_sim.model.wind import (
     coefficient,
@@ -23,7 +24,6 @@ from bench_sim.model.wind import (
     spectrum,
     wind_force,
 )
-from paper_study.parameters import load_paper
 
 WIND = load_paper().wind
 AT_REST = replace(WIND, train_speed=0.0)

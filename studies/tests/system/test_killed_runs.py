@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from benchmarks.killed_runs import ALLOWED, MOMENTS, killer
+from astb_studies.benchmarks.killed_runs import ALLOWED, MOMENTS, killer
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.soak import judged, soak
+from astb_studies.benchmarks.soak import judged, soak
 
 
 @pytest.mark.slow

@@ -5,12 +5,12 @@ import pickle
 import numpy as np
 import pytest
 
+from astb_studies.benchmarks.cuts import CUTS, POWER, REAL_CUTS, Cut
+from astb_studies.benchmarks.real_cuts import RealCuts
+from astb_studies.benchmarks.time_to_safe import TELLING, TRANSPORT, rows
+from astb_studies.benchmarks.virtual_cuts import virtual_cuts
 from bench_protocol.rates import TICK
 from bench_protocol.units import ms
-from benchmarks.cuts import CUTS, POWER, REAL_CUTS, Cut
-from benchmarks.real_cuts import RealCuts
-from benchmarks.time_to_safe import TELLING, TRANSPORT, rows
-from benchmarks.virtual_cuts import virtual_cuts
 
 
 def assert_in_time(kind: Cut, times: list[tuple[float, float]], transport: float) -> None:

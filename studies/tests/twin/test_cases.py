@@ -5,10 +5,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from astb_studies.benchmarks.twin.cases import Case, faulty
+from astb_studies.benchmarks.twin.rigs import begin, change
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from benchmarks.twin.cases import Case, faulty
-from benchmarks.twin.rigs import begin, change
 
 CASES = [case for case in faulty(200, 3) if not case.effect.startswith("pressure_drift")]
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from astb_studies.benchmarks.twin.cases import Case
+from astb_studies.benchmarks.twin.rigs import bench_of
 from bench_records.record import read
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
-from bench_twin.twin import Twin
-from benchmarks.twin.cases import Case
-from benchmarks.twin.rigs import bench_of
+from diagnosis.twin.twin import Twin
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.twin.test_twin import Growing, run

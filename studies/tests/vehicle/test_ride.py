@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from astb_studies.paper.comfort import lateral_percentiles, mean_comfort, weighted
+from astb_studies.paper.parameters import load_paper
 from bench_protocol.units import kN, mm
 from bench_sim.model.car import CHANNELS, Ride, RideChannel
 from bench_sim.model.ride import Cell, Response, SampleMean, crosswind_ride, response, ride_cell, ride_table
 from bench_sim.model.wind import lateral_force
 from bench_sim.parameters import load
 from bench_sim.parameters.vehicle import load_vehicle
-from paper_study.comfort import lateral_percentiles, mean_comfort, weighted
-from paper_study.parameters import load_paper
 
 LOADS = {case: load("astb", case).record for case in ("AW0", "AW3")}
 WIND = load_paper().wind

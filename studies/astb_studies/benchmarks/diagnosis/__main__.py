@@ -1,4 +1,4 @@
-"""``python -m benchmarks.diagnosis``: hide, diagnose, judge, many times; then write the page of rates."""
+"""``python -m astb_studies.benchmarks.diagnosis``: hide, diagnose, judge, many times; then write the page of rates."""
 
 import sys
 from pathlib import Path
@@ -8,9 +8,18 @@ import click
 from msgspec.structs import replace
 from rich.console import Console
 
-from benchmarks.diagnosis.campaign import COUNTED, Case, cases, done, file_of, nulls, run, siblings
-from benchmarks.diagnosis.ground_truth import NOISES
-from benchmarks.diagnosis.judge import Judged
+from astb_studies.benchmarks.diagnosis.campaign import (
+    COUNTED,
+    Case,
+    cases,
+    done,
+    file_of,
+    nulls,
+    run,
+    siblings,
+)
+from astb_studies.benchmarks.diagnosis.ground_truth import NOISES
+from astb_studies.benchmarks.diagnosis.judge import Judged
 
 SYSTEMS: Final = ("oscillator", "bench")
 #: So many of an oscillator's cases are cheap.
@@ -85,7 +94,7 @@ def main(
             run(fresh, processes, tell, kept)
     if first_seed:
         return
-    from benchmarks.diagnosis.rate_page import write
+    from astb_studies.benchmarks.diagnosis.rate_page import write
 
     judgements = {system: done(system, kept) for system in SYSTEMS}
     if lacking := [system for system, judged in judgements.items() if not judged]:

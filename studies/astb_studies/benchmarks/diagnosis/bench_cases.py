@@ -8,8 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
-from benchmarks.diagnosis.sealed import ScreeningFailed
+from astb_studies.benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
+from astb_studies.benchmarks.diagnosis.sealed import ScreeningFailed
+from astb_studies.places import ROOT
 from diagnosis.contracts import Dataset, Simulator
 
 #: A bench is screened within a minute; on a busy machine in several.
@@ -50,7 +51,13 @@ class BenchCases:
         from diagnosis.systems.records import read_records
 
         record, sealed = directory / "record", directory / "truth.json"
-        command = [sys.executable, "-m", "benchmarks.diagnosis.sealed", f"--seed={seed}", f"--kind={kind}"]
+        command = [
+            sys.executable,
+            "-m",
+            "astb_studies.benchmarks.diagnosis.sealed",
+            f"--seed={seed}",
+            f"--kind={kind}",
+        ]
         command += [f"--condition={condition}", f"--out={record}"]
         done = subprocess.run(
             [*command, f"--truth={sealed}"],
@@ -58,7 +65,7 @@ class BenchCases:
             capture_output=True,
             text=True,
             timeout=LIMIT,
-            cwd=Path(__file__).parents[2],
+            cwd=ROOT,
         )
         if done.returncode:
             raise ScreeningFailed(done.stderr.strip().rpartition("\n")[2])

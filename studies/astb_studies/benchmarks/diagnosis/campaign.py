@@ -9,10 +9,10 @@ from typing import Final
 
 import msgspec
 
-from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
-from benchmarks.diagnosis.judge import Judged, failed, judge
-from campaigns.core import carried_out
-from campaigns.workers import cluster
+from astb.campaigns.core import carried_out
+from astb.campaigns.workers import cluster
+from astb_studies.benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
+from astb_studies.benchmarks.diagnosis.judge import Judged, failed, judge
 
 #: What was counted is part of the sources: it took days of a core, and the pages can be checked against it.
 COUNTED: Final = Path(__file__).parent / "counted"
@@ -92,14 +92,14 @@ def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
     truth: GroundTruth | None = None
     try:
         if case.system == "oscillator":
-            from benchmarks.diagnosis.oscillator_cases import OscillatorCases
+            from astb_studies.benchmarks.diagnosis.oscillator_cases import OscillatorCases
 
             oscillators = OscillatorCases()
             truth = oscillators.draw(case.seed, case.kind, case.condition)
             finding = diagnose(oscillators.data(truth), oscillators.simulator, config)
             simulator = oscillators.simulator
         else:
-            from benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
+            from astb_studies.benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
 
             bench = BenchCases()
             with temporary_directory() as directory:

@@ -1,6 +1,6 @@
 """The drawings of docs/explanation/how-the-diagnosis-reasons.md.
 
-``python -m benchmarks.diagnosis.explanation_drawings`` makes them anew.
+``python -m astb_studies.benchmarks.diagnosis.explanation_drawings`` makes them anew.
 """
 
 from pathlib import Path
@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from astb.menu import experiments
+from astb_studies.benchmarks.diagnosis.dense_screening import DenseScreening, dense_screening
+from astb_studies.benchmarks.diagnosis.rate_drawings import save
+from astb_studies.places import DOCS
 from bench_protocol.units import Hz, kN, mm, s
 from bench_records.plots import ALARM, INK, PALETTE, SHADE, SOFT, heading, style
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from benchmarks.diagnosis.dense_screening import DenseScreening, dense_screening
-from benchmarks.diagnosis.rate_drawings import save
 from diagnosis.contracts import Array, Effects, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.systems.air_spring.simulator import AirSpring
@@ -28,7 +29,7 @@ from test_plans.programmes.motions import Part, Programme, Stretch, Wave
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GALLERY: Final = Path(__file__).parents[2] / "docs" / "gallery"
+GALLERY: Final = DOCS / "gallery"
 SEED: Final = 3
 #: Which of the oscillator's runs and channels is drawn, and which samples.
 SWEEP, FORCE, WINDOW = 1, 1, (500, 1100)

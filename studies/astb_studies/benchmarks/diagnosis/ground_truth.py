@@ -7,16 +7,16 @@ from typing import Final, Literal, get_args
 import msgspec
 import numpy as np
 
+from astb_studies.benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from astb_studies.benchmarks.diagnosis.next_of_kin import NEAR
+from astb_studies.benchmarks.diagnosis.noises import Condition
+from astb_studies.benchmarks.diagnosis.sibling_forms import drawn as sibling
+from astb_studies.benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
 from bench_protocol.words import SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import find_effect
-from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.next_of_kin import NEAR
-from benchmarks.diagnosis.noises import Condition
-from benchmarks.diagnosis.sibling_forms import drawn as sibling
-from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
 from diagnosis.systems.air_spring.parameters import BOTH_SIDES, EACH_SIDE
 
 Kind = Literal["null", "single", "pair", "outside", "near"]
@@ -117,7 +117,7 @@ def draw(seed: int, kind: Kind, condition: Condition = "white") -> GroundTruth:
 def visible(effect: Effect, per_unit: LambdaPerUnit) -> bool:
     """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size.
 
-    A new effect is not hidden before `benchmarks.diagnosis.lambda_per_unit` has measured how well it shows.
+    A new effect is not hidden before `lambda_per_unit` has measured how well it shows.
     """
     name = f"{effect.name}.{effect.places[0]}" if effect.places else effect.name
     if not effect.diagnosable or name not in per_unit.effects:

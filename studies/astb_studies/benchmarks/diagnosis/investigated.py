@@ -17,21 +17,21 @@ from typing import Final, Literal
 import msgspec
 
 from astb.investigate import LOG, Investigation
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth, Kind, draw
+from astb_studies.benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from astb_studies.benchmarks.diagnosis.next_of_kin import kin
+from astb_studies.benchmarks.diagnosis.uncatalogued_terms import roughness, together
+from astb_studies.places import ROOT
 from bench_protocol.words import SIDES
 from bench_protocol.written_values import write_value
 from bench_sim.parameters.effects import find_effect
 from bench_sim.parameters.model_file import Model, write_model
-from benchmarks.diagnosis.ground_truth import GroundTruth, Kind, draw
-from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.next_of_kin import kin
-from benchmarks.diagnosis.uncatalogued_terms import roughness, together
 
 #: What is hidden: as in the other benchmark, or a near miss of a part of the size.
 Asked = Kind | Literal["faint"]
 FAINT: Final = 0.2
 #: An investigation may take so many seconds of a busy machine.
 LIMIT: Final = 3 * 3600.0
-ROOT: Final = Path(__file__).parents[2]
 
 
 class Investigated(msgspec.Struct, frozen=True, kw_only=True):

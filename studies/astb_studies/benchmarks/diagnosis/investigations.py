@@ -1,4 +1,4 @@
-"""``python -m benchmarks.diagnosis.investigations``: sealed rigs are investigated, and the right names counted.
+"""Investigates sealed rigs and counts the right names: ``python -m astb_studies.benchmarks.diagnosis.investigations``.
 
 Every rig takes minutes of a core. What is known of each is kept at once as a line of JSON, and a count goes on where it
 stopped. In the end the page is written.
@@ -13,11 +13,11 @@ from typing import Final
 import click
 import msgspec
 
-from benchmarks.diagnosis.campaign import COUNTED
-from benchmarks.diagnosis.investigated import Asked, Investigated, investigated
-from benchmarks.diagnosis.investigation_page import PAGE, summary, write
-from campaigns.core import carried_out
-from campaigns.workers import cluster
+from astb.campaigns.core import carried_out
+from astb.campaigns.workers import cluster
+from astb_studies.benchmarks.diagnosis.campaign import COUNTED
+from astb_studies.benchmarks.diagnosis.investigated import Asked, Investigated, investigated
+from astb_studies.benchmarks.diagnosis.investigation_page import PAGE, summary, write
 
 ROUND: Final[tuple[Asked, ...]] = ("single", "faint", "near", "faint", "pair", "null")
 BUDGET: Final = "40 min"

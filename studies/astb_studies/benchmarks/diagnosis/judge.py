@@ -6,8 +6,8 @@ from typing import Final
 
 import msgspec
 
-from benchmarks.diagnosis.ground_truth import GroundTruth
-from benchmarks.diagnosis.next_of_kin import kin
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth
+from astb_studies.benchmarks.diagnosis.next_of_kin import kin
 from diagnosis.contracts import Simulator
 from diagnosis.engine.laws import alike_laws
 from diagnosis.estimates import Z95

@@ -1,6 +1,7 @@
 """How well a screening shows each effect: a table of λ per unit of its amplitude, in which sizes are drawn.
 
-``python -m benchmarks.diagnosis.lambda_per_unit RECORD`` makes it anew; it changes only with the model and the plan.
+``python -m astb_studies.benchmarks.diagnosis.lambda_per_unit RECORD``
+makes it anew; it changes only with the model and the plan.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,12 +14,12 @@ import click
 import msgspec
 import numpy as np
 
+from astb_studies.benchmarks.diagnosis.linearised_base import LinearisedBase
+from astb_studies.benchmarks.diagnosis.next_of_kin import kin
+from astb_studies.benchmarks.diagnosis.noises import LOST, Condition, noise_of
+from astb_studies.benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from benchmarks.diagnosis.linearised_base import LinearisedBase
-from benchmarks.diagnosis.next_of_kin import kin
-from benchmarks.diagnosis.noises import LOST, Condition, noise_of
-from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness
 from diagnosis.contracts import Effects, Experiment, Hypothesis
 from diagnosis.engine.footprints import Candidate, candidates
 from diagnosis.systems.air_spring.simulator import AirSpring

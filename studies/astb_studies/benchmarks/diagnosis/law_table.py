@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from benchmarks.diagnosis.judge import CLEAR, Judged
+from astb_studies.benchmarks.diagnosis.judge import CLEAR, Judged
 
 _HEAD: Final = """\
 | hidden, λ ≥ 10 | n | exactly | its phenomenon | another law, plainly | another cause | not named |

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.diagnosis import oscillator_siblings
-from benchmarks.diagnosis.ground_truth import (
+from astb_studies.benchmarks.diagnosis import oscillator_siblings
+from astb_studies.benchmarks.diagnosis.ground_truth import (
     CONDITIONS,
     KINDS,
     LAMBDA_CLEAR,
@@ -19,7 +19,7 @@ from benchmarks.diagnosis.ground_truth import (
     Kind,
     even_in_logarithm,
 )
-from benchmarks.diagnosis.linearised_base import LinearisedBase
+from astb_studies.benchmarks.diagnosis.linearised_base import LinearisedBase
 from diagnosis.contracts import Array, Dataset, Effects, Experiment
 from diagnosis.engine.footprints import Candidate, candidates
 from diagnosis.systems.oscillator import (

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from astb_studies.benchmarks.diagnosis.judge import LEVELS, Judged, covered
+from astb_studies.benchmarks.diagnosis.statistics import Rate
 from bench_records.plots import INK, PALETTE, SOFT, plain_numbers, style
-from benchmarks.diagnosis.judge import LEVELS, Judged, covered
-from benchmarks.diagnosis.statistics import Rate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

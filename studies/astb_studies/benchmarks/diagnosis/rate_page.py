@@ -7,16 +7,17 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Final
 
-from benchmarks.diagnosis.campaign import COUNTED, done
-from benchmarks.diagnosis.judge import CLEAR, Judged, covered
-from benchmarks.diagnosis.law_table import law_table
-from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
-from benchmarks.diagnosis.statistics import Rate
-from benchmarks.measure import machine
+from astb_studies.benchmarks.diagnosis.campaign import COUNTED, done
+from astb_studies.benchmarks.diagnosis.judge import CLEAR, Judged, covered
+from astb_studies.benchmarks.diagnosis.law_table import law_table
+from astb_studies.benchmarks.diagnosis.rate_drawings import confusion, power, reliability
+from astb_studies.benchmarks.diagnosis.statistics import Rate
+from astb_studies.benchmarks.measure import machine
+from astb_studies.places import DOCS
 from diagnosis.estimates import Z95
 from diagnosis.finding import Verdict
 
-PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
+PAGE: Final = DOCS / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
 
 #: Of fewer cases no rate is told: its interval would hold nearly everything.
@@ -106,7 +107,7 @@ the search, from seed 14 000 000 on with it. They are kept in `counted/decision_
 
 λ and what next of kin leave of it are those of a table made before
 decision 41, so that the same cases are drawn. `make benchmark-diagnosis`
-counts what is asked for and not yet kept (in `benchmarks/diagnosis/counted`), with `ARGS=--again` all of it anew. How
+counts what is asked for and not yet kept (in the folder `counted` beside it), with `ARGS=--again` all of it anew. How
 often a diagnosis that may ask for further runs is right stands [on a page of its own](investigation-benchmark.md).
 
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.diagnosis.sealed``: a bench with something hidden in it is measured; only files come out.
+"""Measures a bench with a hidden effect and writes only files: ``python -m astb_studies.benchmarks.diagnosis.sealed``.
 
 The rig integrates the free bolster under its actuators every millisecond, the diagnosis replays an imposed motion every
 2.5 ms. Every reading crosses the rig's own CAN and Modbus encoders. The record says nothing of what is hidden; the
@@ -14,18 +14,18 @@ import click
 import numpy as np
 
 from astb.rig_in_memory import RigInMemory
+from astb_studies.benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind, draw
+from astb_studies.benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from astb_studies.benchmarks.diagnosis.noises import COLOURED, COLOURS, LOST, of_twelve_bits
+from astb_studies.benchmarks.diagnosis.short_screening import short_screening
+from astb_studies.benchmarks.diagnosis.sibling_forms import CURVED, FAST, Curved
+from astb_studies.benchmarks.diagnosis.sibling_forms import parameters as sibling
+from astb_studies.benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from bench_protocol.frames import Block, join
 from bench_protocol.words import SIDES
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import with_effects
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind, draw
-from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.noises import COLOURED, COLOURS, LOST, of_twelve_bits
-from benchmarks.diagnosis.short_screening import short_screening
-from benchmarks.diagnosis.sibling_forms import CURVED, FAST, Curved
-from benchmarks.diagnosis.sibling_forms import parameters as sibling
-from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from drivers.bench import Bench
 from drivers.memory import Faults
 from test_plans.execution import execute

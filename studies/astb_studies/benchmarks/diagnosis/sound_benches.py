@@ -1,6 +1,8 @@
 """What sound benches show by themselves: how much of each effect a replay imitates, and how it changes with time.
 
-``python -m benchmarks.diagnosis.sound_benches`` makes the table anew. Sound benches are screened like those of the
+``python -m astb_studies.benchmarks.diagnosis.sound_benches`` makes the table anew.
+
+Sound benches are screened like those of the
 benchmark, with seeds of their own. Scores should be standard normal: what they scatter beyond that, about 0, is the
 doing of the replay. Its motion is smoothed, its friction turns a little earlier or later than that of the bench. So is
 what stretches of a run show beyond chance in the directions of an effect (`diagnosis.engine.constancy`).
@@ -21,7 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import click
 import numpy as np
 
-from benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
+from astb_studies.benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.config import Config
 from diagnosis.engine.constancy import changes
@@ -33,8 +35,8 @@ from diagnosis.systems.air_spring.parameters import SOUND
 
 SEEDS: Final = 900_000
 HEADER: Final = """\
-# Made by `python -m benchmarks.diagnosis.sound_benches`; do not edit. What {count} sound benches show, no two alike,
-# each screened in six runs of twenty s.
+# Made by `python -m astb_studies.benchmarks.diagnosis.sound_benches`; do not edit.
+# What {count} sound benches show, no two alike, each screened in six runs of twenty s.
 """
 IMITATED: Final = """
 # Amplitude (SI) of each effect that the replay imitates, as one standard deviation, at each point of the grid of its

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.identification``: how often the intervals of `astb identify` hold.
+"""``python -m astb_studies.benchmarks.identification``: how often the intervals of `astb identify` hold.
 
 Springs are drawn as they are believed, a virtual rig with sensors of its own is measured through the wires by the plan
 `identification`, and what is identified is held against what was drawn. One line of JSON a pair of springs goes to the

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability
 
-from bench_fmu.kernels.springs import OUTPUTS, ROWS, advance, start
-from bench_fmu.models.kinds import unit_of
-from bench_fmu.unit import Kind
+from astb.fmu.kernels.springs import OUTPUTS, ROWS, advance, start
+from astb.fmu.models.kinds import unit_of
+from astb.fmu.unit import Kind
 from bench_protocol.rates import TICK
 from bench_sim.model.compiled import compiled_entry
 from bench_sim.model.layout import INPUTS, STATES

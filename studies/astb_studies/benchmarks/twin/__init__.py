@@ -1,5 +1,5 @@
-"""How often a twin is wrong, how soon it tells what begins, and which causes it names (`python -m benchmarks.twin`)."""
+"""Counts the false alarms, delays and named causes of the twin."""
 
-from bench_protocol.system.one_core import keep_algebra_to_one_core
+from bench_protocol.runtime.one_core import keep_algebra_to_one_core
 
 keep_algebra_to_one_core()

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.twin``: how often a twin is wrong, how soon it tells what begins, and which causes it names.
+"""Counts the false alarms, delays and named causes of the twin: ``python -m astb_studies.benchmarks.twin``.
 
 Every run is made through the wires, with a seed of its own, and in virtual time but for ``realtime``. One line of JSON
 a run goes to the file of results, so that counting goes on where it was cut off. ``page`` writes what they say.
@@ -12,14 +12,14 @@ from typing import Final
 import click
 import msgspec
 
+from astb_studies.benchmarks.twin.best import WatchedWith
+from astb_studies.benchmarks.twin.cases import Case, faulty, harder, live, sound
+from astb_studies.benchmarks.twin.live import count_live
+from astb_studies.benchmarks.twin.page import write
+from astb_studies.benchmarks.twin.rigs import bench_of
+from astb_studies.benchmarks.twin.tables import Counted, shortened
 from bench_records.record import read
 from bench_sim.parameters import load
-from benchmarks.twin.best import WatchedWith
-from benchmarks.twin.cases import Case, faulty, harder, live, sound
-from benchmarks.twin.live import count_live
-from benchmarks.twin.page import write
-from benchmarks.twin.rigs import bench_of
-from benchmarks.twin.tables import Counted, shortened
 from test_plans.discovery import plans
 from test_plans.execution import execute
 

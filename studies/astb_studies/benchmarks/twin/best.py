@@ -7,15 +7,15 @@ would: where the sum is the logarithm of the mean time between two false alarms,
 
 import numpy as np
 
+from astb_studies.benchmarks.twin.cases import Case
 from bench_records.record import Record
 from bench_records.twin import Judged
 from bench_sim.parameters import Parameters
-from bench_twin.detector import BETWEEN
-from bench_twin.innovations import BIN, BINS, BLOCK, judge, rough
-from bench_twin.replays import Replays
-from bench_twin.stretches import Stretch
-from bench_twin.twin import Seen, Twin
-from benchmarks.twin.cases import Case
+from diagnosis.twin.detector import BETWEEN
+from diagnosis.twin.innovations import BIN, BINS, BLOCK, judge, rough
+from diagnosis.twin.replays import Replays
+from diagnosis.twin.stretches import Stretch
+from diagnosis.twin.twin import Seen, Twin
 
 
 class WatchedWith(Twin):

@@ -1,7 +1,7 @@
 """The cases of a count: which plan, on which rig, and what begins in the middle of it.
 
 Every second case is sound, one in three of these a *sibling*: springs as they are delivered, and a form somewhere
-that no parameter of the model and no effect covers (`benchmarks.diagnosis.sibling_forms`). In the others an effect of
+that no parameter of the model and no effect covers (`sibling_forms`). In the others an effect of
 the catalogue begins where the plan has long begun, all at once or creeping, in one of three sizes. Harder cases are two
 effects one after the other, one that is gone again, and one on a sibling.
 """
@@ -14,11 +14,11 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from astb_studies.benchmarks.diagnosis.ground_truth import draw
+from astb_studies.benchmarks.diagnosis.sibling_forms import CURVED
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, ShownBy
 from bench_sim.parameters.effects import find_effect
-from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.sibling_forms import CURVED
 
 #: Plans of faulty rigs, and the part (s) of each in which an effect begins.
 PLANS: Final = {

@@ -13,14 +13,14 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from astb_studies.benchmarks.measure import child
+from astb_studies.benchmarks.ticks import lateness_during, rig_of_its_own
+from astb_studies.benchmarks.twin.cases import Case
+from astb_studies.benchmarks.twin.tables import Counted, Live, shortened
+from astb_studies.benchmarks.watch import Follower
 from bench_protocol.rates import TICK
 from bench_records.record import Record, read
 from bench_records.twin import read_twin
-from benchmarks.measure import child
-from benchmarks.ticks import lateness_during, rig_of_its_own
-from benchmarks.twin.cases import Case
-from benchmarks.twin.tables import Counted, Live, shortened
-from benchmarks.watch import Follower
 
 #: A plan begins about so many s after its rig.
 _BEGINS: Final = 4.0
@@ -30,7 +30,7 @@ _LOOK: Final = 0.05
 def count_live(case: Case) -> Counted:
     """Run a case in real time, and return what its twin said, and when."""
     wanted = msgspec.structs.replace(case, at=case.at + _BEGINS)
-    serving = ("benchmarks.twin.serving", msgspec.json.encode(wanted).decode())
+    serving = ("astb_studies.benchmarks.twin.serving", msgspec.json.encode(wanted).decode())
     with tempfile.TemporaryDirectory() as folder, rig_of_its_own(serving) as (file, modbus):
         command = ("run", case.plan, "--watch", "--rig", str(file), "--out", folder)
         values = [f"--set={name}={value}" for name, value in case.values.items()]

@@ -6,14 +6,14 @@ from operator import itemgetter
 from typing import Any, Final
 
 from astb.rig_in_memory import RigInMemory
+from astb_studies.benchmarks.diagnosis import sealed
+from astb_studies.benchmarks.diagnosis.ground_truth import draw
+from astb_studies.benchmarks.twin.cases import Case
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import find_effect
 from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.turn import differing, turn
-from benchmarks.diagnosis import sealed
-from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.twin.cases import Case
 from drivers.bench import Bench
 
 #: An effect that creeps grows in steps of so many s.

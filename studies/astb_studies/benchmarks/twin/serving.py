@@ -1,4 +1,4 @@
-"""``python -m benchmarks.twin.serving``: the rig of a case in real time on sockets, until it is killed."""
+"""``python -m astb_studies.benchmarks.twin.serving``: the rig of a case in real time on sockets, until it is killed."""
 
 import threading
 from pathlib import Path
@@ -7,11 +7,11 @@ import click
 import msgspec
 
 from astb.rig_file import read
+from astb_studies.benchmarks.twin.cases import Case
+from astb_studies.benchmarks.twin.rigs import begin
 from bench_sim.parameters import load
 from bench_sim.rig.process import run_rig
 from bench_sim.rig.rig import Rig
-from benchmarks.twin.cases import Case
-from benchmarks.twin.rigs import begin
 
 
 @click.command()

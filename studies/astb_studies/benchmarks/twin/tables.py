@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 from scipy.stats import gamma
 
+from astb_studies.benchmarks.diagnosis.statistics import Rate
+from astb_studies.benchmarks.twin.cases import SIZES, Case
 from bench_records.twin import Parting, PossibleCause, TwinStory
 from bench_sim.parameters.effects import find_effect
-from benchmarks.diagnosis.statistics import Rate
-from benchmarks.twin.cases import SIZES, Case
 
 
 class Live(msgspec.Struct, frozen=True):

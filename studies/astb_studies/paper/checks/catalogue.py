@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-from paper_study.checks import (
+from astb_studies.paper.checks import (
     conservation,
     displacement,
     frequency,
@@ -16,7 +16,7 @@ from paper_study.checks import (
     rubber,
     valves,
 )
-from paper_study.claims import CLAIMS, ClaimCheck
+from astb_studies.paper.claims import CLAIMS, ClaimCheck
 
 #: The files whose checks are listed: a new one takes its place here.
 SUBJECTS: Final = (

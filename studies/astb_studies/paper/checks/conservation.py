@@ -4,14 +4,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import near
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.subject import BARE, LOADS, Subject, remembered
 from bench_protocol.units import bar, mm, s
 from bench_sim.model import spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, impose
 from bench_sim.model.layout import State
-from paper_study.checks.criteria import near
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.subject import BARE, LOADS, Subject, remembered
 
 #: Step in s that leaves little to the trapezoidal rule, which adds up heat and work.
 _FINE: Final = 0.5e-3

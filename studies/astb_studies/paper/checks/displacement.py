@@ -4,13 +4,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import falls, listed, within
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.closed_form import diaphragm_stiffness, equivalent_volume, lateral_area
+from astb_studies.paper.experiments import lateral_secant, moved_aside
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
-from paper_study.checks.criteria import falls, listed, within
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.closed_form import diaphragm_stiffness, equivalent_volume, lateral_area
-from paper_study.experiments import lateral_secant, moved_aside
-from paper_study.subject import LOADS, Subject
 
 OFFSETS: Final = tuple(y * mm for y in (20, 40, 60))
 

@@ -7,11 +7,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from campaigns.core import carried_out
-from campaigns.workers import cluster
-from paper_study.checks.catalogue import CHECKS, select
-from paper_study.claims import ClaimCheck
-from paper_study.subject import Subject
+from astb.campaigns.core import carried_out
+from astb.campaigns.workers import cluster
+from astb_studies.paper.checks.catalogue import CHECKS, select
+from astb_studies.paper.claims import ClaimCheck
+from astb_studies.paper.subject import Subject
 
 #: Called with the number of entries that are ready and the number that there will be.
 Progress = Callable[[int, int], None]

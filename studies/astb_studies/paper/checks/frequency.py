@@ -5,13 +5,13 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import listed, near, within
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.closed_form import diaphragm_stiffness, gas_stiffness
+from astb_studies.paper.experiments import PIPE, closed_form, lateral_stiffness
+from astb_studies.paper.subject import BARE, LOADS, Subject
 from bench_protocol.units import mm
 from bench_sim.model.experiments import dynamic_stiffness
-from paper_study.checks.criteria import listed, near, within
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.closed_form import diaphragm_stiffness, gas_stiffness
-from paper_study.experiments import PIPE, closed_form, lateral_stiffness
-from paper_study.subject import BARE, LOADS, Subject
 
 T9: Final = Claim(
     "T9",

@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import near, within
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.experiments import closed_form
+from astb_studies.paper.subject import BARE, LOADS, Subject
 from bench_protocol.units import bar, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import dynamic_stiffness, first_harmonic
 from bench_sim.model.layout import Input, Mode, State
 from bench_sim.model.plant import Plant
-from paper_study.checks.criteria import near, within
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.experiments import closed_form
-from paper_study.subject import BARE, LOADS, Subject
 
 
 def _shut(plant: Plant) -> Plant:

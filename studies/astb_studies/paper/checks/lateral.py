@@ -4,12 +4,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import falls, listed, near, rises, within
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.closed_form import combined, diaphragm_stiffness, layered_stiffness
+from astb_studies.paper.experiments import lateral_stiffness, paper_amplitude_stiffness, quasi_static_lateral
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import kN, mm
-from paper_study.checks.criteria import falls, listed, near, rises, within
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
-from paper_study.experiments import lateral_stiffness, paper_amplitude_stiffness, quasi_static_lateral
-from paper_study.subject import LOADS, Subject
 
 PRELOADS: Final = tuple(P * kN for P in (40.0, 53.5, 80.0, 110.0, 145.0, 160.0))
 AMPLITUDES: Final = tuple(a * mm for a in (1, 5, 20))

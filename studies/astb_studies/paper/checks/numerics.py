@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import mm
 from bench_sim.model.experiments import dynamic_stiffness
 from bench_sim.model.plant import Plant
 from bench_sim.model.vehicle import Vehicle
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.subject import LOADS, Subject
 
 
 @Claim("A29", "Without wind and excitation everything stays at rest", "equilibrium").on(

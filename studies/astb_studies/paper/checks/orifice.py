@@ -4,18 +4,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.units import mm
-from paper_study.checks.criteria import falls, listed, maxima, within
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.closed_form import amplitude_damping, orifice_damping, peak_angular_frequency, peak_ratio
-from paper_study.experiments import (
+from astb_studies.paper.checks.criteria import falls, listed, maxima, within
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.closed_form import (
+    amplitude_damping,
+    orifice_damping,
+    peak_angular_frequency,
+    peak_ratio,
+)
+from astb_studies.paper.experiments import (
     damping,
     damping_peak,
     lateral_stiffness,
     natural_frequency,
     pressure_ratio_and_damping,
 )
-from paper_study.subject import BARE, LOADS, Subject
+from astb_studies.paper.subject import BARE, LOADS, Subject
+from bench_protocol.units import mm
 
 OMEGA: Final = 2.0 * np.pi * 1.2
 #: Where damping is looked at over frequency, in Hz.

@@ -4,11 +4,11 @@ from typing import Final
 
 import numpy as np
 
-from paper_study.checks.criteria import listed
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.comfort import weighting
-from paper_study.experiments import WIND_SPEEDS, paper_ride, plant_ride, upper_sway
-from paper_study.subject import LOADS, Subject
+from astb_studies.paper.checks.criteria import listed
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.comfort import weighting
+from astb_studies.paper.experiments import WIND_SPEEDS, paper_ride, plant_ride, upper_sway
+from astb_studies.paper.subject import LOADS, Subject
 
 _LIMITS: Final = "a_y and N non-decreasing from 10 to 25 m/s, lower for AW3 at every speed, N < 2"
 T11: Final = Claim(

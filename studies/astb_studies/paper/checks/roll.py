@@ -4,14 +4,14 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import listed
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.closed_form import roll_factor
+from astb_studies.paper.experiments import rolled
+from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import LATERAL, ROLL, ImposedMotion, impose
-from paper_study.checks.criteria import listed
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.closed_form import roll_factor
-from paper_study.experiments import rolled
-from paper_study.subject import LOADS, Subject
 
 _SHARPLY: Final = "≥ 20 % up to 0.05 rad, then changed by < 10 % of it up to 0.08 rad"
 ROLLS: Final = (0.0, 0.05, 0.08)

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.experiments import damping
+from astb_studies.paper.subject import BARE, LOADS, Subject
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.experiments import damping
-from paper_study.subject import BARE, LOADS, Subject
 
 
 @Claim(

@@ -4,16 +4,16 @@ from typing import Any
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import near
+from astb_studies.paper.claims import CheckOutcome, Claim
+from astb_studies.paper.experiments import STILL
+from astb_studies.paper.subject import ISOTHERMAL, LOADS, Subject
 from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import impose
 from bench_sim.model.iso6358 import ISO_DENSITY
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
-from paper_study.checks.criteria import near
-from paper_study.claims import CheckOutcome, Claim
-from paper_study.experiments import STILL
-from paper_study.subject import ISOTHERMAL, LOADS, Subject
 
 
 def _filling_time(subject: Subject, *without: str, **heat: float) -> float:

@@ -5,27 +5,27 @@ mass, energy and virtual work instead. The numbers in brackets are the paper's e
 their place in that order where it does not. Every function broadcasts over arrays; values are SI, ``p`` is absolute.
 """
 
-from paper_study.closed_form.coupling import coupled_reaction, coupling_stiffness, free_roll_stiffness
-from paper_study.closed_form.diaphragm import (
+from astb_studies.paper.closed_form.coupling import coupled_reaction, coupling_stiffness, free_roll_stiffness
+from astb_studies.paper.closed_form.diaphragm import (
     diaphragm_stiffness,
     equivalent_volume,
     lateral_area,
     pressure_gradient,
 )
-from paper_study.closed_form.dynamic_stiffness import (
+from astb_studies.paper.closed_form.dynamic_stiffness import (
     damping_of,
     dynamic_stiffness,
     gas_stiffness,
     reaction_forces,
     surge_frequencies,
 )
-from paper_study.closed_form.emergency_spring import combined, layered_stiffness
-from paper_study.closed_form.finite_amplitude import (
+from astb_studies.paper.closed_form.emergency_spring import combined, layered_stiffness
+from astb_studies.paper.closed_form.finite_amplitude import (
     amplitude_damping,
     amplitude_time_constant,
     peak_angular_frequency,
 )
-from paper_study.closed_form.orifice_damping import (
+from astb_studies.paper.closed_form.orifice_damping import (
     critical_ratio,
     flow_resistance,
     mass_flow,
@@ -37,9 +37,9 @@ from paper_study.closed_form.orifice_damping import (
     stiffness_step,
     time_constant,
 )
-from paper_study.closed_form.parameters import PaperParameters, Topology
-from paper_study.closed_form.torsion import roll_factor, torsional_stiffness
-from paper_study.closed_form.track import angular_frequency, unilateral_cosine
+from astb_studies.paper.closed_form.parameters import PaperParameters, Topology
+from astb_studies.paper.closed_form.torsion import roll_factor, torsional_stiffness
+from astb_studies.paper.closed_form.track import angular_frequency, unilateral_cosine
 
 __all__ = [
     "PaperParameters",

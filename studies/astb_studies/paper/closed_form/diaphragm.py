@@ -7,7 +7,7 @@ lateral motion compresses nothing. With the area that carries the load the formu
 
 import numpy as np
 
-from paper_study.closed_form.parameters import PaperParameters, Real
+from astb_studies.paper.closed_form.parameters import PaperParameters, Real
 
 
 def lateral_area(y: Real, par: PaperParameters) -> Real:

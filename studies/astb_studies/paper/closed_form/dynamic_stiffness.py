@@ -6,11 +6,11 @@ without it, it only rises from that of both chambers to that of the diaphragm al
 
 import numpy as np
 
-from paper_study.closed_form.diaphragm import diaphragm_stiffness
-from paper_study.closed_form.emergency_spring import combined, layered_stiffness
-from paper_study.closed_form.orifice_damping import flow_resistance
-from paper_study.closed_form.parameters import Complex, PaperParameters, Real, Topology
-from paper_study.closed_form.torsion import roll_factor
+from astb_studies.paper.closed_form.diaphragm import diaphragm_stiffness
+from astb_studies.paper.closed_form.emergency_spring import combined, layered_stiffness
+from astb_studies.paper.closed_form.orifice_damping import flow_resistance
+from astb_studies.paper.closed_form.parameters import Complex, PaperParameters, Real, Topology
+from astb_studies.paper.closed_form.torsion import roll_factor
 
 
 def reaction_forces(

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from paper_study.closed_form.parameters import Complex, PaperParameters, Real, Topology
+from astb_studies.paper.closed_form.parameters import Complex, PaperParameters, Real, Topology
 
 Stiffness = TypeVar("Stiffness", Real, Complex)
 

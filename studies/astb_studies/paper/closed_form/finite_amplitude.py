@@ -14,8 +14,8 @@ from math import pi
 
 import numpy as np
 
-from paper_study.closed_form.orifice_damping import stiffness_step
-from paper_study.closed_form.parameters import PaperParameters, Real
+from astb_studies.paper.closed_form.orifice_damping import stiffness_step
+from astb_studies.paper.closed_form.parameters import PaperParameters, Real
 
 
 def amplitude_time_constant(omega: Real, amplitude: Real, d: Real, par: PaperParameters) -> Real:

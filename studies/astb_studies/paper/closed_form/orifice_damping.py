@@ -9,7 +9,7 @@ from math import pi
 
 import numpy as np
 
-from paper_study.closed_form.parameters import PaperParameters, Real
+from astb_studies.paper.closed_form.parameters import PaperParameters, Real
 
 
 def critical_ratio(kappa: Real) -> Real:

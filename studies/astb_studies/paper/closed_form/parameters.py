@@ -17,7 +17,7 @@ Topology = Literal["series", "parallel"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PaperParameters:
-    """One spring as the paper describes it, under one load; read by `paper_study.parameters.load_paper`."""
+    """One spring as the paper describes it, under one load; read by `astb_studies.paper.parameters.load_paper`."""
 
     gas_constant: Annotated[Real, "J/(kg*K)"]
     heat_capacity_ratio: Annotated[Real, "1"]

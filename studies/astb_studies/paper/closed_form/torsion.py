@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from paper_study.closed_form.parameters import PaperParameters, Real
+from astb_studies.paper.closed_form.parameters import PaperParameters, Real
 
 
 def torsional_stiffness(p: Real, par: PaperParameters) -> Real:

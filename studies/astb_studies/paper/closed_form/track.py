@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from paper_study.closed_form.parameters import Real
+from astb_studies.paper.closed_form.parameters import Real
 
 
 def angular_frequency(speed: Real, wavelength: Real) -> Real:

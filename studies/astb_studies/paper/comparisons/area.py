@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from astb_studies.paper.checks.displacement import T6
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.closed_form import lateral_area
+from astb_studies.paper.comparisons.comparison import percent
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import Subject
 from bench_protocol.units import mm
-from paper_study.checks.displacement import T6
-from paper_study.claims import BenchOutcome
-from paper_study.closed_form import lateral_area
-from paper_study.comparisons.comparison import percent
-from paper_study.study import Study
-from paper_study.subject import Subject
 
 
 @T6.on_the_bench("figure-07")

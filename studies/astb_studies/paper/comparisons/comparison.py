@@ -6,8 +6,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from paper_study.claims import CLAIMS, Claim
-from paper_study.study import Study
+from astb_studies.paper.claims import CLAIMS, Claim
+from astb_studies.paper.study import Study
 
 Floats = npt.NDArray[np.float64]
 

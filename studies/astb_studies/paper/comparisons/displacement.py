@@ -2,14 +2,14 @@
 
 import numpy as np
 
+from astb_studies.paper.checks.criteria import listed
+from astb_studies.paper.checks.displacement import T7
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.comparisons.comparison import largest_deviation, percent
+from astb_studies.paper.laws import closed_secant
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
 from bench_protocol.units import mm
-from paper_study.checks.criteria import listed
-from paper_study.checks.displacement import T7
-from paper_study.claims import BenchOutcome
-from paper_study.comparisons.comparison import largest_deviation, percent
-from paper_study.laws import closed_secant
-from paper_study.study import Study
-from paper_study.subject import LOADS
 
 
 @T7.on_the_bench("figure-09")

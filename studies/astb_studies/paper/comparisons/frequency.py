@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from paper_study.checks.frequency import T9
-from paper_study.checks.orifice import T10
-from paper_study.claims import BenchOutcome
-from paper_study.closed_form import amplitude_damping
-from paper_study.comparisons.comparison import largest_deviation, percent
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
-from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
-from paper_study.sweeps.ratio import NATURAL
+from astb_studies.paper.checks.frequency import T9
+from astb_studies.paper.checks.orifice import T10
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.closed_form import amplitude_damping
+from astb_studies.paper.comparisons.comparison import largest_deviation, percent
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
+from astb_studies.paper.sweeps.ratio import NATURAL
 
 
 @T9.on_the_bench("figure-11")

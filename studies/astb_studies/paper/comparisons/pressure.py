@@ -2,18 +2,18 @@
 
 import numpy as np
 
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.checks.criteria import listed
+from astb_studies.paper.checks.lateral import T1, T2, T3
+from astb_studies.paper.checks.orifice import T4, T5
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.comparisons.comparison import largest_deviation, percent
+from astb_studies.paper.laws import closed_stiffness
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
+from astb_studies.paper.sweeps.pressure import AMPLITUDES
 from bench_protocol.units import bar, mm
-from paper_study.bench_results import Points
-from paper_study.checks.criteria import listed
-from paper_study.checks.lateral import T1, T2, T3
-from paper_study.checks.orifice import T4, T5
-from paper_study.claims import BenchOutcome
-from paper_study.comparisons.comparison import largest_deviation, percent
-from paper_study.laws import closed_stiffness
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.study import Study
-from paper_study.subject import LOADS
-from paper_study.sweeps.pressure import AMPLITUDES
 
 
 def _five(study: Study) -> dict[str, Points]:

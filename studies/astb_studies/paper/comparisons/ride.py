@@ -1,10 +1,10 @@
 """The paper's table: acceleration and comfort index over the wind speed."""
 
-from paper_study.checks.ride import T11
-from paper_study.claims import BenchOutcome
-from paper_study.comparisons.comparison import entry_of
-from paper_study.study import Study
-from paper_study.subject import LOADS
+from astb_studies.paper.checks.ride import T11
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.comparisons.comparison import entry_of
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
 
 #: The car whose rides stand beside those that decide.
 _BARE = "no anti-roll bar"

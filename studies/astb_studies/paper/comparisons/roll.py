@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from paper_study.bench_results import Points
-from paper_study.checks.roll import T8
-from paper_study.claims import BenchOutcome
-from paper_study.comparisons.comparison import MINUS, percent
-from paper_study.study import Study
-from paper_study.subject import LOADS
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.checks.roll import T8
+from astb_studies.paper.claims import BenchOutcome
+from astb_studies.paper.comparisons.comparison import MINUS, percent
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
 
 
 @T8.on_the_bench("figure-10")

@@ -5,12 +5,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.claims import BenchOutcome, Claim
+from astb_studies.paper.closed_form import unilateral_cosine
+from astb_studies.paper.study import Study
+from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
+from astb_studies.paper.sweeps.ratio import NATURAL
 from bench_protocol.units import mm, ms
-from paper_study.claims import BenchOutcome, Claim
-from paper_study.closed_form import unilateral_cosine
-from paper_study.study import Study
-from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
-from paper_study.sweeps.ratio import NATURAL
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,17 +6,17 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.claims import BenchOutcome, Claim
+from astb_studies.paper.closed_form import amplitude_damping
+from astb_studies.paper.comparisons.comparison import entry_of, largest_deviation, percent
+from astb_studies.paper.laws import closed_stiffness, fitted_lateral_area
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
+from astb_studies.paper.sweeps.pressure import AMPLITUDES
+from astb_studies.paper.sweeps.ratio import NATURAL
 from bench_protocol.units import mm
-from paper_study.claims import BenchOutcome, Claim
-from paper_study.closed_form import amplitude_damping
-from paper_study.comparisons.comparison import entry_of, largest_deviation, percent
-from paper_study.laws import closed_stiffness, fitted_lateral_area
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
-from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
-from paper_study.sweeps.pressure import AMPLITUDES
-from paper_study.sweeps.ratio import NATURAL
 
 Floats = npt.NDArray[np.float64]
 

@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING
 
+from astb_studies.paper.combined import STIFFNESS
+from astb_studies.paper.figures.style import KN_M, MARKERS, ORDERED, draw_points
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.study import Study
+from astb_studies.paper.sweeps.pressure import AMPLITUDES
 from bench_protocol.units import bar, mm
 from bench_records.plots import INK
-from paper_study.combined import STIFFNESS
-from paper_study.figures.style import KN_M, MARKERS, ORDERED, draw_points
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.study import Study
-from paper_study.sweeps.pressure import AMPLITUDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

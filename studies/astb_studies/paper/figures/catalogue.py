@@ -5,18 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from astb_studies.paper.figures.comfort import comfort
+from astb_studies.paper.figures.figure_05 import figure_5
+from astb_studies.paper.figures.figure_06 import figure_6
+from astb_studies.paper.figures.figure_07 import figure_7
+from astb_studies.paper.figures.figure_08 import figure_8
+from astb_studies.paper.figures.figure_09 import figure_9
+from astb_studies.paper.figures.figure_10 import figure_10
+from astb_studies.paper.figures.figure_11 import figure_11
+from astb_studies.paper.figures.sensitivity import sensitivity
+from astb_studies.paper.sensitivity import SPREAD
+from astb_studies.paper.study import Study
 from bench_records.plots import element, plain_numbers, style
-from paper_study.figures.comfort import comfort
-from paper_study.figures.figure_05 import figure_5
-from paper_study.figures.figure_06 import figure_6
-from paper_study.figures.figure_07 import figure_7
-from paper_study.figures.figure_08 import figure_8
-from paper_study.figures.figure_09 import figure_9
-from paper_study.figures.figure_10 import figure_10
-from paper_study.figures.figure_11 import figure_11
-from paper_study.figures.sensitivity import sensitivity
-from paper_study.sensitivity import SPREAD
-from paper_study.study import Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench_records.plots import SHADE, SOFT
-from paper_study.bench_results import Points
-from paper_study.figures.style import (
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.figures.style import (
     COLOUR,
     DASHED,
     MARKER,
@@ -17,8 +16,9 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.study import Study
-from paper_study.subject import LOADS
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
+from bench_records.plots import SHADE, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

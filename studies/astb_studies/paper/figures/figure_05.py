@@ -4,10 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench_protocol.units import mm
-from bench_records.plots import INK
-from paper_study.closed_form import unilateral_cosine
-from paper_study.figures.style import (
+from astb_studies.paper.closed_form import unilateral_cosine
+from astb_studies.paper.figures.style import (
     DASHED,
     MEASURED,
     ORDERED,
@@ -17,8 +15,10 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.study import Study
-from paper_study.sweeps.ratio import NATURAL
+from astb_studies.paper.study import Study
+from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.units import mm
+from bench_records.plots import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,11 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench_protocol.units import bar, mm
-from bench_records.plots import SOFT
-from paper_study.closed_form import orifice_damping
-from paper_study.figures.bench_curves import damping_points, lateral_points
-from paper_study.figures.style import (
+from astb_studies.paper.closed_form import orifice_damping
+from astb_studies.paper.figures.bench_curves import damping_points, lateral_points
+from astb_studies.paper.figures.style import (
     DASHED,
     KN_M,
     MEASURED,
@@ -19,11 +17,13 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.laws import closed_stiffness
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
-from paper_study.sweeps.ratio import NATURAL
+from astb_studies.paper.laws import closed_stiffness
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.units import bar, mm
+from bench_records.plots import SOFT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

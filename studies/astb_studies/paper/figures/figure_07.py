@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.units import litre, mm
-from bench_records.plots import INK, PALETTE, SOFT
-from paper_study.bench_results import Points
-from paper_study.closed_form import equivalent_volume, lateral_area
-from paper_study.figures.style import (
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.closed_form import equivalent_volume, lateral_area
+from astb_studies.paper.figures.style import (
     COLOUR,
     DASHED,
     DOTTED,
@@ -22,9 +20,11 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.identification.area_and_volume import shape
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
+from astb_studies.paper.identification.area_and_volume import shape
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from bench_protocol.units import litre, mm
+from bench_records.plots import INK, PALETTE, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

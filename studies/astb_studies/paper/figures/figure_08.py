@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.units import bar, mm
-from bench_records.plots import INK, PALETTE, SOFT
-from paper_study.bench_results import Points
-from paper_study.figures.bench_curves import damping_points, lateral_points
-from paper_study.figures.style import (
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.figures.bench_curves import damping_points, lateral_points
+from astb_studies.paper.figures.style import (
     DASHED,
     DOTTED,
     KN_M,
@@ -24,11 +22,13 @@ from paper_study.figures.style import (
     panels_of,
     plain_log_ticks,
 )
-from paper_study.laws import closed_stiffness, fitted_lateral_area
-from paper_study.plans.damping_ratio import PLATES
-from paper_study.study import Study
-from paper_study.subject import LOADS
-from paper_study.sweeps.ratio import NATURAL
+from astb_studies.paper.laws import closed_stiffness, fitted_lateral_area
+from astb_studies.paper.plans.damping_ratio import PLATES
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
+from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.units import bar, mm
+from bench_records.plots import INK, PALETTE, SOFT
 from test_plans.steps.fittings import PLATE
 
 if TYPE_CHECKING:

@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench_protocol.units import mm
-from paper_study.bench_results import Points
-from paper_study.figures.style import (
+from astb_studies.paper.bench_results import Points
+from astb_studies.paper.figures.style import (
     COLOUR,
     DASHED,
     DOTTED,
@@ -21,9 +20,10 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.laws import closed_secant, closed_tangent
-from paper_study.study import Study
-from paper_study.subject import LOADS
+from astb_studies.paper.laws import closed_secant, closed_tangent
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS
+from bench_protocol.units import mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -4,11 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench_protocol.units import bar, mm
-from bench_records.plots import INK, SOFT
-from paper_study.closed_form import roll_factor
-from paper_study.figures.bench_curves import at_once
-from paper_study.figures.style import (
+from astb_studies.paper.closed_form import roll_factor
+from astb_studies.paper.figures.bench_curves import at_once
+from astb_studies.paper.figures.style import (
     COLOUR,
     DASHED,
     KN_M,
@@ -22,9 +20,11 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
-from paper_study.laws import closed_secant
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
+from astb_studies.paper.laws import closed_secant
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from bench_protocol.units import bar, mm
+from bench_records.plots import INK, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

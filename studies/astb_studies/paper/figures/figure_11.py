@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.units import mm
-from bench_records.plots import PALETTE, SOFT
-from paper_study.closed_form import amplitude_damping, dynamic_stiffness
-from paper_study.combined import DAMPING
-from paper_study.figures.bench_curves import at_once
-from paper_study.figures.style import (
+from astb_studies.paper.closed_form import amplitude_damping, dynamic_stiffness
+from astb_studies.paper.combined import DAMPING
+from astb_studies.paper.figures.bench_curves import at_once
+from astb_studies.paper.figures.style import (
     COLOUR,
     DASHED,
     DOTTED,
@@ -26,11 +24,13 @@ from paper_study.figures.style import (
     panels_of,
     plain_log_ticks,
 )
-from paper_study.laws import SMALL_LOSS
-from paper_study.model_jobs import SWEEPS
-from paper_study.study import Study
-from paper_study.subject import LOADS, Subject
-from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
+from astb_studies.paper.laws import SMALL_LOSS
+from astb_studies.paper.model_jobs import SWEEPS
+from astb_studies.paper.study import Study
+from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
+from bench_protocol.units import mm
+from bench_records.plots import PALETTE, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from astb_studies.paper.figures.style import add_key, panels_of
+from astb_studies.paper.sensitivity import PAPER, PLANT
+from astb_studies.paper.study import Study
 from bench_records.plots import INK, PALETTE, SOFT
-from paper_study.figures.style import add_key, panels_of
-from paper_study.sensitivity import PAPER, PLANT
-from paper_study.study import Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

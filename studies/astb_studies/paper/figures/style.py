@@ -9,8 +9,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, NullLocator
 
+from astb_studies.paper.bench_results import Points
 from bench_records.plots import INK, PALETTE
-from paper_study.bench_results import Points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

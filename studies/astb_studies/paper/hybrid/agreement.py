@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.hybrid.car import STEP, Ride
+from astb_studies.paper.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
 from bench_protocol.places import Springs
 from bench_protocol.units import ms
-from paper_study.hybrid.car import STEP, Ride
-from paper_study.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
 from test_plans.analysis.readings import HEIGHTS
 from test_plans.description import lag_of
 

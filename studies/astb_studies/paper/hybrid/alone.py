@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.hybrid.car import STEP, Car
 from bench_sim.model.car import Ride, RideChannel
 from bench_sim.model.layout import State
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.vehicle import load_vehicle
-from paper_study.hybrid.car import STEP, Car
 
 if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.hybrid.car import STEP, Ride
+from astb_studies.paper.hybrid.loop import Path
 from bench_protocol.places import STILL, Place, Springs, setpoints_of
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, TICK
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import SIDES
 from drivers.errors import LinkLost
-from paper_study.hybrid.car import STEP, Ride
-from paper_study.hybrid.loop import Path
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS, cell_moment, sideways_force, upward_force
 from test_plans.analysis.geometry import (
     ACTUATORS,

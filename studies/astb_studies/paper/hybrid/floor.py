@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from paper_study.comfort import (
+from astb_studies.paper.comfort import (
     W_B,
     W_D,
     WINDOW,
@@ -16,8 +16,8 @@ from paper_study.comfort import (
     weighted,
     window_rms,
 )
-from paper_study.hybrid.agreement import Rode
-from paper_study.hybrid.car import STEP
+from astb_studies.paper.hybrid.agreement import Rode
+from astb_studies.paper.hybrid.car import STEP
 from test_plans.analysis import Samples
 from test_plans.check_names import CheckName
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.hybrid.agreement import ROLLED, UP, WAYS, followed
+from astb_studies.paper.hybrid.car import Car
+from astb_studies.paper.hybrid.coupling import FORCES, POSES, Delay, rows_of, standing
+from astb_studies.paper.hybrid.shaking import FREQUENCY, SIZES
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.units import s
 from drivers.errors import LinkLost
 from drivers.waveform import WIND
-from paper_study.hybrid.agreement import ROLLED, UP, WAYS, followed
-from paper_study.hybrid.car import Car
-from paper_study.hybrid.coupling import FORCES, POSES, Delay, rows_of, standing
-from paper_study.hybrid.shaking import FREQUENCY, SIZES
 from test_plans.analysis.cells import upward_force
 
 if TYPE_CHECKING:

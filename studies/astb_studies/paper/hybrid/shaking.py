@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from astb_studies.paper.hybrid.agreement import ROLLED, UP, WAYS, followed
+from astb_studies.paper.hybrid.car import STEP
+from astb_studies.paper.hybrid.coupling import Delay, move_on
 from bench_protocol.places import Place, Springs
 from bench_protocol.units import Hz, mm, mrad, s
-from paper_study.hybrid.agreement import ROLLED, UP, WAYS, followed
-from paper_study.hybrid.car import STEP
-from paper_study.hybrid.coupling import Delay, move_on
 
 if TYPE_CHECKING:
     from test_plans.run import Run

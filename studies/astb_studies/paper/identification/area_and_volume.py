@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.paper.identification.curves import Isolated
+from astb_studies.paper.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
+from astb_studies.paper.identification.parameter_file import Known
 from bench_protocol.units import ATMOSPHERE, N, mm
-from paper_study.identification.curves import Isolated
-from paper_study.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
-from paper_study.identification.parameter_file import Known
 
 #: What a mean over 2 s is good for: the wire's step of 25 N a cell, friction that creeps by a tenth of its 300 N; and
 #: for T/p thermometers in steps of 0.05 K, two of them.

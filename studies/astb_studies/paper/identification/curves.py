@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from astb_studies.paper.identification.fits import Floats, NotIdentified
+from astb_studies.paper.sweeps.pressure import AMPLITUDES, SLOW
 from bench_protocol.units import mm
-from paper_study.identification.fits import Floats, NotIdentified
-from paper_study.sweeps.pressure import AMPLITUDES, SLOW
 from test_plans.loads import Load
 from test_plans.steps.tables import DAMPING, STORAGE
 

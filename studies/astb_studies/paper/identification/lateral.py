@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from paper_study.identification.curves import Sheared
-from paper_study.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
-from paper_study.identification.parameter_file import Known
-from paper_study.sweeps.pressure import SLOW
+from astb_studies.paper.identification.curves import Sheared
+from astb_studies.paper.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
+from astb_studies.paper.identification.parameter_file import Known
+from astb_studies.paper.sweeps.pressure import SLOW
 
 #: First harmonics: what comes back from run to run.
 HARMONIC_SCATTER: Final = 0.3e3  # N/m

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from astb_studies.paper.identification.fits import Fit, Floats, NotIdentified
 from bench_protocol.units import FACTORS
-from paper_study.identification.fits import Fit, Floats, NotIdentified
 
 
 class Known:

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from paper_study.identification.area_and_volume import fit_area_and_volume
-from paper_study.identification.curves import isolated, sheared
-from paper_study.identification.fits import Fit
-from paper_study.identification.lateral import fit_lateral_stiffness
-from paper_study.identification.parameter_file import FittedValue, Known, fitted_values
+from astb_studies.paper.identification.area_and_volume import fit_area_and_volume
+from astb_studies.paper.identification.curves import isolated, sheared
+from astb_studies.paper.identification.fits import Fit
+from astb_studies.paper.identification.lateral import fit_lateral_stiffness
+from astb_studies.paper.identification.parameter_file import FittedValue, Known, fitted_values
 from test_plans.loads import AW0, AW3
 from test_plans.specimen import Specimen, ordinary
 

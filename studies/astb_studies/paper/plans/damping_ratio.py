@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from astb_studies.paper.sweeps.ratio import PLATE_CHECKS, check_damping, damping_over_ratio
 from bench_protocol.units import mm, s
-from paper_study.sweeps.ratio import PLATE_CHECKS, check_damping, damping_over_ratio
 from test_plans import steps
 from test_plans.loads import AW0
 from test_plans.plan import plan

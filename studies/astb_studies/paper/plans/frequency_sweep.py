@@ -1,7 +1,7 @@
 """Stiffness and damping against frequency (figure 11), with and without the connecting pipe: a plan for each car."""
 
+from astb_studies.paper.sweeps.frequency import SWEEP_CHECKS, frequency_sweep
 from bench_protocol.units import s
-from paper_study.sweeps.frequency import SWEEP_CHECKS, frequency_sweep
 from test_plans import steps
 from test_plans.analysis.geometry import DRIVEN
 from test_plans.loads import AW0, AW3

@@ -1,7 +1,7 @@
 """Springs at lateral offsets: tangent, secant, effective area and volume (figures 7 and 9)."""
 
+from astb_studies.paper.sweeps.offset import OFFSET_CHECKS, lateral_offsets
 from bench_protocol.units import s
-from paper_study.sweeps.offset import OFFSET_CHECKS, lateral_offsets
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan

@@ -2,8 +2,13 @@
 
 from typing import Final
 
+from astb_studies.paper.sweeps.pressure import (
+    BY_PRESSURE,
+    SOFTENING,
+    carry_first,
+    lateral_stiffness_over_pressure,
+)
 from bench_protocol.units import s
-from paper_study.sweeps.pressure import BY_PRESSURE, SOFTENING, carry_first, lateral_stiffness_over_pressure
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan_under

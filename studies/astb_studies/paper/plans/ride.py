@@ -9,11 +9,8 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 
-from bench_protocol.units import FACTORS, Hz, ms, s
-from bench_records.curves import Axis
-from drivers.car import RIDES
-from paper_study.comfort import WINDOW, window_rms
-from paper_study.hybrid.agreement import (
+from astb_studies.paper.comfort import WINDOW, window_rms
+from astb_studies.paper.hybrid.agreement import (
     CARRIED,
     CARRIED_U,
     LAGS_U,
@@ -28,12 +25,15 @@ from paper_study.hybrid.agreement import (
     of_the_loop,
     scatter,
 )
-from paper_study.hybrid.car import Car, Ride, linear
-from paper_study.hybrid.coupling import BEATS, COUPLED, By, Course, Delay, move_on, path_of
-from paper_study.hybrid.floor import BLOCK, COMPARED, JUDGED, JUDGED_OF, MADE_OF, ridden
-from paper_study.hybrid.in_tick import TickCourse, ride_in_tick, settings_of, shake_in_tick, waves_for
-from paper_study.hybrid.loop import LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
-from paper_study.hybrid.shaking import shake_loose
+from astb_studies.paper.hybrid.car import Car, Ride, linear
+from astb_studies.paper.hybrid.coupling import BEATS, COUPLED, By, Course, Delay, move_on, path_of
+from astb_studies.paper.hybrid.floor import BLOCK, COMPARED, JUDGED, JUDGED_OF, MADE_OF, ridden
+from astb_studies.paper.hybrid.in_tick import TickCourse, ride_in_tick, settings_of, shake_in_tick, waves_for
+from astb_studies.paper.hybrid.loop import LEAST_GAIN, LEAST_PHASE, Margins, loci, margins
+from astb_studies.paper.hybrid.shaking import shake_loose
+from bench_protocol.units import FACTORS, Hz, ms, s
+from bench_records.curves import Axis
+from drivers.car import RIDES
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.analysis.geometry import Rig
@@ -312,7 +312,7 @@ def hold_against_the_simulation(
 
     ``loop`` are the parts of the uncertainty of what was ``found`` on the bench.
     """
-    from paper_study.hybrid.alone import (  # compiled: not for a list of plans
+    from astb_studies.paper.hybrid.alone import (  # compiled: not for a list of plans
         Alone,
         NoModel,
         SimulatedSprings,

@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from astb_studies.paper.sweeps.roll import ROLL_CHECKS, lateral_stiffness_over_roll
 from bench_protocol.units import rad, s
-from paper_study.sweeps.roll import ROLL_CHECKS, lateral_stiffness_over_roll
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan_under

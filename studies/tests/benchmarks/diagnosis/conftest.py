@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.diagnosis.campaign import Case, carry_out
+from astb_studies.benchmarks.diagnosis.campaign import Case, carry_out
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from astb_studies.benchmarks.diagnosis.ground_truth import draw
+from astb_studies.benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
 from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring.simulator import OUTPUTS
 
@@ -105,7 +105,7 @@ def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "benchmarks.diagnosis.sealed",
+        "astb_studies.benchmarks.diagnosis.sealed",
         f"--seed={LEAKING}",
         "--kind=single",
     ]

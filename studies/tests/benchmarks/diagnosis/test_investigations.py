@@ -9,17 +9,17 @@ import pytest
 from astb.diagnose import with_roles
 from astb.rig_file import read as read_rig_file
 from astb.session import build_rig
+from astb_studies.benchmarks.diagnosis import investigations
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth, draw
+from astb_studies.benchmarks.diagnosis.investigated import ROOT, Investigated, hidden_in, write_rig
+from astb_studies.benchmarks.diagnosis.investigation_page import summary
+from astb_studies.benchmarks.diagnosis.investigations import count, read
+from astb_studies.benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from astb_studies.benchmarks.diagnosis.sealed import measure, parameters_of
 from bench_protocol.units import ms
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import find_effect
-from benchmarks.diagnosis import investigations
-from benchmarks.diagnosis.ground_truth import GroundTruth, draw
-from benchmarks.diagnosis.investigated import ROOT, Investigated, hidden_in, write_rig
-from benchmarks.diagnosis.investigation_page import summary
-from benchmarks.diagnosis.investigations import count, read
-from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.sealed import measure, parameters_of
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
@@ -170,7 +170,7 @@ def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path)
     command = [
         sys.executable,
         "-m",
-        "benchmarks.diagnosis.investigations",
+        "astb_studies.benchmarks.diagnosis.investigations",
         "--count",
         "1",
         "--processes",

@@ -9,18 +9,18 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from astb_studies.benchmarks.diagnosis import rate_page
+from astb_studies.benchmarks.diagnosis.__main__ import main
+from astb_studies.benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, GroundTruth, draw, visible
+from astb_studies.benchmarks.diagnosis.judge import Judged, covered
+from astb_studies.benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from astb_studies.benchmarks.diagnosis.next_of_kin import NEAR, kin
+from astb_studies.benchmarks.diagnosis.sealed import COLOURED, Coloured, parameters_of
+from astb_studies.benchmarks.diagnosis.statistics import Rate
+from astb_studies.benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis import rate_page
-from benchmarks.diagnosis.__main__ import main
-from benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, GroundTruth, draw, visible
-from benchmarks.diagnosis.judge import Judged, covered
-from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.next_of_kin import NEAR, kin
-from benchmarks.diagnosis.sealed import COLOURED, Coloured, parameters_of
-from benchmarks.diagnosis.statistics import Rate
-from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from diagnosis.finding import Verdict
 
 NAMED, NONE = Verdict.NAMED.value, Verdict.NO_EFFECT.value

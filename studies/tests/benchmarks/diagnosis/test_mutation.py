@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis.ground_truth import GroundTruth
-from benchmarks.diagnosis.judge import judge
-from benchmarks.diagnosis.oscillator_cases import OscillatorCases
+from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth
+from astb_studies.benchmarks.diagnosis.judge import judge
+from astb_studies.benchmarks.diagnosis.oscillator_cases import OscillatorCases
 from diagnosis.engine import backward, noise, noise_estimate, screening, trials
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.diagnosis.ground_truth import NOISES
+from astb_studies.benchmarks.diagnosis.ground_truth import NOISES
 from diagnosis.finding import Verdict
 
 SINGLES = [("white", 1), ("AR 0.6", 2), ("12 bits", 3), ("frames lost", 4)]

@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from astb_studies.benchmarks.diagnosis import oscillator_siblings
+from astb_studies.benchmarks.diagnosis.ground_truth import draw
+from astb_studies.benchmarks.diagnosis.oscillator_cases import LAMBDA_FORM, OscillatorCases
+from astb_studies.benchmarks.diagnosis.sealed import parameters_of
+from astb_studies.benchmarks.diagnosis.sibling_forms import CURVED, FORMS, Curved, drawn
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis import oscillator_siblings
-from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.oscillator_cases import LAMBDA_FORM, OscillatorCases
-from benchmarks.diagnosis.sealed import parameters_of
-from benchmarks.diagnosis.sibling_forms import CURVED, FORMS, Curved, drawn
 from diagnosis.engine import verdict
 
 #: A spring that softens, and a damper that tires: what comes nearest in the catalogue scores highly.

@@ -1,0 +1,1 @@
+"""Studies made with the bench: the paper on crosswind, benchmarks, counted mutations and the gallery."""

@@ -1,0 +1,7 @@
+"""Where the checkout and its documentation lie: the studies write their results there."""
+
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[2]
+DOCS: Final = ROOT / "docs"
