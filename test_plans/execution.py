@@ -314,6 +314,7 @@ def _attempt(
 ) -> tuple[str, bool]:
     """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
     interrupted, stopped = False, f"stopped by {_OPERATOR}"
+    run.to_come = {"tear-down": (), "main": (plan.teardown,)}.get(name, (plan.main, plan.teardown))
     try:
         with stops.heard(), run.phase(name):
             part(run)

@@ -1,15 +1,25 @@
-"""Whether a plan can be held anywhere, which its code tells: a plan is a program, and has no list of its places."""
+"""Where a plan can be held is read from its code: a plan is a program, and has no list of its hold points."""
 
+import dis
 import sys
-from collections.abc import Iterator
-from functools import partial
-from types import CodeType, FunctionType, ModuleType
+from collections.abc import Iterable, Iterator
+from functools import lru_cache, partial
+from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
 
 _PLACE: Final = "hold_point"
+#: The modules that carry out a plan, and have no hold point of their own.
+_RUN: Final = "test_plans.run"
+_EXECUTION: Final = "test_plans.execution"
+_JUMPING: Final = frozenset((*dis.hasjrel, *dis.hasjabs))
+#: The instruction below these is reached from elsewhere only.
+_NOT_FOLLOWED: Final = frozenset(
+    {"RETURN_VALUE", "RETURN_CONST", "RAISE_VARARGS", "RERAISE", "JUMP_FORWARD", "JUMP_BACKWARD"}
+    | {"JUMP_BACKWARD_NO_INTERRUPT"}
+)
 #: What no plan stands in.
 _FOREIGN: Final = sys.stdlib_module_names | {"bench_protocol", "bench_records", "drivers", "numpy", "scipy"}
 
@@ -19,7 +29,65 @@ def can_be_held(plan: "Plan") -> bool:
 
     Whether the run comes by there is for its parameters to say.
     """
-    waiting: list[Any] = [plan.setup, plan.main, plan.teardown]
+    return _has_place([plan.setup, plan.main, plan.teardown])
+
+
+def can_still_be_held(frame: FrameType | None, to_come: Iterable[Any]) -> bool:
+    """Return whether a run may come to a hold point after ``frame``, which is part of it, or in parts ``to_come``.
+
+    The code is read that can still be reached in this frame and in its callers, up to `test_plans.execution`.
+    """
+    waiting: list[Any] = list(to_come)
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "")
+        if not _foreign(module) and module != _RUN:
+            names = _ahead(frame.f_code, frame.f_lasti)
+            if _PLACE in names:
+                return True
+            named = [value for name, value in frame.f_locals.items() if name in names]
+            waiting += named
+            if module == _EXECUTION:
+                break
+            waiting += [type(value) for value in named if type(value).__module__ != _RUN]
+            waiting += _of_globals(frame.f_globals, names)
+        frame = frame.f_back
+    return _has_place(waiting)
+
+
+@lru_cache(maxsize=1024)
+def _ahead(code: CodeType, last: int) -> frozenset[str]:
+    """Return the names in the instructions that can be reached after the one at ``last``."""
+    body = dis.Bytecode(code)
+    instructions = list(body)
+    places = {one.offset: k for k, one in enumerate(instructions)}
+    handlers = [(one.start, one.end, one.target) for one in vars(body)["exception_entries"]]
+
+    def after(one: dis.Instruction) -> Iterator[int]:
+        if one.opcode in _JUMPING:
+            yield places[one.argval]
+        if one.opname not in _NOT_FOLLOWED:
+            yield places[one.offset] + 1
+        yield from (places[target] for start, end, target in handlers if start <= one.offset < end)
+
+    names: set[str] = set()
+    # Inside of a call, ``last`` may be one of the cache entries that follow its instruction.
+    called = [one for one in instructions if one.offset <= last][-1:]
+    waiting, seen = [k for one in called for k in after(one)] or [0], set[int]()
+    while waiting:
+        if (k := waiting.pop()) in seen:
+            continue
+        seen.add(k)
+        one = instructions[k]
+        if isinstance(one.argval, CodeType):
+            names.update(_names(one.argval))
+        elif isinstance(one.argval, str) and one.opcode not in dis.hasconst:
+            names.add(one.argval)
+        waiting += after(one)
+    return frozenset(names)
+
+
+def _has_place(waiting: list[Any]) -> bool:
+    """Return whether a function among these, or one that it names, asks whether the run is to be held."""
     seen: set[int] = set()
     while waiting:
         one = waiting.pop()
@@ -57,8 +125,12 @@ def _named(function: FunctionType, names: set[str]) -> Iterator[Any]:
     """Yield what a function may call by its names, or was made with."""
     yield getattr(function, "__wrapped__", None)
     yield from (cell.cell_contents for cell in function.__closure__ or () if _filled(cell))
-    for name in names & function.__globals__.keys():
-        value = function.__globals__[name]
+    yield from _of_globals(function.__globals__, names)
+
+
+def _of_globals(variables: dict[str, Any], names: Iterable[str]) -> Iterator[Any]:
+    for name in variables.keys() & names:
+        value = variables[name]
         if isinstance(value, ModuleType):
             if not _foreign(value.__name__):  # to ask numpy for `np.str`, say, is to be warned
                 yield from (getattr(value, inner) for inner in names if hasattr(value, inner))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -22,6 +23,7 @@ from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.beside import Alone, Beside
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension
+from test_plans.holding import can_still_be_held
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.parameters import Value
@@ -134,7 +136,10 @@ class Run:
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
     disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks while a check was measured
+    #: Parts of the plan that follow the present one; None where nothing carries out a plan.
+    to_come: Sequence[Any] | None = None
     _told: str = ""
+    _in_hold: bool = False
     _open: list[str] = field(default_factory=list)
     #: Late ticks that the rig had counted when each open phase began, and when the last phase began.
     _late_at_begin: list[float] = field(default_factory=list)
@@ -254,15 +259,29 @@ class Run:
         does in that time is the plan's to undo (`steps.stand_again`). HeldTooLong if nobody lets it go on.
         """
         if not (by := self.suspension.wanted_by):
+            self._look_for_hold_points()
             return False
-        start, self._told = self.now, by
-        with self.phase(f"held {where}"):
-            self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
-            self.suspension.hold(self, where, HOLD_WITHIN)
-            self.say(f"continues after {(self.now - start) / NS:.0f} s")
+        start, self._told, self._in_hold = self.now, by, True
+        try:
+            with self.phase(f"held {where}"):
+                self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
+                self.suspension.hold(self, where, HOLD_WITHIN)
+                self.say(f"continues after {(self.now - start) / NS:.0f} s")
+        finally:
+            self._in_hold = False
         self.held.append((start, self.now))
         self._told = ""
+        self._look_for_hold_points()
         return True
+
+    def _look_for_hold_points(self) -> None:
+        """Let nobody wait for a hold point where the plan has none left."""
+        if self.to_come is None or self._in_hold:
+            return
+        self.suspension.left = can_still_be_held(sys._getframe(1), self.to_come)
+        if not self.suspension.left and (by := self.suspension.wanted_by):
+            self.suspension.resume()
+            self.say(f"{by} asked to hold, but this plan has no hold point left: it continues to its end")
 
     def lack(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""
@@ -323,6 +342,7 @@ class Run:
         self._late_at_begin.append(self._late_at_last)
         self._edge(name, "begin")
         self.watcher.phase(tuple(self._open), begins=True)
+        self._look_for_hold_points()
         if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._told:
             self._told = by
             self.say(f"{by} asks to hold: the plan continues to the next place where it can be held")

@@ -29,6 +29,8 @@ class Suspension:
         self._wanted_by = ""
         self._held_at = ""
         self._stopped_by = ""
+        #: Whether the plan may come to a place where it can be held.
+        self.left = True
 
     @property
     def stopped_by(self) -> str:

@@ -80,8 +80,8 @@ class Door:
                 live = self._live()
                 return {"pid": os.getpid(), "snapshot": None if live is None else live.snapshot()}
             case "hold":
-                if (live := self._live()) is not None and not live.can_hold:
-                    raise ValueError("this plan cannot be held; its run can be ended")
+                if (live := self._live()) is not None and live.cannot_hold:
+                    raise ValueError(live.cannot_hold)
                 self._suspension.request(by)
             case "resume":
                 self._suspension.resume()

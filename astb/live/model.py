@@ -106,6 +106,14 @@ class Live:
         """The question that waits for an answer, if there is one."""
         return None if self._box is None else self._box.question
 
+    @property
+    def cannot_hold(self) -> str:
+        """Why the run cannot be held from now on: what is wrong, where, and what to do; "" if it can."""
+        where = f" after {' › '.join(self._step)}" if self.can_hold else ""
+        if self.can_hold and (self._suspension is None or self._suspension.left):
+            return ""
+        return f"this run cannot be held: {self._plan} has no hold point{where}; wait for its end, or end it"
+
     # -- what others see -------------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
@@ -137,6 +145,7 @@ class Live:
             answers=() if question is None else question.allowed,
             answer_within=None if self._box is None else self._box.left,
             can_hold=self.can_hold,
+            cannot_hold=self.cannot_hold,
             held="" if held is None else held.held_at,
             hold_wanted_by="" if held is None else held.wanted_by,
             checks=self._counts,

@@ -34,6 +34,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     answers: tuple[str, ...] = ()  #: that it allows
     answer_within: float | None = None  #: s that are left for it
     can_hold: bool = True  #: whether the plan has places where it can be held
+    cannot_hold: str = ""  #: why it cannot be held from now on, "" if it can
     held: str = ""  #: where the run is held, "" if it goes on
     hold_wanted_by: str = ""  #: who wants it to be held, there or at the next place where that can be
     checks: dict[str, int] = {}  #: how many so far, by verdict

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from astb.cli import commands
 from astb.display import ProgressDisplay
+from astb.live.door import Door
 from astb.live.drawing import drawn
 from astb.live.model import Live
 from astb.live.outline import NONE, Follower, Outline, kept_outline
@@ -230,3 +231,16 @@ def test_which_checks_failed_is_told_while_the_run_lasts(bench_composed):
         seen = live.snapshot()
     assert [one.partition(" =")[0] for one in seen.failed] == ["place 3.0", "place nan"]
     assert (seen.operator, seen.can_hold, seen.commands) == ("A. Miller", False, True)
+
+
+def test_a_run_without_a_hold_point_left_refuses_to_be_held_and_says_where(bench_composed, tmp_path):
+    suspension = Suspension()
+    with bench_composed() as made:
+        live = Live("walk", made.bench, suspension=suspension)
+        assert live.cannot_hold == live.snapshot().cannot_hold == ""
+        live.phase(("main", "weigh the air"), begins=True)
+        suspension.left = False
+        told = Door(lambda: live, suspension, None).answer(b'{"do":"hold"}').decode()
+        assert all(part in told for part in ("error", "walk", "weigh the air"))
+        assert live.snapshot().cannot_hold in told
+    assert suspension.wanted_by == ""

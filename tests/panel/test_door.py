@@ -34,7 +34,7 @@ def test_a_run_is_held_and_goes_on(run, rig_file):
 
 def test_a_plan_that_can_be_held_nowhere_is_not_asked_to(rig_file):
     suspension = Suspension()
-    live = SimpleNamespace(can_hold=False)
+    live = SimpleNamespace(cannot_hold="this plan cannot be held")
     with opened_door(rig_file, Door(lambda: live, suspension, None)):
         assert "this plan cannot be held" in knock(rig_file, {"do": "hold"})["error"]
     assert suspension.wanted_by == ""

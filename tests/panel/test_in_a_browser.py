@@ -143,16 +143,19 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     picture(commander, "stopped")
 
 
-CARD = """async ([can_hold, failed]) => {
+CARD = """async ([can_hold, failed, cannot_hold]) => {
   const { runCard } = await import("/page/run.js");
   const plan = { name: "aw0", title: "", lasts: 0, judges: true, parameters: [], checks: [] };
   const card = runCard({ plans: { plans: [plan], specimens: [], unusable: [] }, link: {} });
-  const run = { plan: "aw0", step: [], checks: {}, answers: [], question: "", held: "", hold_wanted_by: "", said: "" };
+  const run = { plan: "aw0", step: [], checks: {}, answers: [], question: "", held: "", hold_wanted_by: "", said: "",
+    answer_within: null, left: null, time: 0, fraction: 0 };
   card.tell({
-    rig: { run: { ...run, can_hold, failed, answer_within: null, left: null, time: 0, fraction: 0 }, link: "" },
+    rig: { run: { ...run, can_hold, cannot_hold, failed }, link: "" },
     runs: {}, access: { seat: true },
   });
-  return [card.element.querySelector("#hold").hidden, card.element.querySelector(".failed")?.textContent ?? ""];
+  const hold = card.element.querySelector("#hold");
+  return [hold.hidden, hold.disabled && card.element.querySelector("#no-hold").textContent,
+    card.element.querySelector(".failed")?.textContent ?? ""];
 }"""
 
 
@@ -180,8 +183,9 @@ def test_the_tab_says_what_waits_first_and_how_far_the_run_is(open_page):
 
 def test_a_card_offers_what_can_be_done_and_an_axis_has_the_decimals_of_its_step(open_page):
     page = open_page()
-    assert page.evaluate(CARD, [True, []]) == [False, ""]
-    hidden, failed = page.evaluate(CARD, [False, [f"height {n} = 12 mm: fail" for n in range(7)]])
+    assert page.evaluate(CARD, [True, [], ""]) == [False, False, ""]
+    assert page.evaluate(CARD, [True, [], "no hold point after it"]) == [False, "no hold point after it", ""]
+    hidden, _, failed = page.evaluate(CARD, [False, [f"height {n} = 12 mm: fail" for n in range(7)], "none"])
     assert hidden, "a plan that can be held nowhere has no such button"
     assert failed.startswith("height 0 = 12 mm: fail") and failed.endswith("and 2 more")
     ticks = """async ([values, step]) => (await import("/page/format.js")).ticks(values, step)"""

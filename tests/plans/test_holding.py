@@ -1,6 +1,7 @@
 """What must be so before a plan begins, and a run that is held and goes on."""
 
 import threading
+from contextlib import suppress
 from datetime import date
 from functools import partial
 from types import SimpleNamespace
@@ -298,6 +299,14 @@ class Steps:
     def held(self, run):
         held_within(run)
 
+    def look(self, run, left):
+        with run.phase("look"):
+            left.append(run.suspension.left)
+
+    def look_and_hold(self, run, left):
+        self.look(run, left)
+        self.held(run)
+
 
 def holding(part):
     """A plan that does nothing but ``part``."""
@@ -339,3 +348,49 @@ def test_plans_that_can_be_held_are_those_that_say_so():
     can = {name for name, one in plans().items() if can_be_held(one)}
     assert {"tightness", "axial_stiffness", "endurance", "leveling"} <= can
     assert not can & {"safety", "bump_stop", "lateral_stiffness", "screening"}
+
+
+def looks_twice(run, left):
+    """Be measured, held, and measured again."""
+    for _ in range(2):
+        left.append(run.suspension.left)
+        with suppress(ValueError), run.phase("look"):
+            left.append(run.suspension.left)
+            held_within(run)
+    with run.phase("afterwards"):
+        left.append(run.suspension.left)
+
+
+@pytest.mark.parametrize(
+    ("main", "expected"),
+    [
+        (looks_twice, [True, True, True, True, False]),
+        (lambda run, left: Steps().held(run) or Steps().look(run, left), [False]),
+        (lambda run, left: (Steps().look(run, left), run.hold_point("after a look")), [True]),
+        (lambda run, left: [Steps().look(run, left), *map(held_within, [run])], [True]),
+        (lambda run, left: Steps().look_and_hold(run, left), [True]),
+    ],
+)
+def test_whether_a_place_is_left_follows_from_the_code_that_is_still_to_come(ran, main, expected):
+    left, suspension = [], Suspension()
+    ran(lambda run: main(run, left), suspension=suspension)
+    assert left == expected
+    assert not suspension.left, "no part of the plan is left"
+
+
+def test_a_request_after_the_last_place_is_dropped_and_the_run_says_so(ran):
+    """It waited for a place that did not come, until the end of the run."""
+    suspension, wanted = Suspension(), []
+
+    def main(run):
+        run.hold_point("once")
+        suspension.request("the panel")
+        with run.phase("a measurement"):
+            wanted.append(suspension.wanted_by)
+
+    run = ran(main, suspension=suspension)
+    assert wanted == [""]
+    assert run.result.verdict is Outcome.PASS
+    said = [event.text for event in read(run.directory).events if event.kind == "note"]
+    assert len(said) == 1
+    assert "the panel" in said[0]

@@ -77,7 +77,8 @@ function running(order) {
   const left = make("p", { class: "said" });
   const said = make("p", { class: "said" });
   const question = make("div", { class: "question", id: "question", hidden: true });
-  const hold = make("button", { id: "hold" }, "Hold");
+  const hold = make("button", { id: "hold", "aria-describedby": "no-hold" }, "Hold");
+  const why = make("p", { class: "said", id: "no-hold" });
   const stop = make("button", { id: "stop" }, "End run");
   let held = false;
   let since = 0; // when the question came
@@ -85,19 +86,21 @@ function running(order) {
   stop.addEventListener("click", () => order("/api/run/stop"));
 
   return {
-    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, failed, beside, said, make("div", { class: "buttons" }, hold, stop)),
+    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, failed, beside, said, make("div", { class: "buttons" }, hold, stop), why),
     tell({ run }, { starting, ending }, { seat }) {
       hold.disabled = !seat || !run;
       stop.disabled = !seat || ending;
       if (!run) {
         title.textContent = starting ? "Starting …" : ending ? "Ending …" : "Between two plans";
-        [step, times, checks, failed, beside, said].forEach((one) => (one.textContent = ""));
+        [step, times, checks, failed, beside, said, why].forEach((one) => (one.textContent = ""));
         question.hidden = hold.hidden = true;
         bar.removeAttribute("value");
         return;
       }
       hold.hidden = !run.can_hold;
       held = run.hold_wanted_by !== "";
+      hold.disabled ||= !held && run.cannot_hold !== "";
+      why.textContent = run.can_hold ? run.cannot_hold : "";
       title.textContent = run.plan;
       step.replaceChildren(make("b", {}, run.step.join(" › ") || "–"), run.next ? `, then ${run.next}` : "");
       bar.value = run.fraction;
@@ -109,7 +112,7 @@ function running(order) {
         failed.replaceChildren(failures(run.failed) ?? "");
       }
       beside.replaceChildren(...besides(run.twin));
-      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it. If none comes, the run goes on to its end" : run.question ? "" : run.said;
+      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it. If none comes, the run continues to its end" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
         const to = run.question;

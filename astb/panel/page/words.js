@@ -7,7 +7,7 @@ export const WORDS = {
   "AW0": "The load case of the empty car: what each spring carries of it stands in the specimen's file.",
   "AW3": "The load case of the full car: what each spring carries of it stands in the specimen's file.",
   "specimen": "The spring on the bench: a file states its drawing, the loads that it has to carry, and what is good.",
-  "hold": "The run waits at the next place where its plan allows it: valves shut, actuators still. It continues from there.",
+  "hold": "The run waits at the next hold point of its plan: valves shut, actuators still. It continues from there. After the last hold point it cannot be held.",
   // how a check ends
   "pass": "All that was judged lies within its limits.",
   "marginal": "Within its limits, but so close to one that, with the uncertainty of the measurement, it does not surely conform. It passes, and somebody should look at it.",
