@@ -8,6 +8,10 @@ import re
 from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE, fixed, significant, with_uncertainty
 
 DASH = "\u2013"
+#: TOML in a sentence, which people copy: a list or a text of any key, and any value of a key of a map.
+_TOML = re.compile(
+    r"""(\b\w+ = (?:\[[^]]*\]|"[^"]*")|\b(?:columns|runs|file)\.[\w.]+ = -?[\d.]+(?:e[+-]?\d+)?)"""
+)
 
 
 def shown(value: float | None, digits: int = 3) -> str:
@@ -71,7 +75,13 @@ def _raised(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """A text of the finding with its powers of ten and minus signs set."""
+    """A text of the finding with its powers of ten and minus signs set, but for the TOML in it."""
+    parts = _TOML.split(text)
+    parts[::2] = map(_set, parts[::2])
+    return "".join(parts)
+
+
+def _set(text: str) -> str:
     powers = re.sub(
         r"(\d)e([+-]?)0*(\d+)\b",
         lambda m: f"{m[1]}·10{(m[2].strip('+') + m[3]).translate(SUPERSCRIPT)}",
