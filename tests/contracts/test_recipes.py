@@ -367,8 +367,8 @@ def test_a_fault(copy: Copy) -> None:
 
 def test_a_transport(copy: Copy) -> None:
     """The transport of the how-to moves into the tree: a package of its own and one row."""
-    page = (ROOT / "docs/how-to/write-a-transport.md").read_text(encoding="utf-8")
-    code = page.split("```python\n")[1].split("```")[0]
+    page = (ROOT / "docs/how-to/connect-a-rig.md").read_text(encoding="utf-8")
+    code = next(one for one in page.split("```python\n") if "class Controller" in one).split("```")[0]
     folder = copy.folder / "drivers/wiring/lines_of_text"
     folder.mkdir()
     (folder / "__init__.py").write_text('"""The transport on lines of text."""\n', encoding="utf-8")

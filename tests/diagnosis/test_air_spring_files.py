@@ -84,7 +84,7 @@ def test_a_parameter_set_that_is_none_is_told_with_the_map(tmp_path: Path) -> No
 
 # -- another rig, by the map of the page -------------------------------------------------------------------------------
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-another-rig.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-other-data.md"
 CLOCK = STEP * np.arange(2000)
 SWEEP = 5e-3 * np.sin(2.0 * np.pi * (0.2 * CLOCK + 0.14 * CLOCK**2))
 SINES = 4e-3 * np.sin(2.0 * np.pi * 0.4 * CLOCK) + 1.5e-3 * np.sin(2.0 * np.pi * 1.7 * CLOCK + 1.0)
@@ -95,7 +95,8 @@ AMBIENT = 0.96e5
 def other_rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of the page, from springs that leak on the left, with the noise of their sensors."""
     folder = tmp_path_factory.mktemp("other")
-    (page_map,) = re.findall(r"```toml\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    maps = re.findall(r"```toml\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (page_map,) = (one for one in maps if 'system = "air_spring"' in one)
     (folder / "my_rig.toml").write_text(page_map, encoding="utf-8")
     springs = load("astb").with_values(
         effective_area=0.235,

@@ -15,7 +15,7 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
 from diagnosis.systems.oscillator_effects import OSCILLATOR_EFFECTS
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-your-own-simulator.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-other-data.md"
 ONE = Config(workers=1, with_panel=False)
 #: Met in a few stretches of a run.
 HIDDEN = {"stop": {"amplitude": 14700.0, "gap": 0.0095}}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-PAGE = HERE.parents[1] / "docs" / "how-to" / "diagnose-an-fmu.md"
+PAGE = HERE.parents[1] / "docs" / "how-to" / "use-fmus.md"
 
 
 def page_files(folder: Path) -> None:

@@ -34,7 +34,7 @@ from tests.foreign.yard_rig import LIST, UNIT_ID, YardRig
 
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 HERE = Path(__file__).parent
-PAGE = HERE.parents[1] / "docs/how-to/from-a-list-of-registers.md"
+PAGE = HERE.parents[1] / "docs/how-to/connect-a-rig.md"
 
 
 def filled_in(text: str) -> dict:
@@ -49,7 +49,7 @@ def filled_in(text: str) -> dict:
 
     content = tomllib.loads(text)
     for block in re.findall(r"^```toml\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL):
-        if not block.startswith("name ="):  # the rig file
+        if block.startswith("# yard_c_wiring.toml\n"):
             merge(content, tomllib.loads(block))
     return content
 

@@ -69,7 +69,7 @@ def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypa
 def test_the_plan_with_parameters_in_the_how_to_works_to_the_letter(
     find, tmp_path, monkeypatch, bench_composed
 ):
-    page = Path(__file__).parents[2] / "docs" / "how-to" / "run-and-write-plans-with-parameters.md"
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "write-plans.md"
     code = re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1]
     (tmp_path / "lateral_push.py").write_text(f'"""A push."""\n{code}', encoding="utf-8")
     monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])

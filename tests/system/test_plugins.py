@@ -13,7 +13,7 @@ import pytest
 from astb.exit_codes import MISUSE, PASS
 
 ROOT = Path(__file__).parents[2]
-HOW_TO = ROOT / "docs" / "how-to" / "add-a-command-of-your-own.md"
+HOW_TO = ROOT / "docs" / "how-to" / "write-plans.md"
 COMPLAINTS = "Commands that cannot be used:"
 GOOD = "import click\n\n@click.command()\ndef command():\n    'Greets.'\n    click.echo('hello')\n"
 
@@ -149,10 +149,12 @@ def test_one_name_has_one_owner(install: Install, astb: Astb) -> None:
 
 @pytest.mark.slow
 def test_the_example_of_the_how_to_runs(install: Install, astb: Astb, tmp_path: Path) -> None:
-    blocks = dict(re.findall(r"^```(python|toml)\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL))
-    project = tomllib.loads(blocks["toml"])
+    blocks = re.findall(r"^```(?:python|toml)\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL)
+    (code,) = (one for one in blocks if "spread_command(" in one)
+    (text,) = (one for one in blocks if "[project]" in one)
+    project = tomllib.loads(text)
     (module,) = project["tool"]["setuptools"]["py-modules"]
-    install(module, blocks["python"], **project["project"]["entry-points"]["astb.commands"])
+    install(module, code, **project["project"]["entry-points"]["astb.commands"])
     done = astb("spread", "leak_down", "--rigs", "2")
     assert done.returncode == PASS, done.stderr
     spreads = re.findall(r"^(.+): (\S+) to (\S+) (\S*)$", done.stdout, re.MULTILINE)

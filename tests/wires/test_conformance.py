@@ -16,13 +16,19 @@ from astb.acceptance.transports import RuleResult, Subject, check_transport
 from drivers.errors import LinkLost, Refused
 from drivers.wiring.transports import open_transport
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "write-a-transport.md"
-BLOCKS = dict.fromkeys(("python", "toml", ""), ())
-for LANGUAGE, BLOCK in re.findall(r"^```(\w*)\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL):
-    BLOCKS[LANGUAGE] += (BLOCK,)
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "connect-a-rig.md"
+BLOCKS = re.findall(r"^```\w*\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+def block(words: str) -> str:
+    """The one block of the page with these words."""
+    (found,) = (one for one in BLOCKS if words in one)
+    return found
+
+
 POINTS = ["height", "target", "broken"]
 lines = ModuleType("lines")
-exec(compile(BLOCKS["python"][0], "lines.py", "exec"), vars(lines))
+exec(compile(block("class Controller:"), "lines.py", "exec"), vars(lines))
 Good = lines.Controller
 
 
@@ -87,13 +93,13 @@ def test_the_how_tos_check_prints_what_the_page_shows(rig: Controller, dead_port
         "hang_up": rig.hang_up,
     }
     with contextlib.redirect_stdout(said):
-        exec(compile(BLOCKS["python"][1], "the page", "exec"), names)
-    assert said.getvalue() == BLOCKS[""][0]
+        exec(compile(block("check_transport(subject)"), "the page", "exec"), names)
+    assert said.getvalue() == block(": kept\n")
 
 
 def test_the_how_tos_wiring_file_finds_it(tmp_path: Path) -> None:
-    table = tomllib.loads(BLOCKS["toml"][0])["transports"]["press"]
-    (tmp_path / "lines.py").write_text(BLOCKS["python"][0])
+    table = tomllib.loads(block("[transports.press]"))["transports"]["press"]
+    (tmp_path / "lines.py").write_text(block("class Controller:"))
     transport = open_transport("press", table, tmp_path)
     assert type(transport).__name__ == "Controller"
     transport.require("height")

@@ -21,7 +21,7 @@ def faults_page() -> str:
     print("# Faults on purpose\n", file=out)
     print(
         f"{len(FAULTS)} faults that a simulated rig can be given while it runs, and rid of again:\n"
-        "[how](../how-to/break-the-rig-on-purpose.md). One that has a target (a sensor, a side, an actuator) can be\n"
+        "[how](../how-to/simulate-faults.md). One that has a target (a sensor, a side, an actuator) can be\n"
         "on for several of them at once, under the name `FAULT.TARGET`. Frames and requests are drawn by a seed: the\n"
         "same ones are hit each time. What stands under *seen* is what the tests observe.\n",
         file=out,

@@ -169,7 +169,7 @@ _OWN: Final = """\
 
 `kind = "package.module:factory"`, or `"file.py:factory"` beside the wiring file, is a function that is called with
 the transport's name, its table and the directory of the file, and returns a transport:
-[how to write one](../how-to/write-a-transport.md).
+[how to write one](../how-to/connect-a-rig.md#write-a-transport).
 """
 
 

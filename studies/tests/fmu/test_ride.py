@@ -116,7 +116,7 @@ def test_it_gives_the_figures_of_the_ride(
 
 def test_what_the_page_says_couples_both(spring_fmus, car_fmus, tmp_path, monkeypatch):
     """As the model's own vehicle goes in the same wind, whose springs are not told anything in steps."""
-    page = (DOCS / "how-to" / "export-an-fmu.md").read_text()
+    page = (DOCS / "how-to" / "use-fmus.md").read_text()
     shutil.copy(spring_fmus[3], tmp_path / "spring.fmu")
     shutil.copy(car_fmus[3], tmp_path / "car.fmu")
     monkeypatch.chdir(tmp_path)
