@@ -264,7 +264,7 @@ def _socketcan() -> MachineCheck:
     from drivers.can_port import VIRTUAL_INTERFACE
 
     purpose = "SocketCAN clients beside the bench; without it CAN goes over TCP"
-    how = "docs/how-to/run-socketcan-without-kernel-support.md"
+    how = "docs/how-to/install.md"
     interface = Path("/sys/class/net") / VIRTUAL_INTERFACE
     try:
         up = int((interface / "flags").read_text(encoding="ascii"), 16) & 1

@@ -11,7 +11,7 @@ from astb.cli import commands
 from bench_records.layout import JUNIT
 from test_plans.discovery import plans
 
-PAGE = (Path(__file__).parents[2] / "docs/how-to/show-results-on-a-ci-server.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs/how-to/run-on-a-ci-server.md").read_text(encoding="utf-8")
 RUNS = re.findall(r"astb run (?!…)[^\n']+", PAGE)
 
 

@@ -179,7 +179,7 @@ def test_the_bench_holds_when_the_guarded_heartbeat_of_its_commander_stops(node,
 @pytest.mark.parametrize("site", ["tcp"], indirect=True)
 def test_the_how_to_does_what_it_says(site, tmp_path, monkeypatch, capsys) -> None:
     site.close_shared()
-    page = (ROOT / "docs" / "how-to" / "use-your-own-can-tools.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "use-can-and-modbus-tools.md").read_text(encoding="utf-8")
     (program,) = [
         block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "import canopen" in block
     ]

@@ -29,7 +29,7 @@ from test_plans.plan import plan
 from test_plans.run import PlanError
 from test_plans.suspension import Suspension
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-the-bench-from-python.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-python.md"
 
 
 def blocks(language: str) -> list[str]:
@@ -74,7 +74,7 @@ def test_the_program_of_the_page_runs_as_printed(tmp_path):
     (tmp_path / "rigs" / "local.toml").write_text(
         addresses(free_port(), free_port()) + "[simulation]\nseed = 0\n"
     )
-    program, _ = blocks("python")
+    program, *_ = blocks("python")
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=tmp_path,
@@ -91,7 +91,7 @@ def test_the_program_of_the_page_runs_as_printed(tmp_path):
 
 @pytest.mark.slow
 def test_the_waves_of_the_page_go_together():
-    _, together = blocks("python")
+    _, together, *_ = blocks("python")
     with astb.open_bench("virtual") as bench:
         bench.arm()
         bench.lateral.control = "force"

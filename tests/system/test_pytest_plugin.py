@@ -11,7 +11,7 @@ import pytest
 from bench_records.result import Outcome, read_result
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "how-to" / "test-with-pytest.md"
+PAGE = ROOT / "docs" / "how-to" / "use-python.md"
 #: How a test can end, one of each.
 ENDINGS = '''
 import pytest
@@ -102,7 +102,8 @@ def ended(tmp_path_factory) -> str:
 
 @pytest.mark.slow
 def test_the_page_runs_as_printed(tmp_path):
-    (code,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    (code,) = (block for block in blocks if "def test_" in block)
     (tmp_path / "test_springs.py").write_text(code)
     status, said = pytest_run(tmp_path)
     assert status == 0, said
