@@ -1,4 +1,4 @@
-"""The documentation points at things that exist, and every decision says what a decision must."""
+"""Links and targets in the documentation exist, and every decision has all sections."""
 
 import re
 from pathlib import Path
@@ -58,9 +58,8 @@ def test_every_page_can_be_reached_from_the_index() -> None:
 def test_a_decision_is_complete(page: Path) -> None:
     number = DECISIONS.index(page) + 1
     text = page.read_text()
-    assert page.name.startswith(f"{number:04}-"), "decisions are numbered without gaps"
+    assert page.name.startswith(f"{number:02}-"), "decisions are numbered without gaps"
     assert text.startswith(f"# {number}. ")
-    assert re.search(r"^\*\*Status:\*\* (proposed|accepted|superseded by \[\d+\])", text, flags=re.MULTILINE)
     assert HEADING.findall(text)[1:] == ["Context", "Decision", "Consequences"]
     assert f"(decisions/{page.name})" in (ROOT / "docs" / "index.md").read_text(), "the index lists decisions"
 

@@ -111,7 +111,7 @@ def signals_page() -> str:
     print(
         f"Map hash `{TABLE.map_hash:08x}`: the rig publishes it (CAN message `Identity`, input registers 1 and 2),\n"
         "and drivers with another one compare the maps. They command the rig only if\n"
-        "[what matters agrees](../decisions/0026-a-map-that-agrees-where-it-matters.md).\n",
+        "[what matters agrees](../decisions/03-signal-table-and-map-check.md).\n",
         file=out,
     )
     _print_signals(out)
@@ -392,7 +392,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "signals.md": signals_page(),
         ROOT / "docs" / "reference" / "canopen.md": canopen_page(),
         ROOT / "docs" / "reference" / "states.md": states_page(),
-        ROOT / "docs" / "reference" / "rest.md": rest_page("0054-what-was-in-force-ends-with-its-command.md"),
+        ROOT / "docs" / "reference" / "rest.md": rest_page("11-safe-position-and-end-of-command.md"),
         ROOT / "docs" / "reference" / "parameters.md": parameters_page(),
         ROOT / "docs" / "reference" / "effects.md": effects_page(),
         ROOT / "docs" / "reference" / "faults.md": faults_page(),

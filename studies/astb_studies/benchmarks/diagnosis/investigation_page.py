@@ -25,9 +25,9 @@ the shorter one. Near misses, and such of {faint:.0f} % of their size, are half 
 that a screening alone leaves ambiguous.
 
 A name is right if it is exactly what is hidden, with no rival beside it; wrong if it is neither that nor next of kin.
-Intervals of rates hold 95 % (Clopper and Pearson). The first 54 were counted before the dampers of the vertical frames
-were reckoned with ([decision 46](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md)), those from seed 310000
-on by [decision 74](../decisions/0074-what-is-late-in-front-of-the-replay.md).
+Intervals of rates hold 95 % (Clopper and Pearson). The first 54 were counted before the
+model had dampers in the vertical frames ([why](../decisions/21-replay-of-measured-motion.md)). Those from seed 310000
+on were counted with scores next to a strained candidate ([why](../decisions/23-acceptance-of-causes.md)).
 """
 
 

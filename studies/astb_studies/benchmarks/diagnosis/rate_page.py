@@ -34,6 +34,9 @@ RATIOS: Final = (1.0, 3.0, 30.0)
 #: λ from which the roughness, a fiftieth of it, exceeds the noise; of a pair, the larger one decides.
 QUIET: Final = 50.0
 
+#: Folders of later counts, in the order of the page.
+LATER: Final = ("second_look", "surface_rule", "pair_rule")
+
 Test = Callable[[Judged], bool]
 
 _INTRODUCTION: Final = """\
@@ -75,7 +78,7 @@ that softens with its largest displacement, one whose seat moves, each of a λ o
 imitates it best. Something may be seen of a sibling in which nothing is hidden; named must be nothing.
 
 The scores of sound benches, which depend on no seed of these, are
-[part of how scores count](../decisions/0039-a-score-counts-less-by-what-sound-benches-show.md).
+[part of how scores count](../decisions/22-screening-and-noise.md).
 
 The gain is what adding the causes takes from the error on unseen runs, as a part of what exceeds the noise. Some of it
 is not theirs to take: a replay of a measured motion leaves a little of a sound bench too. A second row counts only
@@ -84,29 +87,32 @@ what exceeds that.
 What is reported is what is named, what may be a cause instead, and the suspects of an *unresolved* finding, which claim
 nothing: how often sound benches have some is told, too.
 
-All cases were counted with one diagnosis, that of [decision
-46](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md). Two later ones change findings, and what they touch was
-counted again: by [decision 48](../decisions/0048-slow-rubber-pulls-from-what-was-before-the-run.md) the 93 benches in
-which rubber, friction or creep was hidden, named or told to be possible, of which twelve are told otherwise, and after
-a mend of it, by 0.3 N in rubber of minutes, the 20 with fractional rubber, of which none is; by [decision
-49](../decisions/0049-a-softer-frame-means-less-shear.md) the 28 with a compliance of the frame or of an emergency
-spring, of which none is told otherwise. Nor is any of 54 others, drawn at random for the two. Since [decision
-61](../decisions/0061-what-may-be-nothing-is-not-named.md) 32 cases of the oscillator were counted again, of which none
-is told otherwise, and none of the bench. Since [decision
-62](../decisions/0062-a-phenomenon-is-named-where-its-law-is-not-told.md) no bench was counted: of laws of one
-phenomenon fewer are told exactly today than these tables say.
+Most cases were counted with one version of the diagnosis. Later versions change findings in part, and the affected
+cases were counted again:
 
-What was counted with later diagnoses, by other seeds, stands in tables of its own. By [decision
-66](../decisions/0066-what-acts-now-and-then-is-looked-at-again.md), in its first version, which was changed afterwards
-in two points that need a second look to matter: oscillators from seed 5 000 000 on, kinds and conditions in turn. By
-[decision 71](../decisions/0071-one-thing-without-a-name-is-likelier-than-two.md): oscillators from seed 9 000 000 on,
-two siblings for each other case. By [decision
-74](../decisions/0074-what-is-late-in-front-of-the-replay.md): benches from seed 12 000 000 on without its last step of
-the search, from seed 14 000 000 on with it. They are kept in `counted/decision_66`,
-`counted/decision_71` and `counted/decision_74`.
+* [Memory of slow rubber](../decisions/21-replay-of-measured-motion.md): 93 benches in which rubber, friction or creep
+  was hidden, named or possible. Twelve findings changed. After a correction by 0.3 N, the 20 with fractional rubber: none
+  changed.
+* [Frame deflection](../decisions/21-replay-of-measured-motion.md): 28 benches with a compliance of the frame or of an
+  emergency spring, and 54 others at random. No finding changed.
+* [Causes whose interval contains zero](../decisions/23-acceptance-of-causes.md): 32 oscillators. No finding changed. No
+  bench was counted again.
+* [Phenomena](../decisions/25-diagnosis-verdicts.md): no bench was counted again. Today fewer laws of one phenomenon are
+  named exactly than these tables show.
 
-λ and what next of kin leave of it are those of a table made before
-decision 41, so that the same cases are drawn. `make benchmark-diagnosis`
+Three later counts have other seeds and separate tables:
+
+* *Second look* ([simulation at finite sizes](../decisions/23-acceptance-of-causes.md)): oscillators from seed 5 000 000
+  on, kinds and conditions in turn. Two details changed afterwards.
+* *Surface rule* ([a surface may remove a cause](../decisions/23-acceptance-of-causes.md)): oscillators from seed
+  9 000 000 on, two siblings for each other case.
+* *Pair rule* ([scores next to a strained candidate](../decisions/23-acceptance-of-causes.md)): benches from seed
+  12 000 000 on without this step, from seed 14 000 000 on with it.
+
+They are kept in `counted/second_look`, `counted/surface_rule` and `counted/pair_rule`.
+
+λ and its part beyond the next of kin come from a table of an earlier version, so that the same cases are drawn.
+`make benchmark-diagnosis`
 counts what is asked for and not yet kept (in the folder `counted` beside it), with `ARGS=--again` all of it anew. How
 often a diagnosis that may ask for further runs is right stands [on a page of its own](investigation-benchmark.md).
 
@@ -145,8 +151,8 @@ def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Pat
     for system, cases in good.items():
         if table := law_table([j for j in cases if j.condition != SIBLING]):
             lines += [f"## Laws of one phenomenon, {system}", "", *table, ""]
-    for folder in sorted(COUNTED.glob("decision_*")):
-        lines += _later(folder)
+    for name in LATER:
+        lines += _later(COUNTED / name)
     lines += ["## Failures", "", *_failures(kept)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return PAGE
@@ -154,10 +160,9 @@ def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Pat
 
 def _later(folder: Path) -> list[str]:
     """Return the table of what was counted with a later diagnosis, and its failures."""
-    number = folder.name.rpartition("_")[2]
     kept = {path.stem: done(path.stem, folder) for path in sorted(folder.glob("*.jsonl"))}
     many = ", ".join(f"{len(cases)} of the {system}" for system, cases in kept.items())
-    lines = [f"## Counted with decision {number}", "", f"Cases: {many}.", ""]
+    lines = [f"## {folder.name.capitalize().replace('_', ' ')}", "", f"Cases: {many}.", ""]
     lines += ["| figure | aim | system | measured | n | met |", "|---|---|---|---|---|---|"]
     for system, cases in kept.items():
         lines += _rows(system, [j for j in cases if not j.failure])
