@@ -91,8 +91,8 @@ Most cases were counted with one version of the diagnosis. Later versions change
 cases were counted again:
 
 * [Memory of slow rubber](../decisions/21-replay-of-measured-motion.md): 93 benches in which rubber, friction or creep
-  was hidden, named or possible. Twelve findings changed. After a correction by 0.3 N, the 20 with fractional rubber: none
-  changed.
+  was hidden, named or possible. Twelve findings changed. After a correction by 0.3 N, none of
+  the 20 with fractional rubber changed.
 * [Frame deflection](../decisions/21-replay-of-measured-motion.md): 28 benches with a compliance of the frame or of an
   emergency spring, and 54 others at random. No finding changed.
 * [Causes whose interval contains zero](../decisions/23-acceptance-of-causes.md): 32 oscillators. No finding changed. No
