@@ -1,6 +1,6 @@
 """The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed.
 
-The argument has nine steps, told with examples in docs/explanation/how-the-diagnosis-reasons.md. Each has its file,
+The argument has nine steps, told with examples in docs/explanation/how-the-diagnosis-works.md. Each has its file,
 with its theory of operation at the head; levels and limits of all of them stand in `config.py`.
 
     1  residual           residual/panel.py

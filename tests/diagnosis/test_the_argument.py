@@ -1,4 +1,4 @@
-"""The page of the argument and the engine agree: the page names the files of each step, and every file of one."""
+"""The page about the diagnosis names the files of each step, and every file of the engine is in one step."""
 
 import re
 from pathlib import Path
@@ -7,9 +7,13 @@ import diagnosis.engine
 from diagnosis.engine import config
 
 ENGINE = Path(diagnosis.engine.__file__).parent
-PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "how-the-diagnosis-reasons.md"
+PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "how-the-diagnosis-works.md"
 STEPS = dict(
-    re.findall(r"^## (\d)\. [^\n]+\n\n\*(In [^\n]+)\*\n", PAGE.read_text(encoding="utf-8"), flags=re.M)
+    re.findall(
+        r"^## (\d)\. [^\n]+\n\n\*(In .+?)\*\n\n",
+        PAGE.read_text(encoding="utf-8"),
+        flags=re.MULTILINE | re.DOTALL,
+    )
 )
 
 #: What several steps use.

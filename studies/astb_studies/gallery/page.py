@@ -22,7 +22,7 @@ stop](gallery/panel-stopped.png), [without its server](gallery/panel-lost.png).
 Other figures of the paper are made by the same [command](how-to/reproduce-the-paper.md) and explained [beside its
 text](explanation/the-paper.md): [areas and volumes](gallery/figure-07.svg), [stiffness over the roll
 angle](gallery/figure-10.svg), [comfort in the crosswind](gallery/comfort.svg). How the diagnosis comes to a
-name is drawn on [its own page](explanation/how-the-diagnosis-reasons.md), which
+name is drawn on [its own page](explanation/how-the-diagnosis-works.md), which
 `python -m astb_studies.benchmarks.diagnosis.explanation_drawings` illustrates anew, and how often it is right in [its
 benchmark](reference/diagnosis-benchmark.md). Or see it happen: [a notebook](tutorials/bench.ipynb).
 """

@@ -1,4 +1,4 @@
-"""The drawings of docs/explanation/how-the-diagnosis-reasons.md.
+"""The drawings of docs/explanation/how-the-diagnosis-works.md.
 
 ``python -m astb_studies.benchmarks.diagnosis.explanation_drawings`` makes them anew.
 """
