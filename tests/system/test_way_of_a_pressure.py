@@ -1,4 +1,4 @@
-"""The list in docs/explanation/architecture.md: each function on the way of a pressure exists and is called in a run."""
+"""Each function that the architecture page lists on the way of a pressure exists and is called in a run."""
 
 import importlib
 import re
