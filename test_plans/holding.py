@@ -5,10 +5,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import lru_cache, partial
 from types import CodeType, FrameType, FunctionType, ModuleType
-from typing import TYPE_CHECKING, Any, Final
-
-if TYPE_CHECKING:
-    from test_plans.plan import Plan
+from typing import Any, Final
 
 _PLACE: Final = "hold_point"
 #: The modules that carry out a plan, and have no hold point of their own.
@@ -24,10 +21,10 @@ _NOT_FOLLOWED: Final = frozenset(
 _FOREIGN: Final = sys.stdlib_module_names | {"bench_protocol", "bench_records", "drivers", "numpy", "scipy"}
 
 
-def can_be_held(plan: "Plan") -> bool:
-    """Return whether one of the plan's parts, or a function that it names, asks whether the run is to be held.
+def can_be_held(plan: Any) -> bool:
+    """Return whether a part of the `test_plans.plan.Plan`, or a function that the part names, has a hold point.
 
-    Whether the run comes by there is for its parameters to say.
+    Its parameters may lead the run past that point.
     """
     return _has_place([plan.setup, plan.main, plan.teardown])
 
