@@ -9,10 +9,10 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from astb.spring_fmu.keys import SpringMap
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import named_files
+from bench_sim.rig.spring_fmu.keys import SpringMap
 from drivers.wiring.astb.keys import Can, Modbus
 
 #: The package with the files of the rigs that come with the bench, and the folder with those of whoever stands there.

@@ -16,7 +16,6 @@ from msgspec import json, to_builtins
 from astb.exit_codes import MISUSE
 from astb.operators import SimulatedHand
 from astb.rig_file import RigFile, RigFileError, Simulation, read
-from astb.spring_fmu.keys import SpringFmuError
 from bench_protocol.clock import Clock, RealClock, hurry_process
 from bench_protocol.named_files import place_of
 from bench_protocol.runtime import require_linux
@@ -34,13 +33,13 @@ from drivers.wiring.own import own_description
 from test_plans.instruments import UNKNOWN, InstrumentsError, ordinary, read_instruments
 
 if TYPE_CHECKING:
-    from astb.spring_fmu.springs import SpringFmu
     from bench_protocol.dimensions import Dimensions
     from bench_protocol.frames import Block
     from bench_sim.parameters import Parameters
     from bench_sim.rig.can_bus import Stage
     from bench_sim.rig.faults.panel import PlannedFault
     from bench_sim.rig.rig import Rig
+    from bench_sim.rig.spring_fmu.springs import SpringFmu
     from drivers.can_port import CanPort
     from drivers.wiring.contract import Wiring
     from drivers.wiring.lines import Description
@@ -96,13 +95,14 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
 
 
 def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu | None":
-    """Return the springs that an FMU computes, if the rig file names one, tried and begun.
+    """Return the springs that an FMU computes, tried and started, if the rig file names one.
 
-    Raises ValueError with what is wrong with the FMU or its map, and what would be right.
+    Raises FmuError for an FMU or a map that cannot be used.
     """
     if not simulation.spring:
         return None
-    from astb.spring_fmu.springs import SpringFmu
+    from bench_sim.fmu.description import FmuError
+    from bench_sim.rig.spring_fmu.springs import SpringFmu
 
     springs = SpringFmu(Path(simulation.spring), simulation.spring_map, parameters.record)
     sound = load(simulation.parameters)
@@ -111,9 +111,9 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
     ]
     if changed:
         springs.close()
-        raise SpringFmuError(
-            f"{', '.join(changed)}: change and effects are of the bench's own springs, and these are the FMU's; right "
-            "would be spring_map.parameters"
+        raise FmuError(
+            f"simulation.change or simulation.effects set {', '.join(changed)} of the bench's own springs, but "
+            f"{simulation.spring} replaces these; set spring_map.parameters instead"
         )
     return springs
 
@@ -166,7 +166,7 @@ def open_session(
                 f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
             )
         simulated = build_rig(rig.simulation, seed)
-        for line in simulated.springs.said if simulated.springs else ():
+        for line in simulated.springs.notes if simulated.springs else ():
             say(line)
         try:
             with virtual_session(simulated, rig.simulation, seed) as session:

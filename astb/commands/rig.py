@@ -115,14 +115,16 @@ def rig_command(
 
 
 def _look_at_springs(bench: "Rig") -> None:
-    """Say what should be known of springs that an FMU computes; one that is too slow blocks a rig in real time."""
+    """Print notes on springs that an FMU computes; an FMU that is too slow blocks a rig in real time."""
     if bench.springs is None:
         return
-    bench.springs.hurry()
-    for line in bench.springs.said:
+    bench.springs.limit_timeout()
+    for line in bench.springs.notes:
         click.echo(f"astb: {line}", err=True)
     if bench.springs.too_slow:
-        blocked("the FMU of the springs is too slow for real time; right is virtual time, or a faster FMU")
+        blocked(
+            "the FMU of the springs is too slow for real time; use virtual time, a longer step or a faster FMU"
+        )
 
 
 def _say_ready(can: str, modbus: str, control: str) -> None:

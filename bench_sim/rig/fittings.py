@@ -64,12 +64,12 @@ class Fittings:
         return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
 
     def _can_be_told(self, ordered: Ordered, preload: float) -> bool:
-        """Tell whether springs that somebody else computes hear of what is to be changed."""
+        """Return whether springs that an FMU computes have inputs for all that is to be changed."""
         if self._springs is None:
             return True
-        told, par = self._springs.told, self._plant.parameters
-        plates = ordered.plate == self._ordered.plate or "orifice_diameter" in told
-        shims = bool((par.nominal_preload == preload).all()) or "nominal_preload" in told
+        adjustable, par = self._springs.adjustable, self._plant.parameters
+        plates = ordered.plate == self._ordered.plate or "orifice_diameter" in adjustable
+        shims = bool((par.nominal_preload == preload).all()) or "nominal_preload" in adjustable
         return plates and shims and ordered.pipe == self._ordered.pipe
 
     def _shim(self, preload: float, engaged: bool) -> bool:

@@ -398,7 +398,7 @@ class Rig:
             if c["asked"]:
                 self.lease.ask()
         if Happened.SPRING_LOST in happened and self.springs and not self.spring_lost:
-            self.spring_lost = self.springs.why()
+            self.spring_lost = self.springs.failure()
             self.registers.notes[SPRING_NOTE] = self.spring_lost.encode()[:NOTE_MAX]
             self.black_box.note(int(c["tick"]), self.spring_lost)
         self.supervisor.decide(happened)

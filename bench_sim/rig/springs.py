@@ -1,4 +1,4 @@
-"""Springs that somebody else computes, as the rig knows them."""
+"""The interface of springs that are computed outside the model, such as by an FMU."""
 
 from typing import Protocol
 
@@ -9,33 +9,33 @@ from bench_sim.model.elsewhere import Elsewhere
 
 
 class Springs(Protocol):
-    """What stands in for the springs of the plant."""
+    """Replace the springs of the plant."""
 
     @property
     def arrays(self) -> Elsewhere:
-        """What the tick works on."""
+        """Arrays that the tick reads and writes."""
 
     @property
-    def said(self) -> tuple[str, ...]:
-        """What should be known of them beforehand, in words."""
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user before a run."""
 
     @property
     def too_slow(self) -> bool:
-        """Whether a rig in real time could not catch up with them."""
+        """Whether a rig in real time could not catch up."""
 
     @property
-    def told(self) -> frozenset[str]:
-        """Parameters of the springs that hands change between runs, and of which these springs are told."""
+    def adjustable(self) -> frozenset[str]:
+        """Parameters that an operator changes between runs and that are inputs of these springs."""
 
     @property
     def owned(self) -> frozenset[str]:
-        """Parameters that are theirs: of the bench's own values nothing depends on these."""
+        """Parameters of the bench's model that these springs replace."""
 
     def pressures(self) -> npt.NDArray[np.float64]:
         """Return the gauge pressure in all chambers, Pa."""
 
-    def hurry(self) -> None:
-        """Be waited for no longer than the wires of a rig in real time may keep silent."""
+    def limit_timeout(self) -> None:
+        """Limit the timeout of a step to what clients of a rig in real time allow."""
 
-    def why(self) -> str:
+    def failure(self) -> str:
         """Return in words why they are lost."""

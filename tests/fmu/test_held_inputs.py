@@ -18,10 +18,10 @@ from astb.commands.diagnosis import identify_command
 from astb.diagnose import Request, diagnose_data
 from astb.tables import plain_console
 from bench_protocol.units import UNITS as BENCH_UNITS
+from bench_sim.fmu.description import library_of, read_fmu
 from diagnosis.contracts import DiagnosisError
 from diagnosis.finding import Verdict
 from diagnosis.systems.cutting import resample_held
-from diagnosis.systems.fmu.description import library_of, read_fmu
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.system import conversion
 from tests.fmu.asked import HERE, save

@@ -24,7 +24,7 @@ from bench_protocol.dbc import read_dbc
 from bench_protocol.input_limits import read_toml
 from bench_records.notes import NOTES, add_note, notes_of
 from bench_records.result import read_result
-from diagnosis.systems.fmu.description import read_fmu
+from bench_sim.fmu.description import read_fmu
 from test_plans.specimen import read_specimen
 
 #: So much memory may be asked for at once: what is refused costs nothing.

@@ -1,7 +1,7 @@
-"""An FMU as a simulator: it replays measured inputs in processes of its own; what sensors do to them is done here.
+"""An FMU as a simulator: worker processes replay measured inputs, and errors of sensors are applied here.
 
-What an FMU answers depends on its inputs, its start values and its communication step alone. So what was simulated once
-is kept: a cause that only changes how an output is read costs no simulation.
+The outputs of an FMU depend only on its inputs, start values and communication step. They are cached: a cause that
+only changes the reading of an output needs no simulation.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from bench_sim.fmu.description import REALS, Variable
 from diagnosis.contracts import (
     Array,
     Channel,
@@ -29,8 +30,7 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
-from diagnosis.systems.fmu.description import REALS, Variable
-from diagnosis.systems.fmu.lane import Lanes
+from diagnosis.systems.fmu.pool import FmuPool
 from diagnosis.systems.fmu.worker import Feedback, Request
 from diagnosis.systems.held_samples import errors_of, held_period, of_period
 from diagnosis.systems.measurement import driven_by, read_as
@@ -69,7 +69,7 @@ class FmuSimulator(CompleteSimulator):
     def __init__(
         self,
         *,
-        lanes: Lanes,
+        pool: FmuPool,
         drive: Drive,
         channels: tuple[Channel, ...],
         nuisances: tuple[Nuisance, ...],
@@ -78,13 +78,13 @@ class FmuSimulator(CompleteSimulator):
         unnamed: Sequence[tuple[str, TensorSplines]],
         preset: Mapping[str, float],
     ) -> None:
-        self.fmu = lanes.fmu
+        self.fmu = pool.fmu
         self.name = self.fmu.path.name
         self.identity = self.fmu.identity
         self.channels, self.nuisances, self.catalogue = channels, nuisances, catalogue
         self.effects, self._preset = effects, preset
         self.surfaces: tuple[Surface, ...] = tuple(splines.surface for _, splines in unnamed)
-        self._lanes, self._drive, self._unnamed = lanes, drive, unnamed
+        self._pool, self._drive, self._unnamed = pool, drive, unnamed
         driven = {one.name for one in drive.inputs}
         beside = {axis.state for _, one in unnamed for axis in (one.first, one.second)} - driven
         self._asked = tuple(dict.fromkeys([*(channel.name for channel in channels), *sorted(beside)]))
@@ -235,9 +235,9 @@ class FmuSimulator(CompleteSimulator):
                 self._kept.move_to_end(key)
                 return self._kept[key]
             tried, self._tried = self._tried, True
-        found = self._lanes.simulate(request)
+        found = self._pool.simulate(request)
         if not tried:
-            again = self._lanes.simulate(request)
+            again = self._pool.simulate(request)
             if again.tobytes() != found.tobytes():
                 raise DiagnosisError(
                     f"{self.name} gave other outputs when it was simulated again with the same inputs, by up to "

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import UNITS
+from bench_sim.fmu.description import REALS, Fmu, FmuError, FmuUnit, Variable, read_fmu
 from diagnosis.contracts import (
     Channel,
     DiagnosisError,
@@ -22,7 +23,6 @@ from diagnosis.contracts import (
     Parameter,
     Simulator,
 )
-from diagnosis.systems.fmu.description import REALS, Fmu, FmuUnit, Variable, read_fmu
 from diagnosis.systems.fmu.keys import (
     BaseKeys,
     EffectKeys,
@@ -31,7 +31,7 @@ from diagnosis.systems.fmu.keys import (
     ShapeKeys,
     SurfaceKeys,
 )
-from diagnosis.systems.fmu.lane import PATIENCE, Lanes
+from diagnosis.systems.fmu.pool import TIMEOUT, FmuPool
 from diagnosis.systems.fmu.simulator import Drive, FmuSimulator, OfVariable
 from diagnosis.systems.fmu.steps import step_doubts
 from diagnosis.systems.fmu.written import read_values
@@ -58,7 +58,11 @@ def fmu_system(
 
     DiagnosisError says what of the FMU is not right; what of the map is not, is in its ``errors``.
     """
-    return _Maker(read_fmu(path), keys, units, holds, map_path).system()
+    try:
+        fmu = read_fmu(path)
+    except FmuError as error:
+        raise DiagnosisError(str(error)) from None
+    return _Maker(fmu, keys, units, holds, map_path).system()
 
 
 class _Maker:
@@ -89,7 +93,7 @@ class _Maker:
         """Keep the error of one key, so that all of them are reported at once."""
         try:
             yield
-        except DiagnosisError as error:
+        except (DiagnosisError, FmuError) as error:
             self.errors[key] = str(error)
 
     def _quantity(self, one: Variable, text: str, where: str) -> float:
@@ -161,23 +165,23 @@ class _Maker:
             if one.settable and one.name not in fixed and one not in driven
             if one.start is not None or one.causality == "input"
         )
-        patience = PATIENCE
+        timeout = TIMEOUT
         for key, text in (("patience", keys.patience), ("step", keys.step), ("settle", keys.settle)):
             with self._noted(f"fmu.{key}"):
                 seconds = self._seconds(key, text)
-                patience = seconds if key == "patience" and seconds else patience
+                timeout = seconds if key == "patience" and seconds else timeout
         named = tuple(self._signal(one).channel(0.0, 0.0) for one in outputs if one.name in self.units)
         self._parts(driven, named, {}, 1.0)  # for what is wrong in the map
-        lanes = Lanes(fmu, patience)
+        pool = FmuPool(fmu, timeout)
         return System(
             name=fmu.path.name,
             title=fmu.name,
             inputs=tuple(self._signal(one) for one in driven),
             outputs=tuple(self._signal(one) for one in outputs),
             settings=settings,
-            simulator=lambda given, channels: self._simulator(lanes, driven, channels, {}, 1.0),
+            simulator=lambda given, channels: self._simulator(pool, driven, channels, {}, 1.0),
             sized=lambda simulator, runs: self._simulator(
-                lanes,
+                pool,
                 driven,
                 simulator.channels,
                 _ranges([one.name for one in simulator.channels], runs),
@@ -195,7 +199,7 @@ class _Maker:
         return SystemSignal(
             one.name,
             one.unit.si,
-            one.said or one.name,
+            one.description or one.name,
             one.causality == "input",
             one.unit.si == "Pa" and one.name in self.keys.gauge,
             shown,
@@ -211,12 +215,12 @@ class _Maker:
         if one.causality == "input":
             default = None
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
-        about = f"{one.said or one.name}; a column or a value for whole files"
+        about = f"{one.description or one.name}; a column or a value for whole files"
         return SystemSetting(one.name, one.unit.si, about, low, high, default, True, one.relative)
 
     def _simulator(
         self,
-        lanes: Lanes,
+        pool: FmuPool,
         driven: Sequence[Variable],
         channels: tuple[Channel, ...],
         ranges: Mapping[str, float],
@@ -230,7 +234,7 @@ class _Maker:
         settle = self._seconds("settle", keys.settle)
         drive = Drive(tuple(driven), self._seconds("step", keys.step), settle or 0.0, keys.hold)
         return FmuSimulator(
-            lanes=lanes,
+            pool=pool,
             drive=drive,
             channels=channels,
             nuisances=tuple(base.values()),
@@ -429,7 +433,7 @@ class _Maker:
             frozenset({keys.family}),
             tuple(keys.confusers),
             equation=keys.equation,
-            source=f"{self.fmu.path.name}: {one.said or one.name}",
+            source=f"{self.fmu.path.name}: {one.description or one.name}",
             plain=keys.says,
             phenomenon=keys.phenomenon,
         )

@@ -1,16 +1,11 @@
-"""The process in which an FMU runs: it takes requests from its standard input and answers on its standard output.
+"""The worker process that simulates an FMU.
 
-A library of somebody else's may write where it likes, and may end its process. So what it prints goes to the log of
-this process, answers have a descriptor of their own, and before every call the time that it is for is noted where the
-asking process can read it after a crash.
+Before each call it notes the call and its time in a file, which its parent reads after a crash.
 """
 
 from __future__ import annotations
 
 import mmap
-import os
-import pickle
-import sys
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from ctypes import c_double, c_uint
@@ -22,25 +17,26 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.systems.fmu.calls import Fmi2, Fmi3, Opened, Refused
+from bench_sim.fmu.calls import load
+from bench_sim.fmu.description import Fmu
+from bench_sim.fmu.process import RequestPipes, print_log
 
 if TYPE_CHECKING:
     from diagnosis.systems.splines import SplineTable
 
-#: Starts of which the state is kept, where an FMU can save it.
+#: Saved states after a start, of an FMU that can save them.
 _KEPT: Final = 16
-#: The last lines of a log are told.
-_TOLD: Final = 6
-#: What is noted before a call, beside the time.
+#: File that holds the present call and its time.
+MARK: Final = "mark"
 INSTANTIATE, INITIALISE, STEP, DONE = 1.0, 2.0, 3.0, 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feedback:
-    """A surface over two signals that is added to an input: the term without a name inside of an FMU's equations.
+    """A surface over two signals that is added to an input: an unknown term of the FMU's equations.
 
-    ``over`` says of each signal whether it is an input, its column, and its unit (SI = factor · number + zero);
-    ``size`` is a number of the input's unit per SI.
+    ``over`` holds for each signal whether it is an input, its column, and its unit (SI = factor · number + zero);
+    ``size`` is the size of 1 SI unit in the input's unit.
     """
 
     column: int
@@ -51,7 +47,7 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """One simulation: values before it begins, inputs, and which reals are asked for.
+    """One simulation: start values, inputs, and the outputs to return.
 
     ``start`` has value references and values by type. ``inputs`` has value references and columns by type; of these,
     ``at`` (n, m) are the inputs at the samples, and ``held`` ((n − 1)·parts, m) those of each communication step of
@@ -70,42 +66,34 @@ class Request:
     feedback: tuple[Feedback, ...] = ()
 
 
-class _Process:
-    """The FMU in this process; ``log`` is what it said since the last request."""
+class _Simulation:
+    """The FMU in this process."""
 
-    def __init__(self, opened: Opened) -> None:
-        self.opened, self.log = opened, list[str]()
-        with Path(opened.mark).open("r+b") as file:
+    def load(self, message: tuple[Fmu, Path]) -> None:
+        """Load the library of an FMU from its unpacked folder."""
+        with Path(MARK).open("r+b") as file:
             self.mark = mmap.mmap(file.fileno(), 16)
-        self.fmi: Any = (Fmi2 if opened.version == 2 else Fmi3)(opened, self.log)
         self.kept: OrderedDict[Any, tuple[Any, Any]] = OrderedDict()
+        self.fmu, unpacked = message
+        self.fmi: Any = load(self.fmu, unpacked, print_log)
 
-    def note(self, what: float, time: float) -> None:
-        pack_into("dd", self.mark, 0, what, time)
+    def note(self, call: float, time: float) -> None:
+        pack_into("dd", self.mark, 0, call, time)
 
-    def answer(self, request: Request) -> NDArray[np.float64]:
-        """Return the outputs (n, k) of a simulation. `Refused` says what the FMU did not do."""
-        self.log.clear()
+    def run(self, request: Request) -> NDArray[np.float64]:
+        """Return the outputs (n, k)."""
         self.note(INSTANTIATE, 0.0)
-        keeps = self.opened.keeps_state and request.settle > 0
+        keeps = self.fmu.keeps_state and request.settle > 0
         begin = -request.settle * request.step
-        try:
-            if keeps:
-                self._restore(request, begin)
-            else:
-                self._start(request, begin)
-            outputs = self._simulate(request)
-            self.note(DONE, 0.0)
-        except Exception as error:
-            self.fmi.fmu.component = None  # an FMU that failed is not asked again
-            raise Refused(self._told(error)) from error
+        if keeps:
+            self._restore(request, begin)
+        else:
+            self._start(request, begin)
+        outputs = self._simulate(request)
+        self.note(DONE, 0.0)
         if not keeps:
             self._free(self.fmi.fmu.component)
         return outputs
-
-    def _told(self, error: Exception) -> str:
-        said = "; ".join(self.log[-_TOLD:])
-        return f"{error}{f' It says: {said}' if said else ''}"
 
     def _free(self, component: Any) -> None:
         if component is not None:
@@ -113,29 +101,29 @@ class _Process:
         self.fmi.fmu.component = None
 
     def _start(self, request: Request, begin: float) -> None:
-        """Make an instance, and go to the first sample."""
+        """Create an instance and simulate to the first sample."""
         self.fmi.instantiate()
         for kind, (references, values) in request.start.items():
-            self.fmi.put(kind, references, values)
+            self.fmi.set(kind, references, values)
         self.note(INITIALISE, begin)
-        self.fmi.begin(begin)
+        self.fmi.enter_initialization(begin)
         inputs = _Inputs(self.fmi, request)
         inputs.put(request.at, 0)
-        self.fmi.begun()
+        self.fmi.exit_initialization()
         for k in range(request.settle):
             time = begin + k * request.step
             self.note(STEP, time)
             self.fmi.do_step(time, request.step)
 
     def _restore(self, request: Request, begin: float) -> None:
-        """Go to the first sample, by the state that was saved there if one was."""
+        """Restore the state at the first sample; without one, simulate to there and save it."""
         key = (str(request.start), request.at[0].tobytes(), request.step, request.settle)
         if key in self.kept:
             self.kept.move_to_end(key)
             self.fmi.fmu.component, state = self.kept[key]
             self.fmi.fmu.setFMUState(state)
             return
-        while self.kept and len(self.kept) >= (1 if self.opened.once else _KEPT):
+        while self.kept and len(self.kept) >= (1 if self.fmu.once_per_process else _KEPT):
             _, (component, state) = self.kept.popitem(last=False)
             self.fmi.fmu.component = component
             self.fmi.fmu.freeFMUState(state)
@@ -162,7 +150,7 @@ class _Process:
         return outputs.values
 
     def _simulate_fed_back(self, request: Request, inputs: _Inputs, outputs: _Outputs) -> NDArray[np.float64]:
-        """As `_simulate`; the outputs in the middle of a communication step follow from the last two of them."""
+        """As `_simulate`; outputs in the middle of a communication step are extrapolated from the last two."""
         from diagnosis.systems.splines import spline_value
 
         def with_terms(row: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -199,7 +187,7 @@ def _reals(kind: str) -> bool:
 
 
 class _Inputs:
-    """Sets rows of inputs; reals without a copy."""
+    """Sets rows of inputs."""
 
     def __init__(self, fmi: Any, request: Request) -> None:
         self.fmi = fmi
@@ -212,17 +200,17 @@ class _Inputs:
         for kind, array, references, columns in self.groups:
             if _reals(kind):
                 values = (c_double * len(columns))(*rows[row, columns])
-                self.fmi.real_input(array, len(columns), values)
+                self.fmi.set_reals(array, len(columns), values)
             elif kind == "Float32":
-                self.fmi.put(kind, references, rows[row, columns].tolist())
+                self.fmi.set(kind, references, rows[row, columns].tolist())
             elif kind == "Boolean":
-                self.fmi.put(kind, references, [bool(one > 0.5) for one in rows[row, columns]])
+                self.fmi.set(kind, references, [bool(one > 0.5) for one in rows[row, columns]])
             else:
-                self.fmi.put(kind, references, [round(one) for one in rows[row, columns]])
+                self.fmi.set(kind, references, [round(one) for one in rows[row, columns]])
 
 
 class _Outputs:
-    """Collects rows of outputs, in the order in which they are asked for by type."""
+    """Collects rows of outputs, sorted by type."""
 
     def __init__(self, fmi: Any, request: Request, rows: int) -> None:
         self.fmi = fmi
@@ -238,7 +226,7 @@ class _Outputs:
         self._into(self.values[row])
 
     def read(self) -> NDArray[np.float64]:
-        """Return the outputs (k,) as they are."""
+        """Return the present outputs (k,)."""
         seen = np.empty(self.values.shape[1])
         self._into(seen)
         return seen
@@ -246,35 +234,18 @@ class _Outputs:
     def _into(self, seen: NDArray[np.float64]) -> None:
         for kind, array, references, first, into in self.groups:
             if _reals(kind):
-                self.fmi.real_output(array, len(references), into)
+                self.fmi.get_reals(array, len(references), into)
                 seen[first : first + len(references)] = into
             else:
                 seen[first : first + len(references)] = self.fmi.get(kind, references)
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever the library prints
-    requests = sys.stdin.buffer
-    try:
-        process: Any = _Process(pickle.load(requests))
-        answer: Any = (True, None)
-    except Exception as error:
-        process, answer = None, (False, str(error))
+    """Load the FMU of the first request, and simulate it for each of the others."""
+    pipes, simulation = RequestPipes(), _Simulation()
+    pipes.answer(simulation.load)
     while True:
-        pickle.dump(answer, answers, protocol=5)
-        answers.flush()
-        if process is None:
-            return
-        try:
-            request = pickle.load(requests)
-        except EOFError:
-            os._exit(0)  # no library gets the last word
-        try:
-            answer = True, process.answer(request)
-        except Refused as error:
-            answer = False, str(error)
+        pipes.answer(simulation.run)
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 import msgspec
 
+from bench_sim.fmu.description import REALS, Fmu, require_fmpy
 from diagnosis.contracts import DiagnosisError, Simulator
 from diagnosis.engine.identify import Identification
 from diagnosis.estimates import Z95
 from diagnosis.finding import Finding
-from diagnosis.systems.fmu.description import REALS, Fmu, fmpy_or_refuse
 from diagnosis.systems.fmu.simulator import FmuSimulator
 
 PARAMETERS: Final = "parameters.toml"
@@ -130,7 +130,7 @@ def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
 
     DiagnosisError for what is no such file, for variables that the FMU does not have, and for other units than its own.
     """
-    fmpy_or_refuse()
+    require_fmpy()
     from fmpy.ssp.ssd import read_ssv
 
     try:

@@ -1,6 +1,6 @@
-"""What an FMU says of itself: its variables with their units in SI, what it can do, and who it is.
+"""Reads an FMU: its variables with their units in SI, its capabilities, its identity and its files.
 
-Its library is not loaded here: that is left to a process of its own (`diagnosis.systems.fmu.lane`).
+Its library is not loaded here; a separate process does that (`bench_sim.fmu.process`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from bench_protocol.base_units import BASES, base_exponents, written
 from bench_protocol.extras import lacking
 from bench_protocol.input_limits import Unfit, open_archive
 from bench_protocol.units import UNITS, Unit
-from diagnosis.contracts import DiagnosisError
 
-#: Types of numbers, as FMI 2 and 3 call them.
+#: Types of real numbers and of whole numbers in FMI 2 and 3.
 REALS: Final = frozenset({"Real", "Float64", "Float32"})
 WHOLE: Final = frozenset(
     {"Integer", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Enumeration"}
@@ -33,11 +32,15 @@ _DESCRIPTION: Final = "modelDescription.xml"
 _NUMBERS: Final = REALS | WHOLE | {"Boolean"}
 
 
+class FmuError(ValueError):
+    """An FMU that cannot be read, mapped or run; the text names the fault, its place and the remedy."""
+
+
 @dataclass(frozen=True, slots=True)
 class FmuUnit:
-    """The unit of a variable: SI = ``factor`` · number + ``zero``. Of one without a unit ``name`` and ``si`` are "".
+    """The unit of a variable: SI = ``factor`` · number + ``zero``. Without a unit ``name`` and ``si`` are "".
 
-    The ``zero`` of a difference is 0, whatever the ``offset`` of its unit is.
+    A difference has ``zero`` = 0, with any ``offset`` of its unit.
     """
 
     name: str = ""
@@ -70,8 +73,8 @@ class Variable:
     low: float = -inf
     high: float = inf
     start: float | None = None
-    said: str = ""
-    relative: bool = False  #: a difference, of which a unit's offset does not count (``relativeQuantity``)
+    description: str = ""
+    relative: bool = False  #: a difference, to which the unit's offset does not apply (``relativeQuantity``)
 
     @property
     def settable(self) -> bool:
@@ -83,7 +86,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Fmu:
-    """An FMU as it describes itself. ``token`` is its GUID (FMI 2) or instantiationToken (FMI 3)."""
+    """The description of an FMU. ``token`` is its GUID (FMI 2) or instantiationToken (FMI 3)."""
 
     path: Path
     digest: str  #: sha256 of the file
@@ -93,148 +96,124 @@ class Fmu:
     identifier: str  #: of its library
     tool: str
     variables: Mapping[str, Variable]
-    units: Mapping[str, Unit]  #: that it defines, by the names that people may write
+    units: Mapping[str, Unit]  #: that it defines, by the names that a map may use
     variable_steps: bool
     keeps_state: bool
     once_per_process: bool
-    step: float | None  #: s; of which communication steps are whole multiples where they may not vary
+    step: float | None  #: s; communication steps that may not vary are whole multiples of it
 
     @property
     def identity(self) -> str:
-        """Which FMU this is, beyond doubt."""
+        """File name, version, token and hash."""
         return f"{self.path.name}, FMI {self.version}.0, {self.token}, sha256 {self.digest}"
 
     def variable(self, name: str, where: str) -> Variable:
-        """Return a variable by name. DiagnosisError says which would be near."""
+        """Return a variable by name. FmuError suggests similar names."""
         if name in self.variables:
             return self.variables[name]
-        near = get_close_matches(name, self.variables, n=3)
-        right = ", ".join(near) if near else f"{self._some()}"
-        raise DiagnosisError(
-            f"{where}: {self.path.name} has no variable {name}; right would be such as {right}"
+        public = {"input", "output", "parameter"}
+        names = [one.name for one in self.variables.values() if one.causality in public]
+        near = get_close_matches(name, self.variables, n=3) or names[:12]
+        raise FmuError(
+            f"{where}: {self.path.name} has no variable {name}; use a name such as {', '.join(near)}"
         )
-
-    def _some(self) -> str:
-        told = [
-            one.name for one in self.variables.values() if one.causality in {"input", "output", "parameter"}
-        ]
-        return ", ".join(told[:12]) + (", …" if len(told) > 12 else "")
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Return what the FMU in a file says of itself.
+    """Return the description of the FMU in a file.
 
-    DiagnosisError for what is no FMU, for one of another version or kind, and for one that does not run on this system.
+    FmuError for a file that is no FMU, for another version or kind, and for an FMU without a library for this system.
     """
-    fmpy = fmpy_or_refuse()
+    fmpy = require_fmpy()
     try:
         with open_archive(path, parsed={_DESCRIPTION}) as archive:
             files = archive.namelist()
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise DiagnosisError(f"{path}: cannot be read: {error.strerror}") from None
+        raise FmuError(f"{path} cannot be read: {error.strerror}; check the path of the FMU") from None
     except Unfit as error:
-        raise DiagnosisError(
-            f"{path} is no FMU that can be read: it {error}; export the model once more"
-        ) from None
+        raise FmuError(f"{path} is no readable FMU: it {error}; export the model again") from None
     try:
-        said = fmpy.read_model_description(str(path), validate=False)
+        model = fmpy.read_model_description(str(path), validate=False)
         differences = _differences(path)
-    except Exception as error:  # whatever the reader stumbles over
-        raise DiagnosisError(f"{path} is no FMU that can be read: {error}") from None
-    major = str(said.fmiVersion).partition(".")[0]
+    except Exception as error:  # FMPy raises several types
+        raise FmuError(f"{path} is no readable FMU: {error}; export the model again") from None
+    major = str(model.fmiVersion).partition(".")[0]
     if major not in {"2", "3"}:
-        raise DiagnosisError(
-            f"{path} is of FMI {said.fmiVersion}; right would be an export as FMI 2.0 or 3.0"
-        )
-    able = said.coSimulation
+        raise FmuError(f"{path} has FMI version {model.fmiVersion}; export the model as FMI 2.0 or 3.0")
+    able = model.coSimulation
     if able is None:
-        kind = "model exchange" if said.modelExchange is not None else "scheduled execution"
-        raise DiagnosisError(
-            f"{path} is for {kind} only: it has no solver of its own; right would be an export for co-simulation"
-        )
-    _refuse_platform(path, int(major), able.modelIdentifier, files)
-    units = {unit.name: unit for unit in said.unitDefinitions}
-    si = _si_units(path, said.unitDefinitions)
+        kind = "model exchange" if model.modelExchange is not None else "scheduled execution"
+        raise FmuError(f"{path} is for {kind} only and has no solver; export the model for co-simulation")
+    _check_platform(path, int(major), able.modelIdentifier, files)
+    units = {unit.name: unit for unit in model.unitDefinitions}
+    si = _si_units(path, model.unitDefinitions)
+    variable_steps = bool(able.canHandleVariableCommunicationStepSize)
+    step = able.fixedInternalStepSize
+    if step is None and not variable_steps and model.defaultExperiment is not None:
+        step = model.defaultExperiment.stepSize
     return Fmu(
         path,
         digest,
         int(major),
-        said.modelName or path.stem,
-        said.guid,
+        model.modelName or path.stem,
+        model.guid,
         able.modelIdentifier,
-        said.generationTool or "",
+        model.generationTool or "",
         {
             one.name: _variable(path, one, units, si, differences.get(one.name))
-            for one in said.modelVariables
-            if _is_number(one)
+            for one in model.modelVariables
+            if one.type in _NUMBERS and not one.dimensions
         },
-        _own_units(said.unitDefinitions, si),
-        bool(able.canHandleVariableCommunicationStepSize),
+        _own_units(model.unitDefinitions, si),
+        variable_steps,
         bool(able.canGetAndSetFMUstate),
         bool(able.canBeInstantiatedOnlyOncePerProcess),
-        _step(said),
+        None if step is None else float(step),
     )
 
 
-def _step(said: Any) -> float | None:
-    """Return the communication step (s) that the FMU prescribes; None if it takes any."""
-    able = said.coSimulation
-    step = able.fixedInternalStepSize
-    if (
-        step is None
-        and not able.canHandleVariableCommunicationStepSize
-        and said.defaultExperiment is not None
-    ):
-        step = said.defaultExperiment.stepSize
-    return None if step is None else float(step)
-
-
 def unpack_fmu(path: Path, folder: Path) -> None:
-    """Unpack the FMU in a file into a folder. DiagnosisError where that cannot be done."""
+    """Unpack the FMU in a file into a folder. FmuError if that fails."""
     try:
         with open_archive(path) as archive:
             archive.extractall(folder)
     except (OSError, ValueError, BadZipFile, RuntimeError, EOFError, zlib.error) as error:
-        raise DiagnosisError(f"{path} cannot be unpacked: {error}; export the model once more") from None
+        raise FmuError(f"{path} cannot be unpacked: {error}; export the model again") from None
 
 
-def fmpy_or_refuse() -> Any:
-    """Return FMPy. DiagnosisError with what to install where it is missing."""
+def require_fmpy() -> Any:
+    """Return FMPy. FmuError with the command that installs it."""
     try:
         import fmpy
     except ImportError:
-        raise DiagnosisError(lacking("fmu", "FMUs")) from None
+        raise FmuError(lacking("fmu", "FMUs")) from None
     return fmpy
 
 
 def library_of(version: int, identifier: str) -> str:
-    """Return where in an FMU of a version of FMI its library for this system lies."""
-    fmpy = fmpy_or_refuse()
+    """Return the path inside an FMU of its library for this system."""
+    fmpy = require_fmpy()
     folder = fmpy.platform if version == 2 else fmpy.platform_tuple
     return f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
-def _refuse_platform(path: Path, version: int, identifier: str, files: Collection[str]) -> None:
-    right = library_of(version, identifier)
-    if right in files:
+def _check_platform(path: Path, version: int, identifier: str, files: Collection[str]) -> None:
+    library = library_of(version, identifier)
+    if library in files:
         return
     parts = [Path(name).parts for name in files]
-    there = sorted({one[1] for one in parts if len(one) > 2 and one[0] == "binaries"})
+    platforms = sorted({one[1] for one in parts if len(one) > 2 and one[0] == "binaries"})
     source = any(one[0] == "sources" and one[-1].endswith(".c") for one in parts if one)
-    raise DiagnosisError(
-        f"{path} has no {right}, its library for this system; it has {', '.join(there) or 'none at all'}. Right would "
-        "be an export on a system like this one"
-        + (f", or `fmpy compile {path.name}`: the FMU brings its sources" if source else "")
+    raise FmuError(
+        f"{path} has no library for this system, {library}; it has {', '.join(platforms) or 'none'}. Export the "
+        "model on a system like this one"
+        + (f", or run `fmpy compile {path.name}`: the FMU contains its sources" if source else "")
     )
 
 
-def _is_number(one: Any) -> bool:
-    return one.type in _NUMBERS and not one.dimensions
-
-
 def _differences(path: Path) -> dict[str, bool]:
-    """Return ``relativeQuantity`` of the variables that have it: FMPy (0.3.32) reads that of types alone."""
+    """Return ``relativeQuantity`` of the variables that have it. FMPy (0.3.32) reads only that of types."""
     found = {}
     with open_archive(path) as archive, archive.open(_DESCRIPTION) as file:
         for _, one in iterparse(file):
@@ -249,14 +228,14 @@ def _variable(
 ) -> Variable:
     declared = one.declaredType
 
-    def told(name: str) -> Any:
+    def attribute(name: str) -> Any:
         value = getattr(one, name, None)
         return value if value is not None or declared is None else getattr(declared, name, None)
 
-    unit = told("unit") if one.type in REALS else None
+    unit = attribute("unit") if one.type in REALS else None
     causality = one.causality or "local"
-    settled = causality == "parameter" or (causality == "output" and one.initial == "exact")
-    difference = one.type in REALS and bool(told("relativeQuantity") if relative is None else relative)
+    exact = causality == "parameter" or (causality == "output" and one.initial == "exact")
+    difference = one.type in REALS and bool(attribute("relativeQuantity") if relative is None else relative)
     measured_in = _unit(path, one.name, unit, units.get(unit), si) if unit else FmuUnit()
     return Variable(
         one.name,
@@ -264,10 +243,10 @@ def _variable(
         one.type,
         causality,
         one.variability or "",
-        one.initial or ("exact" if settled else ""),
+        one.initial or ("exact" if exact else ""),
         replace(measured_in, zero=0.0) if difference else measured_in,
-        _number(told("min"), -inf),
-        _number(told("max"), inf),
+        _number(attribute("min"), -inf),
+        _number(attribute("max"), inf),
         _number(one.start, None),
         one.description or "",
         difference,
@@ -300,9 +279,9 @@ def _plain(name: str) -> str:
 
 
 def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
-    """Return the name of the SI unit of each size: of this project, else as the FMU calls it, else in base units.
+    """Return the name of the SI unit of each size: ours, else that of the FMU, else in base units.
 
-    DiagnosisError for a unit of which 1 is nothing.
+    FmuError for a unit with the factor 0.
     """
     found: dict[_Size, str] = {}
     for one in UNITS.values():
@@ -311,9 +290,9 @@ def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
     for unit in defined:
         factor, offset = float(unit.baseUnit.factor), float(unit.baseUnit.offset)
         if not (isfinite(factor) and isfinite(offset)) or factor == 0.0:
-            raise DiagnosisError(
-                f'{path}: unit "{unit.name}" has the factor {factor:g} and the offset {offset:g}; right would be a '
-                "finite factor other than 0, and a finite offset"
+            raise FmuError(
+                f'{path}: unit "{unit.name}" has the factor {factor:g} and the offset {offset:g}; define it with a '
+                "finite factor other than 0 and a finite offset"
             )
         if factor == 1.0 and offset == 0.0:
             found.setdefault(_size(unit.baseUnit), _plain(unit.name))
@@ -323,7 +302,7 @@ def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
 
 
 def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str, Unit]:
-    """Return the units that an FMU defines, under their own names and, of SI, in base units."""
+    """Return the units that an FMU defines, by their names and, for SI, in base units."""
     own = {}
     for unit in definitions:
         if unit.baseUnit is not None:
@@ -335,9 +314,9 @@ def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str,
 
 
 def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Size, str]) -> FmuUnit:
-    """Return a unit that an FMU names and perhaps defines. DiagnosisError where its definition is not that of its name.
+    """Return a unit that an FMU names and may define. FmuError if the definition contradicts the name.
 
-    Angles count as numbers in some tools and as angles in others.
+    Some tools define angles as numbers, others with the base unit rad.
     """
     plain = _plain(name)
     base = None if definition is None else definition.baseUnit
@@ -352,14 +331,15 @@ def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Si
         return FmuUnit(name, si[_size(base)], factor, zero, zero, exponents)
     right = base_exponents(known.si)
     same = abs(factor / known.factor - 1.0) < 1e-4 and abs(zero - known.zero) < 1e-3
-    if _without_angles(exponents) == _without_angles(right) and same:
+    if without_angles(exponents) == without_angles(right) and same:
         return FmuUnit(name, known.si, factor, zero, zero, exponents)
-    raise DiagnosisError(
+    raise FmuError(
         f'{path}: {variable} is in "{name}", which the FMU defines as {factor:g} {written(exponents)}'
-        f"{f' + {zero:g}' if zero else ''}, and which is {known.factor:g} {known.si}"
-        f"{f' + {known.zero:g}' if known.zero else ''}; right would be a definition that agrees with the name"
+        f"{f' + {zero:g}' if zero else ''}, but it is {known.factor:g} {known.si}"
+        f"{f' + {known.zero:g}' if known.zero else ''}; correct the definition in the model"
     )
 
 
-def _without_angles(exponents: Mapping[str, int]) -> dict[str, int]:
+def without_angles(exponents: Mapping[str, int]) -> dict[str, int]:
+    """Return the exponents of base units without rad, which some tools omit."""
     return {base: power for base, power in exponents.items() if base != "rad"}

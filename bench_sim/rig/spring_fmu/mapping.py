@@ -1,27 +1,27 @@
-"""What of an FMU is what of a spring: names, units and signs of a map, checked and turned into numbers."""
+"""Maps variables of an FMU to quantities of a spring: checks names, units and signs of the map."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from msgspec.structs import replace
+from msgspec.structs import replace as with_keys
 
-from astb.spring_fmu.keys import PATIENCE_MAX, SpringFmuError, SpringMap, VariableKeys
 from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
 from bench_protocol.units import ATMOSPHERE, UNITS, WRITTEN_UNITS
 from bench_protocol.words import SIDES
 from bench_protocol.written_values import NotAValue, read_written
+from bench_sim.fmu.description import REALS, Fmu, FmuError, Variable, without_angles
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.elsewhere import SUPPLY_TAKEN, Feed, Hold
-from diagnosis.systems.fmu.description import REALS, Fmu, Variable
+from bench_sim.rig.spring_fmu.keys import TIMEOUT_MAX, SpringMap, VariableKeys
 
-#: What is fed of one spring, its unit, and its place on the left; a step further on the right.
+#: Inputs of one spring: unit, place on the left, and distance to the place on the right.
 _FED: Final = {
     "height": ("m", Feed.HEIGHT, 1),
     "height_speed": ("m/s", Feed.HEIGHT_SPEED, 1),
@@ -43,7 +43,7 @@ _FED: Final = {
     "nominal_preload": ("N", Feed.NOMINAL_PRELOAD, 1),
     "orifice_diameter": ("m", Feed.ORIFICE_DIAMETER, 1),
 }
-#: What both springs have in common, as one instance for both calls it.
+#: Names of inputs that both springs share, in an instance for both.
 _COMMON: Final = {
     "lateral": "springs.lateral",
     "lateral_speed": "springs.lateral_speed",
@@ -55,6 +55,7 @@ _COMMON: Final = {
     "dpv": "air.dpv",
     "supply_pressure": "supply.pressure",
 }
+#: Outputs of one spring: unit, and place on the left.
 _TAKEN: Final = {
     "vertical_force": ("N", Algebraic.VERTICAL_FORCE),
     "lateral_force": ("N", Algebraic.LATERAL_FORCE),
@@ -64,16 +65,16 @@ _TAKEN: Final = {
     "bellows_temperature": ("K", Algebraic.TEMPERATURE),
     "auxiliary_temperature": ("K", Algebraic.AUXILIARY_TEMPERATURE),
 }
-#: By which air gets into a spring.
+#: Inputs by which air enters a spring.
 _AIR: Final = ("air_flow", "leveling", "service_valve")
 _NEEDED: Final = ("vertical_force", "bellows_pressure")
-#: What an FMU without a map may begin with, so that it begins as the rig does: without air.
+#: Parameter with which an FMU without a map starts without air, as the rig does.
 _WITHOUT_AIR: Final = "air.at_start"
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A variable of one instance: its number is ``scale`` · value + ``zero``, or for outputs the other way round."""
+    """A variable of one instance. An input is ``scale`` · SI + ``zero``; SI is ``scale`` · output + ``zero``."""
 
     name: str
     reference: int
@@ -84,7 +85,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """One instance of the FMU: what is fed and taken, and (reference, number) of what is set before it begins."""
+    """One instance of the FMU; ``parameters`` are pairs (reference, number) to set before its initialization."""
 
     name: str
     inputs: tuple[Link, ...]
@@ -93,17 +94,17 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """How an FMU stands in for both springs. ``said``: what should be known of it before."""
+class Coupling:
+    """How an FMU replaces both springs. ``notes`` are sentences for the user."""
 
     fmu: Fmu
     instances: tuple[Instance, ...]
     ticks: int  #: of one communication step
     hold: Hold
-    valves: bool  #: those of the bench feed the springs
-    patience: float  #: s
+    valves: bool  #: the bench's valves feed the springs
+    timeout: float  #: s
     apart: bool
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -112,63 +113,59 @@ class Plan:
         return len(self.instances), inputs, sum(len(one.outputs) for one in self.instances)
 
 
-def plan_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Plan:
-    """Return how ``fmu`` stands in for the springs. ``ambient`` is the temperature in K of gas that it does not tell.
+def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
+    """Return how ``fmu`` replaces the springs. ``ambient`` (K) is the temperature of gas of which it has no output.
 
-    Raises `SpringFmuError`, which names the key, what the FMU says, and what would be right.
+    Raises FmuError with the key of the map.
     """
     own = not keys.inputs and not keys.outputs
     if own:
         keys = _own_names(fmu, keys)
     both = _both_sides(keys)
     sides = (("", None),) if both else tuple((side, place) for place, side in enumerate(SIDES))
-    said: list[str] = []
-    instances = tuple(_instance(fmu, keys, side, place, ambient, said) for side, place in sides)
-    _refuse_half(fmu, keys, instances)
+    notes: list[str] = []
+    instances = tuple(_instance(fmu, keys, side, place, ambient, notes) for side, place in sides)
+    _check_complete(fmu, keys, instances)
     known = {name.rpartition(".")[2] for name in keys.inputs}
     if not known & set(_AIR):
-        raise SpringFmuError(
-            f"{fmu.path.name} gets no air: spring_map.inputs has none of {', '.join(_AIR)}; right would be the air "
-            "that the bench's valves let in, or how far its valves are open"
+        raise FmuError(
+            f"{fmu.path.name} gets no air: spring_map.inputs has none of {', '.join(_AIR)}; map the air flow of the "
+            "bench's valves, or the openings of the FMU's valves"
         )
     ticks = _ticks(fmu, keys)
-    patience = _seconds("spring_map.patience", keys.patience, PATIENCE_MAX)
+    timeout = _seconds("spring_map.patience", keys.patience, TIMEOUT_MAX)
     hold = Hold.BEGIN if own else Hold[keys.hold.upper()]
     valves = "air_flow" in known
-    return Plan(fmu, instances, ticks, hold, valves, patience, keys.process == "own", tuple(said))
+    return Coupling(fmu, instances, ticks, hold, valves, timeout, keys.process == "own", tuple(notes))
 
 
 def _own_names(fmu: Fmu, keys: SpringMap) -> SpringMap:
-    """Return the map of an FMU that calls everything as the bench does."""
-    there = fmu.variables
-    inputs = {name: name for name in _fed_names() if name in there and _may_be_fed(there[name])}
-    outputs = {name: name for name in _taken_names() if name in there and there[name].causality == "output"}
-    lacks = [f"{side}.{name}" for name in ("height", *_NEEDED) for side in SIDES]
-    missing = [name for name in lacks if name not in inputs and name not in outputs]
-    if missing:
-        raise SpringFmuError(
-            f"{fmu.path.name} has no {', '.join(missing)}: its names are its own, so that spring_map has to "
-            f'say which is which, such as outputs.vertical_force = "{_some_output(fmu)}"'
+    """Return the map of an FMU that has the bench's names."""
+    known = fmu.variables
+    inputs = {name: name for name in _fed_names() if name in known and _is_input(known[name])}
+    outputs = {name: name for name in _taken_names() if name in known and known[name].causality == "output"}
+    needed = [f"{side}.{name}" for name in ("height", *_NEEDED) for side in SIDES]
+    if missing := [name for name in needed if name not in inputs and name not in outputs]:
+        output = next((one.name for one in known.values() if one.causality == "output"), "F")
+        raise FmuError(
+            f"{fmu.path.name} has no variables {', '.join(missing)}; map the bench's names to those of the FMU in "
+            f'spring_map, such as outputs.vertical_force = "{output}"'
         )
     parameters = dict(keys.parameters)
-    if _WITHOUT_AIR in there:
+    if _WITHOUT_AIR in known:
         parameters.setdefault(_WITHOUT_AIR, 0.0)
     pressures = (*(name for name in outputs if name.endswith("_pressure")), "supply.pressure")
-    return replace(
+    return with_keys(
         keys, inputs=inputs, outputs=outputs, parameters=parameters, gauge=(*keys.gauge, *pressures)
     )
 
 
-def _may_be_fed(one: Variable) -> bool:
+def _is_input(one: Variable) -> bool:
     return one.causality == "input" or (one.causality == "parameter" and one.variability == "tunable")
 
 
-def _some_output(fmu: Fmu) -> str:
-    return next((one.name for one in fmu.variables.values() if one.causality == "output"), "F")
-
-
 def _fed_names() -> dict[str, tuple[str, int]]:
-    """Return unit and place by every name that an input for both sides may have."""
+    """Return unit and place of each input of an instance for both springs, by its name."""
     names: dict[str, tuple[str, int]] = {}
     for name, (unit, place, per_side) in _FED.items():
         if not per_side:
@@ -181,6 +178,7 @@ def _fed_names() -> dict[str, tuple[str, int]]:
 
 
 def _taken_names() -> dict[str, tuple[str, int]]:
+    """Return unit and place of each output of an instance for both springs, by its name."""
     names = {
         f"{word}.{name}": (unit, int(place) + side)
         for name, (unit, place) in _TAKEN.items()
@@ -190,20 +188,20 @@ def _taken_names() -> dict[str, tuple[str, int]]:
 
 
 def _both_sides(keys: SpringMap) -> bool:
-    """Whether one instance is both springs; SpringFmuError where names of both kinds are mixed."""
+    """Return whether one instance computes both springs; FmuError if names of both kinds are mixed."""
     kinds = {("." in name) for name in (*keys.inputs, *keys.outputs)}
     if len(kinds) == 2:
-        raise SpringFmuError(
-            "spring_map has names of one spring, such as height, beside those of both, such as left.height; right is "
-            "one kind: an instance a side, or one for both"
+        raise FmuError(
+            "spring_map mixes names of one spring, such as height, with names of both, such as left.height; use the "
+            "former for one instance per side, or the latter for one instance of both springs"
         )
     return kinds == {True}
 
 
 def _instance(
-    fmu: Fmu, keys: SpringMap, side: str, place: int | None, ambient: float, said: list[str]
+    fmu: Fmu, keys: SpringMap, side: str, place: int | None, ambient: float, notes: list[str]
 ) -> Instance:
-    """Return one instance: of a ``side``, or with "" of both."""
+    """Return the instance of a ``side``, or with "" of both."""
     if place is None:
         fed, taken = _fed_names(), _taken_names()
     else:
@@ -211,7 +209,7 @@ def _instance(
         taken = {name: (unit, int(where) + place) for name, (unit, where) in _TAKEN.items()}
     inputs = tuple(_link(fmu, keys, "inputs", name, entry, fed) for name, entry in keys.inputs.items())
     outputs = [_link(fmu, keys, "outputs", name, entry, taken) for name, entry in keys.outputs.items()]
-    outputs += _rest(fmu, outputs, taken, ambient, said)
+    outputs += _assumed(fmu, outputs, taken, ambient, notes)
     parameters = tuple(_parameters(fmu, keys.parameters, side))
     return Instance(side or "springs", inputs, tuple(outputs), parameters)
 
@@ -224,56 +222,53 @@ def _link(
     entry: str | VariableKeys,
     known: Mapping[str, tuple[str, int]],
 ) -> Link:
-    """Return what one line of the map says."""
+    """Return the link of one line of the map."""
     where = f"spring_map.{kind}.{name}"
     if name not in known:
-        near = get_close_matches(name, known, n=1)
-        right = f"{near[0]} would be one" if near else f"there are {', '.join(known)}"
-        raise SpringFmuError(f"{where}: the bench has no such quantity; {right}")
+        near = get_close_matches(name, known, n=1) or known
+        raise FmuError(f"{where}: the bench has no such quantity; use {' or '.join(near)}")
     si, place = known[name]
     given = VariableKeys(entry) if isinstance(entry, str) else entry
     variable = fmu.variable(given.variable, where)
-    _refuse_kind(variable, kind, where)
+    _check_kind(variable, kind, where)
     factor, zero = _scale(variable, given.unit, si, where)
     if si == "Pa" and variable.name not in keys.gauge:
-        zero -= ATMOSPHERE  # ours are over the atmosphere
+        zero -= ATMOSPHERE  # the bench uses gauge pressures
     if kind == "inputs":
         return Link(variable.name, variable.reference, place, given.factor / factor, -zero / factor)
     return Link(variable.name, variable.reference, place, factor / given.factor, zero)
 
 
-def _refuse_kind(variable: Variable, kind: str, where: str) -> None:
+def _check_kind(variable: Variable, kind: str, where: str) -> None:
     if variable.type not in REALS - {"Float32"}:
-        raise SpringFmuError(
-            f"{where}: {variable.name} is {variable.type}; right is Real (FMI 2) or Float64 (FMI 3)"
+        raise FmuError(
+            f"{where}: {variable.name} has the type {variable.type}; use a variable of the type Real (FMI 2) or "
+            "Float64 (FMI 3)"
         )
-    right = {"inputs": ("input", "parameter that is tunable"), "outputs": ("output", "local")}[kind]
-    fits = _may_be_fed(variable) if kind == "inputs" else variable.causality in right
+    fits = _is_input(variable) if kind == "inputs" else variable.causality in {"output", "local"}
     if not fits:
-        raise SpringFmuError(
-            f"{where}: {variable.name} is {variable.causality or 'local'} in the FMU; right is {' or '.join(right)}"
-        )
+        use = "an input or a tunable parameter" if kind == "inputs" else "an output or a local variable"
+        raise FmuError(f"{where}: {variable.name} is {variable.causality} in the FMU; use {use}")
 
 
 def _scale(variable: Variable, unit: str, si: str, where: str) -> tuple[float, float]:
     """Return factor and zero: SI = factor · number + zero."""
     if unit and unit not in UNITS:
-        raise SpringFmuError(f'{where}: unit = "{unit}" is not known; right would be such as {_units(si)}')
+        raise FmuError(f'{where}: unit = "{unit}" is unknown; use {_units(si)}')
     if unit and base_exponents(UNITS[unit].si) != base_exponents(si):
-        raise SpringFmuError(f'{where} is in {si}, which "{unit}" is not; right would be {_units(si)}')
+        raise FmuError(f'{where}: unit = "{unit}" is no unit of this quantity; use {_units(si)}')
     own = variable.unit
     if not own.name:
         return (UNITS[unit].factor, UNITS[unit].zero) if unit else (1.0, 0.0)
-    plain = {base: power for base, power in own.exponents.items() if base != "rad"}
-    if plain != {base: power for base, power in base_exponents(si).items() if base != "rad"}:
-        raise SpringFmuError(
-            f'{where} is in {si}, and {variable.name} in the FMU is in "{own.name}"; right would be '
-            f"a variable in {_units(si)}"
+    if without_angles(own.exponents) != without_angles(base_exponents(si)):
+        raise FmuError(
+            f'{where}: {variable.name} has the unit "{own.name}" in the FMU, which is no unit of this quantity; use a '
+            f"variable in {_units(si)}"
         )
     if unit and (UNITS[unit].factor, UNITS[unit].zero) != (own.factor, own.zero):
-        raise SpringFmuError(
-            f'{where}: unit = "{unit}" contradicts the FMU, where {variable.name} is in "{own.name}"; right would be '
-            "no unit here, or the FMU's"
+        raise FmuError(
+            f'{where}: unit = "{unit}" contradicts the FMU, in which {variable.name} has the unit "{own.name}"; '
+            "remove unit from the map"
         )
     return own.factor, own.zero
 
@@ -282,55 +277,52 @@ def _units(si: str) -> str:
     return " or ".join(name for name, one in WRITTEN_UNITS.items() if one.si == si)
 
 
-def _rest(
-    fmu: Fmu, outputs: list[Link], taken: Mapping[str, tuple[str, int]], ambient: float, said: list[str]
+def _assumed(
+    fmu: Fmu, outputs: list[Link], taken: Mapping[str, tuple[str, int]], ambient: float, notes: list[str]
 ) -> list[Link]:
-    """Return what the FMU does not tell: an auxiliary chamber is the bellows, gas as warm as its surroundings."""
-    there = {one.place: one for one in outputs}
-    rest = []
+    """Return outputs that the FMU does not have: auxiliary pressure of the bellows, ambient temperature, no force."""
+    mapped = {one.place: one for one in outputs}
+    assumed = []
     for name, (si, place) in taken.items():
         base = name.rpartition(".")[2]
-        if place in there or place == SUPPLY_TAKEN or base in _NEEDED:
+        if place in mapped or place == SUPPLY_TAKEN or base in _NEEDED:
             continue
         any_other = outputs[0].reference if outputs else 0
         if base == "auxiliary_pressure":
-            same = there.get(place - Algebraic.AUXILIARY_PRESSURE + Algebraic.PRESSURE)
+            same = mapped.get(place - Algebraic.AUXILIARY_PRESSURE + Algebraic.PRESSURE)
             if same is not None:
-                rest.append(Link(name, same.reference, place, same.scale, same.zero))
-            text = "that of the bellows"
+                assumed.append(replace(same, name=name, place=place))
+            text = "the pressure of the bellows"
         else:
             value = ambient if si == "K" else 0.0
-            rest.append(Link(name, any_other, place, 0.0, value))
+            assumed.append(Link(name, any_other, place, 0.0, value))
             text = f"{value:g} {si}"
-        line = f"{fmu.path.name} does not tell {base}: {text} is taken"
-        if line not in said:
-            said.append(line)
-    return rest
+        line = f"{fmu.path.name} has no output {base}: {text} is assumed"
+        if line not in notes:
+            notes.append(line)
+    return assumed
 
 
-def _refuse_half(fmu: Fmu, keys: SpringMap, instances: tuple[Instance, ...]) -> None:
-    """SpringFmuError for a spring that nobody stretches or that does nothing."""
+def _check_complete(fmu: Fmu, keys: SpringMap, instances: tuple[Instance, ...]) -> None:
+    """FmuError if a spring lacks its height, force or pressure."""
     fed = {link.place for one in instances for link in one.inputs}
     taken = {link.place for one in instances for link in one.outputs}
-    lacking = [
-        *(f"inputs.{side}.height" for k, side in enumerate(SIDES) if Feed.HEIGHT + k not in fed),
-        *(
-            f"outputs.{side}.{name}"
-            for name in _NEEDED
-            for k, side in enumerate(SIDES)
-            if _TAKEN[name][1] + k not in taken
-        ),
+    missing = [f"inputs.{side}.height" for k, side in enumerate(SIDES) if Feed.HEIGHT + k not in fed]
+    missing += [
+        f"outputs.{side}.{name}"
+        for name in _NEEDED
+        for k, side in enumerate(SIDES)
+        if _TAKEN[name][1] + k not in taken
     ]
-    if lacking:
-        names = [one.replace(".left.", ".").replace(".right.", ".") for one in lacking]
-        right = lacking if _both_sides(keys) else list(dict.fromkeys(names))
-        raise SpringFmuError(
-            f"spring_map for {fmu.path.name} lacks {', '.join(right)}: without it there is no spring"
-        )
+    if missing:
+        if not _both_sides(keys):
+            missing = [one.replace(".left.", ".").replace(".right.", ".") for one in missing]
+        names = ", ".join(dict.fromkeys(missing))
+        raise FmuError(f"spring_map of {fmu.path.name} lacks {names}; map it to a variable of the FMU")
 
 
 def _parameters(fmu: Fmu, given: Mapping[str, str | int | float], side: str) -> list[tuple[int, float]]:
-    """Return (reference, number) of each parameter of this instance; ``left.x`` is x of the left one."""
+    """Return (reference, number) of each parameter of this instance; ``left.x`` is x of the left spring."""
     found = []
     for key, value in given.items():
         name = key
@@ -342,14 +334,15 @@ def _parameters(fmu: Fmu, given: Mapping[str, str | int | float], side: str) -> 
         where = f"spring_map.parameters.{key}"
         variable = fmu.variable(name, where)
         if not variable.settable or variable.type not in REALS:
-            raise SpringFmuError(
-                f"{where}: {name} is {variable.type}, {variable.causality}; right would be a real parameter"
+            raise FmuError(
+                f"{where}: {name} has the type {variable.type} and the causality {variable.causality}; use a real "
+                "parameter"
             )
         number = _number(variable, value, where)
         if not variable.low <= number <= variable.high:
-            raise SpringFmuError(
-                f"{where} = {value!r} is outside {variable.low:g} to {variable.high:g} {variable.unit.name}, which the "
-                "FMU says are its bounds"
+            raise FmuError(
+                f"{where} = {value!r} is outside the bounds of the FMU; use a value from {variable.low:g} to "
+                f"{variable.high:g} {variable.unit.name}"
             )
         found.append((variable.reference, number))
     return found
@@ -361,24 +354,23 @@ def _number(variable: Variable, value: str | int | float, where: str) -> float:
     try:
         return variable.unit.from_si(read_written(where, value, variable.unit.si or "1"))
     except NotAValue as error:
-        raise SpringFmuError(str(error)) from None
+        raise FmuError(str(error)) from None
 
 
 def _ticks(fmu: Fmu, keys: SpringMap) -> int:
-    """Return how many ticks a communication step has."""
+    """Return the number of ticks of a communication step."""
     step = _seconds("spring_map.step", keys.step, 1.0) if keys.step else TICK
     ticks = round(step / TICK)
     if ticks < 1 or abs(ticks * TICK - step) > 1e-9:
-        raise SpringFmuError(
-            f'spring_map.step = "{keys.step}" is no whole number of ticks; right would be {TICK * 1e3:g} ms, or two '
-            "of it, …"
+        raise FmuError(
+            f'spring_map.step = "{keys.step}" is no whole number of ticks; use a multiple of {TICK * 1e3:g} ms'
         )
     if fmu.step is not None and not fmu.variable_steps:
         parts = ticks * TICK / fmu.step
         if round(parts) < 1 or abs(parts - round(parts)) > 1e-6:
-            raise SpringFmuError(
-                f"{fmu.path.name} takes steps of {fmu.step * 1e3:g} ms only, and spring_map.step is "
-                f'{ticks * TICK * 1e3:g} ms; right would be step = "{fmu.step * 1e3:g} ms", or two of it, …'
+            raise FmuError(
+                f"spring_map.step is {ticks * TICK * 1e3:g} ms, but {fmu.path.name} has a fixed step; use a multiple "
+                f"of {fmu.step * 1e3:g} ms"
             )
     return ticks
 
@@ -387,16 +379,18 @@ def _seconds(what: str, text: str, most: float) -> float:
     try:
         value = read_written(what, text, "s")
     except NotAValue as error:
-        raise SpringFmuError(str(error)) from None
+        raise FmuError(str(error)) from None
     if not 0.0 < value <= most:
-        raise SpringFmuError(f'{what} = "{text}" is outside 0 to {most:g} s')
+        raise FmuError(
+            f'{what} = "{text}" is outside the range; use a time of more than 0 and at most {most:g} s'
+        )
     return value
 
 
-def fill(numbers: Mapping[str, npt.NDArray[np.float64]], plan: Plan) -> None:
-    """Write references, places and scales of ``plan`` into the arrays of `Elsewhere`, by their names."""
-    inputs = [link for one in plan.instances for link in one.inputs]
-    outputs = [link for one in plan.instances for link in one.outputs]
+def fill(numbers: Mapping[str, npt.NDArray[np.float64]], coupling: Coupling) -> None:
+    """Write references, places and scales of ``coupling`` into the arrays of `Elsewhere`, by their names."""
+    inputs = [link for one in coupling.instances for link in one.inputs]
+    outputs = [link for one in coupling.instances for link in one.outputs]
     for links, references, places, scales in (
         (inputs, "input_references", "fed", "feed_scale"),
         (outputs, "output_references", "taken", "take_scale"),

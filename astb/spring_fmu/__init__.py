@@ -1,1 +1,0 @@
-"""Springs that an FMU computes, behind the wires of a simulated rig."""

@@ -1,0 +1,184 @@
+"""Runs an FMU in a separate process, because its library may crash, hang, print or change the folder.
+
+The parent unpacks the FMU with `FmuRunner`, which starts workers. `Worker.request` sends a request and waits for the
+answer with a timeout. It reports a failure with the call in which the FMU was and with the end of its log. In the
+worker `RequestPipes` receives requests.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from bench_sim.fmu.description import Fmu, FmuError, unpack_fmu
+
+#: Characters from the end of a log that a message repeats.
+_LOG_TAIL: Final = 400
+
+
+class FmuRunner:
+    """An FMU in a temporary folder, and its worker processes, which run ``module``. `close` ends and removes all."""
+
+    def __init__(self, fmu: Fmu, module: str) -> None:
+        self.fmu, self._module = fmu, module
+        temporary = tempfile.TemporaryDirectory(prefix="astb-fmu-")
+        self.folder = Path(temporary.name)
+        self.unpacked = self.folder / "unpacked"
+        self._workers: list[Worker] = []
+        self.close = weakref.finalize(self, _close, self._workers, temporary)
+        unpack_fmu(fmu.path, self.unpacked)
+
+    def start(self) -> Worker:
+        """Start a worker, which has a folder of its own."""
+        worker = Worker(self.fmu.path.name, self._module, Path(tempfile.mkdtemp(dir=self.folder)))
+        self._workers.append(worker)
+        return worker
+
+
+def _close(workers: list[Worker], temporary: tempfile.TemporaryDirectory[str]) -> None:
+    for worker in workers:
+        worker.close()
+    temporary.cleanup()
+
+
+class Worker:
+    """A process that runs an FMU, as its parent has it."""
+
+    def __init__(self, name: str, module: str, folder: Path) -> None:
+        self.name, self.folder, self._log = name, folder, folder / "log"
+        self._timeout = 0.0  #: s, after which the process was killed
+        paths = (path or str(Path.cwd()) for path in sys.path)
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", module],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                cwd=folder,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(paths),
+                    "OPENBLAS_NUM_THREADS": "1",
+                    "OMP_NUM_THREADS": "1",
+                },
+            )
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._stdin, self._stdout = self._process.stdin, self._process.stdout
+
+    @property
+    def descriptors(self) -> tuple[int, int]:
+        """File descriptors to the worker and from it."""
+        return self._stdin.fileno(), self._stdout.fileno()
+
+    def request(
+        self,
+        message: Any,
+        *,
+        timeout: float,
+        where: Callable[[], str],
+        progress: Callable[[], bytes] = bytes,
+    ) -> Any:
+        """Return the answer to a message. Without new ``progress`` for ``timeout`` s the process is killed.
+
+        FmuError reports a call that the FMU refused, a crash or a timeout; ``where`` returns the call.
+        """
+        done = threading.Event()
+        threading.Thread(target=self._supervise, args=(done, timeout, progress), daemon=True).start()
+        try:
+            pickle.dump(message, self._stdin, protocol=5)
+            self._stdin.flush()
+            good, answer = pickle.load(self._stdout)
+        except (OSError, EOFError, pickle.UnpicklingError):
+            raise FmuError(
+                f"{self.name} {self.ending()} {where()}. It ran in a separate process, so nothing else stopped. "
+                f"Correct the FMU: each of its calls must return a status{self.log_tail()}"
+            ) from None
+        except BaseException:
+            self.close()
+            raise
+        finally:
+            done.set()
+        if not good:
+            self.close()
+            raise FmuError(f"{self.name} failed {where()}: {answer}{self.log_tail()}")
+        return answer
+
+    def _supervise(self, done: threading.Event, timeout: float, progress: Callable[[], bytes]) -> None:
+        last = progress()
+        while not done.wait(timeout):
+            if (now := progress()) == last:
+                self.kill(timeout)
+                return
+            last = now
+
+    def kill(self, timeout: float) -> None:
+        """Kill the process because it made no progress for ``timeout`` s."""
+        self._timeout = timeout
+        self._process.kill()
+
+    def ending(self) -> str:
+        """Return in words how the process ended; wait for its end."""
+        code = self._process.wait()
+        if self._timeout:
+            return f"made no progress for {self._timeout:g} s"
+        if code < 0:
+            return f"crashed ({signal.Signals(-code).name})"
+        return f"ended its process (exit code {code})"
+
+    def log_tail(self) -> str:
+        """Return a sentence with the end of the log, or "" for an empty log."""
+        return log_tail(self._log.read_text("utf-8", "replace")) if self._log.exists() else ""
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._stdin, self._stdout):
+            with contextlib.suppress(OSError):
+                stream.close()
+
+
+def log_tail(log: str) -> str:
+    """Return a sentence with the end of a ``log``, or "" for an empty one."""
+    return f". Its log ends with: {text[-_LOG_TAIL:]}" if (text := log.strip()) else ""
+
+
+def print_log(text: str) -> None:
+    """Write a message of the FMU to the log of this worker."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class RequestPipes:
+    """Requests to this worker and answers to its parent. Standard output is the log from now on, and input is empty."""
+
+    def __init__(self) -> None:
+        self._requests, self._answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+        with Path(os.devnull).open("rb") as nothing:
+            os.dup2(nothing.fileno(), 0)
+        os.dup2(2, 1)
+        self.descriptors = self._requests.fileno(), self._answers.fileno()
+
+    def answer(self, handle: Callable[[Any], Any]) -> None:
+        """Answer one request with what ``handle`` returns. End the process if the parent sends no more requests."""
+        try:
+            request = pickle.load(self._requests)
+        except EOFError:
+            os._exit(0)  # runs no code of the library
+        with contextlib.suppress(OSError):
+            os.ftruncate(2, 0)
+        try:
+            answer = True, handle(request)
+        except Exception as error:  # FMPy raises several types
+            answer = False, str(error)
+        pickle.dump(answer, self._answers, protocol=5)
+        self._answers.flush()

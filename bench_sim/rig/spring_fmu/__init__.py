@@ -1,0 +1,1 @@
+"""Springs of the simulated rig that an FMU computes."""
