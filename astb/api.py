@@ -43,12 +43,12 @@ def open_bench(
     seed: int | None = None,
     effects: Mapping[str, str] | None = None,
 ) -> "Bench":
-    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or a name of `astb rigs`.
+    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or a name of `astb list rigs`.
 
     ``virtual`` is a simulated rig in virtual time and in this process, and what ``virtual=True`` makes of any simulated
     rig. One in real time that does not answer is started, and stopped with the bench. ``seed`` draws a simulated rig's
     sensors and their noise. ``effects`` are what else it has, by name with the amplitude and its unit, as
-    `astb effects` lists them: ``{"leak.left": "0.2 mm2"}``.
+    `astb list effects` lists them: ``{"leak.left": "0.2 mm2"}``.
 
     Use it with ``with``, or call ``close``; when the interpreter ends it is closed in any case. Closing disarms; what
     air is in the springs the rig holds until it has vented it.

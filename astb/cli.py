@@ -1,9 +1,7 @@
-"""The command `astb`: start a rig, run plans on one, show what crosses its wires, make reports.
+"""The command `astb`, with all its sub-commands.
 
-Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product),
-4 incomplete (what the rig can measure passes, and something is not available on it),
-5 refused (rehearsed in virtual time, a plan trips a limit).
-A command is imported when it is called (`astb.plugins`): `astb --help` answers at once.
+`astb.exit_codes` lists the exit codes. The module of a command is imported when the command is called
+(`astb.plugins`), so that `astb --help` is fast.
 """
 
 import gc
@@ -18,44 +16,48 @@ from astb.plugins import CommandLine
 from astb.terminal import print_safely
 from bench_protocol.runtime import NeedsLinux
 
-#: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
-#: Python's own numbers but for the last, which is 10 there.
+#: Thresholds of the three generations of garbage collection: Python's own numbers except the last, which is 10 there.
 GARBAGE_COLLECTED_AFTER: Final = (700, 10, 100)
-#: The module of each command, in the order of `astb --help`; it stands there as NAME_command.
-HOMES: Final = {
-    "rig": "astb.commands.rig",
-    "fault": "astb.commands.fault",
-    "run": "astb.commands.run",
-    "rehearse": "astb.commands.rehearse",
-    "plans": "astb.commands.lists",
-    "rigs": "astb.commands.named",
-    "specimens": "astb.commands.named",
-    "instruments": "astb.commands.named",
-    "dimensions": "astb.commands.named",
-    "wirings": "astb.commands.named",
-    "parameters": "astb.commands.named",
-    "demos": "astb.commands.named",
-    "effects": "astb.commands.lists",
-    "limits": "astb.commands.lists",
-    "signals": "astb.commands.lists",
-    "report": "astb.commands.run",
-    "note": "astb.commands.note",
-    "runs": "astb.commands.runs",
-    "compare": "astb.commands.runs",
-    "trend": "astb.commands.runs",
-    "export": "astb.commands.exchange",
-    "import": "astb.commands.exchange",
-    "diagnose": "astb.commands.diagnosis",
-    "investigate": "astb.commands.diagnosis",
-    "identify": "astb.commands.diagnosis",
-    "doctor": "astb.commands.doctor",
-    "completion": "astb.commands.completion",
+#: The module of each command by heading, in the order of `astb --help`; the module holds it as NAME_command.
+HEADINGS: Final = {
+    "Run": {
+        "run": "astb.commands.run",
+        "plans": "astb.commands.lists",
+        "rehearse": "astb.commands.rehearse",
+        "campaign": "astb.campaigns.cli",
+        "watch": "astb.watch.cli",
+        "panel": "astb.panel.cli",
+    },
+    "Rigs": {
+        "rig": "astb.commands.rig",
+        "list": "astb.commands.named",
+        "copy": "astb.commands.named",
+    },
+    "Records": {
+        "runs": "astb.commands.runs",
+        "report": "astb.commands.run",
+        "note": "astb.commands.note",
+        "compare": "astb.commands.runs",
+        "trend": "astb.commands.runs",
+        "export": "astb.commands.exchange",
+        "import": "astb.commands.exchange",
+    },
+    "Models": {
+        "diagnose": "astb.commands.diagnosis",
+        "investigate": "astb.commands.diagnosis",
+        "identify": "astb.commands.diagnosis",
+        "fmu": "astb.fmu.cli",
+    },
+    "Tools": {
+        "doctor": "astb.commands.doctor",
+        "completion": "astb.commands.completion",
+    },
 }
 
 
 def main() -> NoReturn:
-    """Run the command line; errors that people can mend are one sentence, not a traceback."""
-    # What imports bring stays to the end: to look through all of it for garbage took 0.16 s of a short command.
+    """Run the command line; errors that users can correct are one sentence, not a traceback."""
+    # Imported objects stay to the end: collecting garbage among them took 0.16 s of a short command.
     gc.set_threshold(*GARBAGE_COLLECTED_AFTER)
     warnings.formatwarning = lambda message, *_args, **_options: f"astb: {message}\n"
     print_safely()
@@ -73,7 +75,7 @@ def main() -> NoReturn:
         click.echo(f"astb: {error}", err=True)
         sys.exit(BLOCKED)
     except Exception as error:
-        # Python would end with 1, which says that the product failed.
+        # Python would end with 1, which means that the product failed.
         import traceback
 
         from bench_records.disk import of_the_disk, why
@@ -88,9 +90,9 @@ def main() -> NoReturn:
         sys.exit(BLOCKED)
 
 
-def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
-    """Print which software this is, and end."""
-    if not asked or ctx.resilient_parsing:
+def _print_version(ctx: click.Context, param: click.Parameter, requested: bool) -> None:
+    """Print version and commit, and end."""
+    if not requested or ctx.resilient_parsing:
         return
     from importlib.metadata import version
 
@@ -101,14 +103,19 @@ def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> No
     ctx.exit()
 
 
-@click.group(cls=CommandLine, homes=HOMES, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=CommandLine, headings=HEADINGS, path="astb", context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.option(
     "--version",
     is_flag=True,
     is_eager=True,
     expose_value=False,
-    callback=_tell_version,
-    help="Show the version and the commit, and exit.",
+    callback=_print_version,
+    help="Print the version and the commit, and exit.",
 )
 def commands() -> None:
-    """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
+    """Test railway air springs on a simulated or real rig, and find errors of their model.
+
+    Type astb COMMAND --help for the options of a command.
+    """

@@ -1,24 +1,24 @@
-"""The commands of `astb`: our own, and those of other packages, by their entry points of the group `astb.commands`.
+"""The commands of `astb`: its own, and those of other packages, by their entry points of the group `astb.commands`.
 
-Here, and only here, imports are put off: a command's module is imported when the command is called or its own help is
-asked for. What `astb --help` says of the commands of this distribution is generated, and imports none of them.
+Only here imports are delayed: the module of a command is imported when the command is called or its own help is
+requested. The summaries in `astb --help` are generated, so that it imports none of these modules.
 """
 
 import sys
 from collections.abc import Mapping
-from functools import cache, cached_property
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from shlex import join
+from typing import Any, Final
 
 import click
 from click.shell_completion import CompletionItem
 
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+from astb.old_names import renamed
 
 GROUP: Final = "astb.commands"
-#: Name and first paragraph of the help, a line for each command of this distribution: `make generate` writes them.
+#: Path and first line of the help of each command: `make generate` writes them.
 SUMMARIES: Final = Path(__file__).parent / "commands" / "summaries.txt"
 
 
@@ -26,142 +26,160 @@ class PluginError(click.ClickException):
     """A command of another package cannot be used; the text names package, entry point and reason."""
 
 
-class UnusableCommand(click.Command):
-    """Stands for a command that could not be loaded: not listed among the others; running it raises the error."""
-
-    def __init__(self, name: str, error: PluginError) -> None:
-        super().__init__(name, hidden=True)
-        self.error = error
-
-    def make_context(self, *_: Any, **__: Any) -> NoReturn:
-        raise self.error
+@cache
+def own_summaries() -> dict[str, str]:
+    """Return the summary of each command by its path, such as ``astb rig check``."""
+    return read_summaries(SUMMARIES.read_text(encoding="utf-8"))
 
 
-class CommandLine(click.Group):
-    """Our commands, each in its module of ``homes`` as ``NAME_command``, and after them those of installed packages."""
+def read_summaries(text: str) -> dict[str, str]:
+    """Return the lines of a file such as `SUMMARIES` by path."""
+    return dict(line.split(": ", 1) for line in text.splitlines())
 
-    def __init__(self, *args: Any, homes: Mapping[str, str], **others: Any) -> None:
+
+class CommandGroup(click.Group):
+    """Commands below headings, each in its module as ``NAME_command``.
+
+    ``headings`` has the module of each command by heading and name. ``path`` is the command line of the group itself.
+    Without the name of a command, ``default`` is called.
+    """
+
+    def __init__(
+        self,
+        *args: Any,
+        headings: Mapping[str, Mapping[str, str]],
+        path: str,
+        default: str = "",
+        **others: Any,
+    ) -> None:
         super().__init__(*args, **others)
-        self.homes: Final = homes
-
-    @cached_property
-    def _offered(self) -> "dict[str, list[EntryPoint]]":
-        # It takes as long to import as click itself, and is asked only for what is not ours.
-        from importlib.metadata import entry_points
-
-        offered: dict[str, list[EntryPoint]] = {}
-        for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value)):
-            offered.setdefault(point.name, []).append(point)
-        return offered
-
-    @cached_property
-    def _summaries(self) -> dict[str, str]:
-        """What is known of the commands of this distribution without importing them."""
-        lines = SUMMARIES.read_text(encoding="utf-8").splitlines()
-        return dict(line.split(": ", 1) for line in lines)
+        self.headings: Final = headings
+        self.homes: Final = {name: home for homes in headings.values() for name, home in homes.items()}
+        self.path: Final = path
+        self.default: Final = default
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of our commands in their order, then the others' in that of the alphabet."""
-        offered = self._offered if _others_may_offer() else self._summaries
-        return [*self.homes, *sorted(offered.keys() - self.homes.keys())]
+        """Return the names of the commands in their order."""
+        return list(self.homes)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command, or None where nobody has one of this name; ours go before those of others."""
-        if cmd_name in self.homes:
-            return getattr(import_module(self.homes[cmd_name]), f"{cmd_name}_command")
-        if cmd_name not in self._offered:
+        """Return a command, or None if there is none of this name."""
+        if cmd_name not in self.homes:
             return None
-        try:
-            return _load(self._offered[cmd_name])
-        except PluginError as error:
-            return UnusableCommand(cmd_name, error)
+        command: click.Command = getattr(import_module(self.homes[cmd_name]), f"{cmd_name}_command")
+        return command
 
-    def _listed(self, ctx: click.Context) -> dict[str, click.Command]:
-        """Return what stands in a list of the commands: of those of this distribution, their summaries alone."""
-        listed = {}
-        for name in self.list_commands(ctx):
-            ours = name in self.homes or not _others_may_offer() or _is_ours(self._offered[name])
-            summary = self._summaries.get(name) if ours else None
-            command = click.Command(name, help=summary) if summary else self.get_command(ctx, name)
-            if command is not None:
-                listed[name] = command
-        return listed
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put the default command before options that begin the arguments."""
+        option = bool(args) and args[0].startswith("-") and args[0] not in ctx.help_option_names
+        if self.default and (option or not (args or ctx.resilient_parsing)):
+            args = [self.default, *args]
+        return super().parse_args(ctx, args)
+
+    def summaries(self) -> dict[str, str]:
+        """Return the summaries of the commands by name."""
+        return {name: own_summaries()[f"{self.path} {name}"] for name in self.homes}
+
+    def sections(self) -> dict[str, dict[str, str]]:
+        """Return name and summary of each command by heading."""
+        summaries = self.summaries()
+        return {
+            heading: {name: summaries[name] for name in homes} for heading, homes in self.headings.items()
+        }
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the commands that begin so, each with its summary, and options."""
+        """Return the commands that begin so, each with its summary, and options, also those of the default."""
         items = [
-            CompletionItem(name, help=command.get_short_help_str())
-            for name, command in self._listed(ctx).items()
-            if name.startswith(incomplete) and not command.hidden
+            CompletionItem(name, help=summary)
+            for name, summary in self.summaries().items()
+            if name.startswith(incomplete)
         ]
-        return items + click.Command.shell_complete(self, ctx, incomplete)
+        default = self.get_command(ctx, self.default) if self.default else None
+        return items + click.Command.shell_complete(default or self, ctx, incomplete)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands, then which packages offer something that cannot be used, and why."""
-        listed = self._listed(ctx)
-        shown = {name: command for name, command in listed.items() if not command.hidden}
-        width = formatter.width - 6 - max(map(len, shown))
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, command.get_short_help_str(width)) for name, command in shown.items()])
-        complaints = [
-            (name, command.error.message)
-            for name, command in listed.items()
-            if isinstance(command, UnusableCommand)
-        ]
-        if _others_may_offer():
-            complaints += [
-                (point.name, f"{_described(point)}: `astb` has a command of this name")
-                for name in self._offered.keys() & self.homes.keys()
-                for point in self._offered[name]
-            ]
-        if complaints:
-            with formatter.section("Commands that cannot be used"):
-                formatter.write_dl(sorted(complaints))
+        """Write the commands below their headings, all summaries in one column."""
+        sections = self.sections()
+        width = max(len(name) for rows in sections.values() for name in rows)
+        for heading, rows in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl([(name.ljust(width), text) for name, text in rows.items()])
+
+
+class CommandLine(CommandGroup):
+    """The commands of `astb`, and after them those of installed packages; old names are replaced."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the own commands in their order, then the others in alphabetical order."""
+        return [*self.homes, *sorted(offers().keys() - self.homes.keys())]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command, or None if no package has one of this name; own commands have priority."""
+        command = super().get_command(ctx, cmd_name)
+        return command or (_load(cmd_name, offers()[cmd_name]) if cmd_name in offers() else None)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; an old name is replaced, and the new one is printed."""
+        if new := renamed(args):
+            args = new
+            if not ctx.resilient_parsing:
+                click.echo(
+                    f"astb: use `astb {join(args)}`; the old form ends with the next release", err=True
+                )
+        return super().resolve_command(ctx, args)
+
+    def summaries(self) -> dict[str, str]:
+        """Return the summaries of the own commands, and the packages of the others."""
+        return super().summaries() | {
+            name: " and ".join(packages) for name, packages in offers().items() if name not in self.homes
+        }
+
+    def sections(self) -> dict[str, dict[str, str]]:
+        """Return name and summary of each command by heading, those of other packages last."""
+        others = {
+            name: " and ".join(packages)
+            + (": cannot be used, `astb` has a command of this name" if name in self.homes else "")
+            for name, packages in sorted(offers().items())
+        }
+        return super().sections() | ({"Other packages": others} if others else {})
 
 
 @cache
-def _others_may_offer() -> bool:
-    """Whether there may be a package beside this distribution that offers commands, by a look at the files of metadata.
+def offers() -> dict[str, dict[str, str]]:
+    """Return the entry points of other packages: by name of the command the modules, by package.
 
-    Without `importlib.metadata`, for whose import alone `astb --help` would take twice as long.
+    They are read without `importlib.metadata`, whose import alone would double the time of `astb --help`.
     """
-    for place in map(Path, sys.path):
-        if place.is_file() or place.suffix == ".egg":
-            return True  # packed: let the library look
-        for points in place.glob("*-info/entry_points.txt"):
-            ours = points.parent.name.startswith(("astb-", "astb.egg-info"))
-            if not ours and f"[{GROUP}]".encode() in points.read_bytes():
-                return True
-    return False
+    found: dict[str, dict[str, str]] = {}
+    for place in dict.fromkeys(sys.path):
+        for points in sorted(Path(place).glob("*-info/entry_points.txt")):
+            package = " ".join(points.parent.stem.split("-")[:2])
+            _, _, group = points.read_text(encoding="utf-8").partition(f"[{GROUP}]\n")
+            for line in group.partition("\n[")[0].splitlines():
+                name, equals, home = map(str.strip, line.partition("="))
+                if equals and not name.startswith("#"):
+                    found.setdefault(name, {}).setdefault(package, home)
+    return found
 
 
-def _is_ours(offers: "list[EntryPoint]") -> bool:
-    """Whether this distribution, and nobody else, offers a command."""
-    return all(offer.dist is not None and offer.dist.name == "astb" for offer in offers)
+def _load(name: str, homes: Mapping[str, str]) -> click.Command:
+    """Import the command of the one package that offers it; PluginError if it fails, or if there are several."""
+    from importlib.metadata import EntryPoint
 
-
-def _load(offers: "list[EntryPoint]") -> click.Command:
-    """Import the one package that offers a command; PluginError if it fails, or if there are several."""
-    offer, *others = offers
-    if others:
-        raise PluginError(
-            f"{' and '.join(map(_described, offers))} have the same name: uninstall all but one"
-        )
+    described = " and ".join(f"{home} of package {package}" for package, home in homes.items())
+    if len(homes) > 1:
+        raise PluginError(f"{described} have the same name {name}: uninstall all but one")
+    (home,) = homes.values()
     try:
-        command = offer.load()
-    except (Exception, SystemExit) as error:  # whatever somebody's module does when it is imported
+        command = EntryPoint(name, home, GROUP).load()
+    except (Exception, SystemExit) as error:  # the import runs code of that package, which can raise anything
         raise PluginError(
-            f"{_described(offer)} cannot be loaded ({type(error).__name__}: {error}): mend or uninstall that package"
+            f"{described} cannot be loaded ({type(error).__name__}: {error}): repair or uninstall that package"
         ) from error
     if not isinstance(command, click.Command):
         raise PluginError(
-            f"{_described(offer)} is of type {type(command).__name__}: its entry point has to name a click.Command"
+            f"{described} is of type {type(command).__name__}: its entry point must name a click.Command"
         )
     return command
-
-
-def _described(point: "EntryPoint") -> str:
-    package = (
-        f"package {point.dist.name} {point.dist.version}" if point.dist else "a package without metadata"
-    )
-    return f"{point.value} of {package}"

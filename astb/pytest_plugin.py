@@ -32,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         dest="astb_rig",
         default="virtual",
         metavar="RIG",
-        help="Rig of the fixtures rig, bench and run: a file, or a name of `astb rigs`. Default: simulated, in memory.",
+        help="Rig of the fixtures rig, bench and run: a file, or a name of `astb list rigs`. Default: simulated.",
     )
     group.addoption(
         "--rig-records",

@@ -55,12 +55,12 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     late_ticks: Literal["catch_up", "skip", "fault"] = "catch_up"
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
-    limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb limits`
+    limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb rig limits`
     sealed: str = ""  #: path of a file of effects that nobody is told
     spring: str = ""  #: path of an FMU that computes the springs
     spring_map: SpringMap = SpringMap()  #: which of its variables are what
     can: SimulatedCan = SimulatedCan()
-    faults: tuple[FaultEntry, ...] = ()  #: what else breaks, and when: `astb fault list`
+    faults: tuple[FaultEntry, ...] = ()  #: what else breaks, and when: `astb rig fault list`
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):

@@ -1,4 +1,4 @@
-"""`astb specimens new`: limits of a specimen with other loads or another drawing, derived from its model.
+"""`astb copy specimen`: limits of a specimen with other loads or another drawing, derived from its model.
 
 Plans run on the simulated bench with these springs. Each limit is a band of its own there, so that each check shows
 which limit its value belongs to. That value becomes the expected one; tolerances stay those of the base file.
@@ -36,7 +36,7 @@ _DIGITS: Final = 4
 Place = tuple[str, str, float | None]
 Found = dict[Place, list[tuple[float, str]]]
 _DERIVED: Final = "derived"
-_GIVEN: Final = "given to `astb specimens new`"
+_GIVEN: Final = "given to `astb copy specimen`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Asked:
 
 def new_specimen(
     target: Path,
-    base: str | None,
+    base: str,
     preloads: Sequence[str],
     drawing: Sequence[str],
     beside: Sequence[str],
@@ -78,9 +78,7 @@ def new_specimen(
                 raise SpecimenError(f"{option} {text}: more than 0 would be right")
         return found
 
-    asked = Asked(
-        base or ORDINARY, read("--preload", preloads, None), read("--set", drawing, DRAWING), beside
-    )
+    asked = Asked(base, read("--preload", preloads, None), read("--set", drawing, DRAWING), beside)
     if left_out := derive(asked, target, say):
         say(f"left out, for no plan that was run measures them (--plan): {', '.join(left_out)}")
 
@@ -121,7 +119,7 @@ def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     if asked.drawing:
         content.pop(MODEL, None)  # of another spring
     head = (
-        f"# Derived by `astb specimens new` from {base.file}: limits marked as derived are what the simulated bench",
+        f"# Derived by `astb copy specimen` from {base.file}: limits marked as derived are what the simulated bench",
         "# measures with these springs. Put in type, serial number and drawing, and what a data sheet states.",
         *(["# Left out, for no plan that was run measures them:"] if left_out else []),
         *(f"#   {name}" for name in left_out),

@@ -23,7 +23,7 @@ class _Rows(dict[str, int]):
     """Rows by name; what is missing is told with the name that is nearest."""
 
     def __missing__(self, name: str) -> int:
-        raise KeyError(f"there is no signal {name!r}; {meant(name, self, '`astb signals` lists them')}")
+        raise KeyError(f"there is no signal {name!r}; {meant(name, self, '`astb rig signals` lists them')}")
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,9 @@ def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo,
     found = _COLUMN.fullmatch(name)
     signal = known(found["name"]) if found else None
     if found is None or signal is None:
-        raise RecordError(f"{path}: the column {name!r} is no signal of the bench; `astb signals` lists them")
+        raise RecordError(
+            f"{path}: the column {name!r} is no signal of the bench; `astb rig signals` lists them"
+        )
     told = found["unit"] or found["round"] or unit
     if told.strip() in ("", "-", "1") and signal.unit in ("", "1"):
         return signal, (signal.scale, 0.0)

@@ -112,7 +112,7 @@ def _wrong_arguments(call: ast.Call, owner: object, method: str) -> Iterator[str
     if isinstance(owner, Bench) and method in _OF_SIGNALS:
         for signal in _texts(call.args):
             if signal not in TABLE.index:
-                yield f"{signal!r} is no signal; {meant(signal, TABLE.index, '`astb signals` lists them')}"
+                yield f"{signal!r} is no signal; {meant(signal, TABLE.index, '`astb rig signals` lists them')}"
 
 
 def _texts(nodes: list[ast.expr]) -> list[str]:

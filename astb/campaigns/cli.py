@@ -23,24 +23,27 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Where the rows are kept.  [default: runs/ and FILE's name]",
+    help="Folder for the results.  [default: runs/NAME for NAME.toml]",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="A dask scheduler, such as tcp://host:8786, instead of this machine.",
+    help="Compute on this dask scheduler, such as tcp://host:8786, instead of this machine.",
 )
 @click.option(
-    "--workers", type=click.IntRange(1), help="Processes on this machine.  [default: one for each core]"
+    "--workers", type=click.IntRange(1), help="Number of processes on this machine.  [default: one per core]"
 )
 @click.option(
-    "--limit", default="10min", show_default=True, help="Time for one case, in which it ends or has failed."
+    "--limit",
+    default="10min",
+    show_default=True,
+    help="Maximum time of a case; a case that takes longer has failed.",
 )
 @click.option(
-    "--records", type=click.Path(path_type=Path), help="Keep each run's record in a directory of this one."
+    "--records", type=click.Path(path_type=Path), help="Keep the records of all runs in this folder."
 )
-@click.option("--again", is_flag=True, help="Try those that failed once more.")
-@click.option("--list", "only_list", is_flag=True, help="List the cases and carry out none.")
+@click.option("--again", is_flag=True, help="Repeat failed cases.")
+@click.option("--list", "only_list", is_flag=True, help="List the cases without running them.")
 def campaign_command(
     file: Path,
     out: Path | None,
@@ -51,12 +54,12 @@ def campaign_command(
     again: bool,
     only_list: bool,
 ) -> None:
-    """Run the plans of a campaign FILE with all its parameters, specimens, rigs and seeds, in virtual time.
+    """Run plans with all combinations of parameters, in virtual time.
 
-    Each case is a row of a Parquet data set as soon as it has ended. Whatever ends the campaign, the same command goes
-    on where it stopped, and does nothing twice.
+    FILE lists plans, parameters, specimens, rigs and seeds (TOML). Each completed case adds a row to a Parquet data
+    set. After an interruption, the same command continues with the remaining cases.
 
-    Ends with 0 if every case has a verdict, whichever it is, 2 for misuse, 3 if a case failed or the cluster is gone.
+    Exit codes: 0 if every case has a verdict, 2 for wrong usage, 3 if a case failed or the cluster does not answer.
     """
     from astb.campaigns.display import CampaignDisplay, failed_checks, verdicts
 

@@ -28,7 +28,7 @@ class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
 
     plan: str
     values: dict[str, Any] = {}  #: of the plan's parameters, as people write them
-    specimen: str = "astb"  #: a name that `astb specimens` lists, or the path of a TOML file
+    specimen: str = "astb"  #: a name that `astb list specimens` lists, or the path of a TOML file
     simulation: Simulation = Simulation()  #: parameter set, change, effects, faults, seed, as in a rig file
     variant: str = ""  #: what people call the rig that differs so from the ordinary one
     files: tuple[str, ...] = ()  #: digests of the files that are named: who changes one has another case

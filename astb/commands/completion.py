@@ -1,4 +1,4 @@
-"""What the shell offers after the tab key: names of plans, specimens, effects and signals, and the script for it."""
+"""Completion in the shell: names of plans, rigs, specimens and effects, and the script for the shell."""
 
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -77,7 +77,7 @@ def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: st
 @click.argument("shell", type=click.Choice(SHELLS))
 @click.pass_context
 def completion_command(context: click.Context, shell: str) -> None:
-    """Print what lets SHELL complete the words of `astb`.
+    """Print the completion script for bash, zsh or fish.
 
     For bash: astb completion bash > ~/.local/share/bash-completion/completions/astb
     """

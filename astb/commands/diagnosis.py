@@ -1,4 +1,4 @@
-"""`astb diagnose`, `astb investigate` and `astb identify`: what a model gets wrong, and what springs are."""
+"""`astb diagnose`, `astb investigate` and `astb identify`: errors and parameters of a model."""
 
 import signal
 from pathlib import Path
@@ -25,24 +25,24 @@ _MAP_OPTION: Final = click.option(
     "--map",
     "map_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
+    help="TOML file that describes the columns of CSV, Parquet or MDF 4 files.",
 )
 _SIMULATOR_OPTION: Final = click.option(
     "--simulator",
     metavar="MODULE:FACTORY|FMU",
-    help="One of your own, such as my_oscillator:Oscillator or my.fmu, in place of the bench.",
+    help="Your own model instead of the model of ASTB, such as my_oscillator:Oscillator or my.fmu.",
 )
 _MODEL_OPTION: Final = click.option(
     "--model",
     default="astb",
     show_default=True,
-    help="The model in doubt: a parameter set, or path of a parameter or model file.",
+    help="Model to examine: a parameter set, or the path of a parameter or model file.",
 )
 _RESULT_OPTION: Final = click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     required=True,
-    help="Where finding, report and extended model go.",
+    help="Folder for finding, report and extended model.",
 )
 
 
@@ -51,8 +51,12 @@ _RESULT_OPTION: Final = click.option(
 @_MAP_OPTION
 @_SIMULATOR_OPTION
 @_MODEL_OPTION
-@click.option("--effects", metavar="NAME,...", help="Only these of the catalogue.  [default: all]")
-@click.option("--seed", type=SEED, default=1, show_default=True, help="Of everything that is drawn.")
+@click.option(
+    "--effects",
+    metavar="NAME,...",
+    help="Consider only these effects of `astb list effects`.  [default: all]",
+)
+@click.option("--seed", type=SEED, default=1, show_default=True, help="Random seed.")
 @_RESULT_OPTION
 def diagnose_command(
     data: tuple[Path, ...],
@@ -63,12 +67,16 @@ def diagnose_command(
     seed: int,
     out: Path,
 ) -> None:
-    """Find what a model gets wrong, name the cause, add it, and measure the gain.
+    """Find errors of a model in measured data, and extend the model.
 
-    DATA are directories that `astb run screening` has written, or any files that --map explains; files whose columns
-    are named like the signals of a --simulator need no map, unless it is an FMU. Writes DIR/finding.json, report.html
-    and, where something was found on the bench, extended.toml: a model that `astb run --model` takes; of an FMU
-    parameters.toml and parameters.ssv. Ends with 0 whatever the verdict, 2 for misuse.
+    DATA are folders of runs, such as those of `astb run screening`, or data files with a --map. Files whose columns
+    have the names of the signals of a --simulator need no map, unless the simulator is an FMU.
+
+    The command compares data and model, identifies the cause of a deviation, adds it to the model and validates the
+    result. It writes OUT/finding.json and OUT/report.html. If it finds a cause, it also writes extended.toml, a model
+    for `astb run --model`; for an FMU it writes parameters.toml and parameters.ssv.
+
+    Exit codes: 0 for any result of the diagnosis, 2 for wrong usage.
     """
     keep_algebra_to_one_core()
     from astb.diagnose import Request, diagnose_data, show
@@ -84,12 +92,12 @@ def diagnose_command(
 
 @click.command("investigate")
 @RIG_OPTION
-@click.option("--virtual", is_flag=True, help="In virtual time, without sockets.")
+@click.option("--virtual", is_flag=True, help="Simulate the rig in virtual time, without sockets.")
 @click.option(
-    "--seed", type=SEED, help="Draws the simulated rig's sensors and their noise, and the diagnosis."
+    "--seed", type=SEED, help="Random seed of the simulated sensors, their noise, and the diagnosis."
 )
 @effect_options
-@click.option("--budget", default="20 min", show_default=True, help="Of the bench's time.")
+@click.option("--budget", default="20 min", show_default=True, help="Maximum test time on the rig.")
 @_MODEL_OPTION
 @_RESULT_OPTION
 def investigate_command(
@@ -102,10 +110,14 @@ def investigate_command(
     model: str,
     out: Path,
 ) -> None:
-    """Screen a rig, diagnose, and run what would decide, until there is a verdict or the budget is spent.
+    """Run tests on a rig until the cause of a model error is clear.
 
-    Writes DIR/investigation.json, the log of decisions; a directory for each record; finding, report and extended
-    model as `astb diagnose` does. Ends with 0 whatever the verdict, 2 for misuse, 3 if the rig keeps it from one.
+    The first test is the plan screening. After each diagnosis, the next test is the one that separates the remaining
+    causes best. The command ends when the cause is clear or the --budget is used.
+
+    It writes OUT/investigation.json, the log of its decisions, a folder for each run, and the files of `astb diagnose`.
+
+    Exit codes: 0 for any result of the diagnosis, 2 for wrong usage, 3 if the rig blocks the tests.
     """
     keep_algebra_to_one_core()
     from astb.investigate import investigate_rig
@@ -129,20 +141,23 @@ def investigate_command(
 @_MAP_OPTION
 @_SIMULATOR_OPTION
 @click.option(
-    "--specimen", "specimen_name", metavar="SPECIMEN", help="The drawing of the springs, over --model."
+    "--specimen",
+    "specimen_name",
+    metavar="SPECIMEN",
+    help="Specimen whose drawing replaces the values of --model.",
 )
 @click.option(
     "--model",
     default="astb",
     show_default=True,
-    help="What is believed beforehand: a parameter set, or path of a parameter or model file.",
+    help="Starting values and their uncertainty (prior): a parameter set, or the path of a parameter or model file.",
 )
-@click.option("--expect", metavar="PLAN", help="Say what is known after this plan, too, before it is run.")
+@click.option("--expect", metavar="PLAN", help="Also predict the uncertainty after a run of this plan.")
 @JSON_OPTION
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="File for what was identified (TOML): of springs a model file.",
+    help="TOML file for the identified parameters; for springs it is a model file.",
 )
 def identify_command(
     data: tuple[Path, ...],
@@ -154,16 +169,19 @@ def identify_command(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    """Identify springs or any simulator: every parameter from records, with its uncertainty.
+    """Estimate parameters from runs, with their uncertainty.
 
-    RUN are records of `astb run identification`, or of any plan that a model can replay, from whatever rig; other files
-    need --map. --out writes a model that `astb run`, `rehearse` and `diagnose` take as --model. Without a RUN it says
-    how well the plan of --expect would tell each parameter, before it is run. With --simulator the parameters are those
-    that the map of an FMU names in [fmu.base], or the nuisances of a simulator of your own; of an FMU --out also writes
-    a parameter set (SSV). Ends with 0, or 2 for misuse.
+    RUN are folders of runs, such as those of `astb run identification`, or data files with a --map. --out writes a
+    model for the option --model of `astb run`, `rehearse` and `diagnose`. Without RUN, --expect predicts the
+    uncertainty of each parameter after a run of this plan.
+
+    With --simulator, the parameters are those in [fmu.base] of the map of an FMU, or the nuisance parameters of your
+    own simulator. For an FMU, --out also writes a parameter set (SSV).
+
+    Exit codes: 0 for any result, 2 for wrong usage.
     """
     if out is not None and not data:
-        misuse(f"--out {out}: without a record nothing is identified; name a RUN, or leave --out out")
+        misuse(f"--out {out} needs data: name a RUN, or remove --out")
     keep_algebra_to_one_core()
     from astb.identify import Request, identify_data, show
 

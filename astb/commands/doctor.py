@@ -1,4 +1,4 @@
-"""`astb doctor`: what is available on this machine, what is missing, and how to install that."""
+"""`astb doctor`: available and missing components of this machine."""
 
 from pathlib import Path
 
@@ -13,11 +13,13 @@ from astb.tables import open_console, open_table, print_json, styled
 @click.command("doctor")
 @RIG_OPTION
 @JSON_OPTION
-@out_option("Where records would go.")
+@out_option("Folder of the runs; it must be writable.")
 def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
-    """Tell what is available on this machine, what is missing, and how to install that.
+    """Check this machine for missing components.
 
-    Ends with 0 if the bench works here, though perhaps not everything of it, and with 3 if it does not.
+    It prints how to install them.
+
+    Exit codes: 0 if ASTB works here, even if optional components are missing, 3 if it does not.
     """
     rig, _ = read_rig(rig_named)
     findings = examine_machine(rig, out)

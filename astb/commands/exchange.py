@@ -1,4 +1,4 @@
-"""`astb export` and `astb import`: records to and from the files of other programs."""
+"""`astb export` and `astb import`: conversion between runs and files of other programs."""
 
 from pathlib import Path
 from typing import Literal
@@ -14,13 +14,18 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 @click.command("export")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.argument("target", type=_FILE)
-@click.option("--rate", type=float, default=100.0, show_default=True, help="Rows a second of a table, in Hz.")
-@click.option("--signal", "names", multiple=True, metavar="NAME", help="Only this signal; repeatable.")
+@click.option("--rate", type=float, default=100.0, show_default=True, help="Rows per second of a table.")
+@click.option("--signal", "names", multiple=True, metavar="NAME", help="Export only this signal; repeatable.")
 def export_command(directory: Path, target: Path, rate: float, names: tuple[str, ...]) -> None:
-    """Write the run in DIRECTORY as TARGET, whose ending says what it becomes.
+    """Export a run to CSV, Excel, Parquet, MDF 4 or a CAN log.
 
-    .csv, .parquet and .arrow are tables at one rate, .xlsx has checks and curves beside it, .mf4 is MDF 4 with every
-    sample; .blf, .asc, .log (candump) and .trc hold the CAN frames of a run that kept them.
+    DIRECTORY is the folder of a run. The ending of TARGET selects the format:
+
+    \b
+      .csv .parquet .arrow    table of the signals at a constant rate
+      .xlsx                   the same, with checks and curves
+      .mf4                    MDF 4 with all samples
+      .blf .asc .log .trc     CAN frames, if the run recorded them (--keep-frames)
     """
     from astb.exchange import export_run
     from drivers.can_files.frames import CanLogError
@@ -39,20 +44,20 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
 @click.option(
     "--dbc",
     type=_FILE,
-    help="The messages of another rig, for a file of CAN frames; without it they are ours.",
+    help="DBC file with the messages of a CAN log.  [default: the messages of ASTB]",
 )
-@click.option("--charset", help="Of the DBC.  [default: UTF-8 if all of it is, else cp1252]")
-@click.option("--channel", help="Only the frames of this channel of a log, as the log calls it: can0, 1.")
+@click.option("--charset", help="Character set of the DBC.  [default: UTF-8 if it is valid, else cp1252]")
+@click.option("--channel", help="Read only frames of this channel of a CAN log, such as can0 or 1.")
 @click.option(
     "--stamps",
     type=click.Choice(["absolute", "delta"]),
-    help="How the time stamps of a candump are meant.  [default: as they look, or refused]",
+    help="Time stamps of a candump: absolute, or since the last frame.  [default: detected]",
 )
 @click.option(
     "--table",
     multiple=True,
     metavar="KEY=VALUE",
-    help="How a table is to be read where it does not tell, such as decimal=, or time=t; repeatable.",
+    help="Format of a table, where the file is not clear, such as decimal=, or time=t; repeatable.",
 )
 def import_command(
     source: Path,
@@ -63,10 +68,11 @@ def import_command(
     stamps: Literal["absolute", "delta"] | None,
     table: tuple[str, ...],
 ) -> None:
-    """Make a run in the new DIRECTORY of SOURCE, for reports and diagnosis.
+    """Import measured data or a CAN log as a run.
 
-    Tables (.csv, .txt, .parquet, .arrow), MDF files (.mf4) and files of CAN frames (.blf, .asc, .log, .trc) are read.
-    Columns and channels are called as `astb export` calls them. Nothing is judged. What was left out is told, counted.
+    SOURCE is a table (.csv, .txt, .parquet, .arrow), an MDF 4 file (.mf4) or a CAN log (.blf, .asc, .log, .trc).
+    DIRECTORY is a new folder. Columns and channels need the names that `astb export` writes. An imported run has no
+    verdict. The command prints how many values or frames it skipped.
     """
     from astb.exchange import import_file
     from astb.frames_import import LogKeys

@@ -1,4 +1,4 @@
-"""`astb fault`: what is broken on purpose on a running simulated rig, beside its wires."""
+"""`astb rig fault`: faults of a running simulated rig."""
 
 from typing import Any, Final
 
@@ -11,15 +11,15 @@ from astb.exit_codes import blocked, misuse
 _PORT: Final = click.option(
     "--modbus-port",
     type=click.IntRange(1, 65535),
-    help="Which rig: the TCP port of its Modbus, over the rig file.",
+    help="TCP port of the Modbus server of the rig.  [default: from the rig file]",
 )
 
 
 @click.group("fault")
 def fault_command() -> None:
-    """Break something on a running simulated rig, and mend it again.
+    """Switch faults of a running simulated rig on or off.
 
-    Nothing of it crosses CAN or Modbus: the rig listens on a socket of its user.
+    The commands use a local socket of the rig, not CAN or Modbus.
     """
 
 
@@ -27,7 +27,7 @@ def fault_command() -> None:
 @RIG_OPTION
 @_PORT
 def list_command(rig_named: str | None, modbus_port: int | None) -> None:
-    """List all faults, their parameters, and what is on."""
+    """List all faults, their parameters, and the active faults."""
     answer = _ask(rig_named, modbus_port, {"do": "list"})
     on = answer["on"]
     place = ""
@@ -41,28 +41,31 @@ def list_command(rig_named: str | None, modbus_port: int | None) -> None:
             click.echo(f"      {one['name']:<18} {_short(one['span'])}{usual}")
     click.echo(f"on at {answer['time']:.3f} s:" if on else f"at {answer['time']:.3f} s no fault is on")
     for active in on:
-        click.echo(f"  {_told(active)}")
+        click.echo(f"  {_active_text(active)}")
 
 
 @fault_command.command("on")
 @click.argument("name")
 @click.argument("values", nargs=-1, metavar="[KEY=VALUE]...")
-@click.option("--for", "lasting", metavar="TIME", help="Mend it after this time, such as 3s.")
+@click.option("--for", "lasting", metavar="TIME", help="Switch the fault off after this time, such as 3s.")
 @RIG_OPTION
 @_PORT
 def on_command(
     name: str, values: tuple[str, ...], lasting: str | None, rig_named: str | None, modbus_port: int | None
 ) -> None:
-    """Switch the fault NAME on, or change it: astb fault on leak side=left area=2mm2."""
+    """Switch a fault on, or change its values.
+
+    For example: astb rig fault on leak side=left area=2mm2
+    """
     order: dict[str, Any] = {
         "do": "on",
         "name": name,
-        "values": pairs(values, "is no KEY=VALUE, such as area=2mm2"),
+        "values": pairs(values, "has no value; write KEY=VALUE, such as area=2mm2"),
     }
     if lasting is not None:
         order["for"] = lasting
     for active in _ask(rig_named, modbus_port, order)["on"]:
-        click.echo(f"on: {_told(active)}")
+        click.echo(f"on: {_active_text(active)}")
 
 
 @fault_command.command("off")
@@ -70,25 +73,28 @@ def on_command(
 @RIG_OPTION
 @_PORT
 def off_command(name: str, rig_named: str | None, modbus_port: int | None) -> None:
-    """Switch off the fault NAME (leak, or leak.left alone), or all."""
+    """Switch a fault off, or all faults.
+
+    NAME is a fault such as leak, or a fault at one place such as leak.left.
+    """
     off = _ask(rig_named, modbus_port, {"do": "off", "name": name})["off"]
     click.echo(f"off: {', '.join(off)}" if off else "no fault was on")
 
 
 def _ask(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
-    """Return what the rig answers to ``order``; ends the command if there is no rig, or it refuses."""
+    """Return the answer of the rig to ``order``; end the command if there is no rig, or if it refuses."""
     from bench_sim.rig.control_socket import ask, control_path
 
     rig, path = read_rig(rig_named)
     if rig.simulation is None:
-        misuse(f"rig file {path} describes a real rig (no [simulation] table): it has faults of its own")
+        misuse(f"rig file {path} describes a real rig (no [simulation] table); faults need a simulated rig")
     port = modbus_port or rig.modbus.port
     socket_path = control_path(rig.modbus.host, port)
     try:
         answer: dict[str, Any] = msgspec.json.decode(ask(socket_path, msgspec.json.encode(order)))
     except (FileNotFoundError, ConnectionRefusedError):
         blocked(
-            f"no rig listens at {socket_path}; is `astb rig` running with Modbus at {rig.modbus.host}:{port}?"
+            f"no rig answers at {socket_path}; start one with `astb rig` and Modbus at {rig.modbus.host}:{port}"
         )
     except OSError as error:
         blocked(error)
@@ -97,13 +103,13 @@ def _ask(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) 
     return answer
 
 
-def _told(active: dict[str, Any]) -> str:
+def _active_text(active: dict[str, Any]) -> str:
     values = " ".join(f"{key}={value}" for key, value in active["values"].items())
     until = "" if active["until"] is None else f", until {active['until']:.3f} s"
     return f"{active['label']} {values}".strip() + f" (since {active['since']:.3f} s{until})"
 
 
 def _short(span: str) -> str:
-    """Return the choices of a parameter, not all of them where there are many."""
+    """Return the choices of a parameter, the first five if there are many."""
     choices = span.split(" or ")
     return " | ".join(choices if len(choices) < 8 else [*choices[:5], f"… ({len(choices)})"])

@@ -1,4 +1,4 @@
-"""`astb plans`, `astb effects`, `astb limits` and `astb signals`: what there is."""
+"""`astb plans`, `astb rig limits` and `astb rig signals`."""
 
 import os
 from importlib.resources import files
@@ -22,10 +22,13 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_plans)
 @JSON_OPTION
 def plans_command(names: tuple[str, ...], as_json: bool) -> None:
-    """List the test plans, or the instruction of each NAME and its parameters with unit, range and default.
+    """List the test plans, or print instructions and parameters.
 
-    A NAME that ends in .py is a file of your own. `astb plans new NAME` writes one to begin with, into the folder
-    ASTB_PLANS if the environment names one, whose plans have names as the others do.
+    With a NAME, it prints the instructions of this plan, its checks, and its parameters with range, unit and default.
+    A NAME that ends in .py is the path of a file with your own plans.
+
+    astb plans new NAME writes an example plan to NAME.py. If the environment variable ASTB_PLANS is set to a folder,
+    the file goes to this folder, and its plans are found by name.
     """
     from test_plans.discovery import plans, unusable
     from test_plans.specimen import ordinary
@@ -44,15 +47,15 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
         if not plan.parameters:
             click.echo("    no parameters")
         for condition in plan.requires:
-            click.echo(f"    before it begins: {condition.text}")
+            click.echo(f"    precondition: {condition.text}")
         for check in plan.checks:
             click.echo(f"    checks {check.shown}: {check.about}")
     if not names:
         known = plans()
         width = max(map(len, known))
         for heading, judges in (
-            ("plans that judge", True),
-            ("programmes for a diagnosis, which judge nothing", False),
+            ("test plans with pass or fail", True),
+            ("programmes that record data for a diagnosis", False),
         ):
             click.echo(f"{heading}:")
             for name, plan in known.items():
@@ -63,7 +66,7 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
 
 
 def _facts(plan: "Plan") -> dict[str, Any]:
-    """What `astb plans` tells of one plan."""
+    """Return what `astb plans --json` prints of one plan."""
     return {
         "name": plan.name,
         "title": plan.title,
@@ -80,47 +83,11 @@ def _facts(plan: "Plan") -> dict[str, Any]:
     }
 
 
-@click.command("effects")
-@JSON_OPTION
-def effects_command(as_json: bool) -> None:
-    """List the effects that a simulated rig can be given and a diagnosis can name."""
-    from bench_sim.model.effects import CATALOGUE
-
-    if as_json:
-        print_json(
-            [
-                {
-                    "name": effect.name,
-                    "places": effect.places,
-                    "family": effect.family,
-                    "title": effect.title,
-                    "parameters": [
-                        {
-                            "name": one.name,
-                            "unit": one.display,
-                            **{end: getattr(one, end) / one.scale for end in ("low", "high", "typical")},
-                        }
-                        for one in effect.parameters
-                    ],
-                }
-                for effect in CATALOGUE.values()
-            ]
-        )
-        return
-    for effect in CATALOGUE.values():
-        places = f".{'|'.join(effect.places)}" if effect.places else ""
-        click.echo(f"{effect.name + places:<30} {effect.family:<12} {effect.title}")
-        for one in effect.parameters:
-            low, high, typical = (f"{value / one.scale:g}" for value in (one.low, one.high, one.typical))
-            unit = "" if one.display == "1" else f" {one.display}"
-            click.echo(f"    {one.name:<26} {low} to {high}{unit}, typically {typical}")
-
-
 @click.command("limits")
 @RIG_OPTION
 @JSON_OPTION
 def limits_command(rig_named: str | None, as_json: bool) -> None:
-    """List the limit detectors of a simulated rig: what trips when, and what happens then."""
+    """List the limits of a simulated rig and its reactions."""
     from bench_sim.rig.limit_table import limits_of, listed
 
     rig, path = read_rig(rig_named)
@@ -141,19 +108,21 @@ def limits_command(rig_named: str | None, as_json: bool) -> None:
 
 @click.command("signals")
 @click.option(
-    "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Write the CAN messages as a DBC file."
+    "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Write the CAN messages to this DBC file."
 )
 @click.option(
-    "--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the Modbus map as a CSV file."
+    "--csv",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the Modbus registers to this CSV file.",
 )
 @click.option(
     "--eds",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the CANopen data sheet as an EDS file.",
+    help="Write the CANopen object dictionary to this EDS file.",
 )
 @JSON_OPTION
 def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_json: bool) -> None:
-    """List everything that crosses the wires, or write it for other tools."""
+    """List all signals, or write them as DBC, CSV or EDS file."""
     generated = files("bench_protocol") / "generated"
     for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv"), (eds, "astb.eds")):
         if target is not None:
@@ -188,7 +157,7 @@ def _write_new(names: tuple[str, ...]) -> None:
     from test_plans.run import PlanError
 
     if len(names) != 1:
-        misuse("one name is wanted, as in `astb plans new pressure_is_kept`")
+        misuse("`astb plans new` needs one name, as in `astb plans new pressure_is_kept`")
     folder = os.environ.get(FOLDER, "")
     try:
         path = write_new(names[0], Path(folder), plans())
@@ -198,7 +167,7 @@ def _write_new(names: tuple[str, ...]) -> None:
 
 
 def plans_named(names: "Iterable[str]") -> "list[Plan]":
-    """Return test plans by name, or those that a file of one's own declares; misuse if there are none."""
+    """Return test plans by name or from a user's file; misuse if there are none."""
     from test_plans.discovery import in_file, plans, unknown, unusable
     from test_plans.run import PlanError
 

@@ -1,11 +1,12 @@
-"""`astb rigs`, `specimens`, `instruments`, `wirings`, `parameters` and `demos`: files that come with the bench."""
+"""`astb list` and `astb copy`: files and effects that have a name."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from shutil import copytree
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from astb.commands.completion import complete_from
 from astb.commands.options import JSON_OPTION, read_rig, read_specimen
@@ -14,85 +15,28 @@ from astb.rig_file import rigs
 from astb.tables import print_json
 from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
 from bench_protocol.named_files import named_files, named_folders, place_of
+from bench_protocol.suggestion import meant
 from bench_protocol.units import kN
 from drivers.errors import WiringError
 
 if TYPE_CHECKING:
+    from bench_sim.model.effects.effect import Effect
     from test_plans.instruments import Instruments
 
 
-_COPY_OPTION: Final = click.option(
-    "--copy",
-    "target",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write a copy of NAME, to begin one of your own with.",
-)
-
-
 class Listed(NamedTuple):
-    """What is told of one file: to people, and to programs."""
+    """What is printed of one name: as text, and as JSON."""
 
     line: str
     facts: Mapping[str, Any]
 
 
-def _listing(
-    command: str,
-    known: Callable[[], Mapping[str, Path]],
-    tell: Callable[[str], Listed],
-    text: str,
-    new: Callable[..., None] | None = None,
-    options: Sequence[Callable[[Any], Any]] = (),
-) -> click.Command:
-    """Return the command that lists the ``known`` files of a kind, as ``tell`` has them, and copies one.
+class Kind(NamedTuple):
+    """A kind of things that have names; ``known`` are their paths by name, and effects have none."""
 
-    ``new`` makes one, with ``options``, where the first name is "new".
-    """
-
-    def body(names: tuple[str, ...], target: Path | None, as_json: bool, **rest: Any) -> None:
-        if new is not None and names[:1] == ("new",):
-            new(names[1:], **rest)
-            return
-        if any(rest.values()):
-            misuse(
-                f"--base, --preload, --set and --plan go with a file, as in astb {command} new mine.toml …"
-            )
-        if target is not None:
-            _copy(command, known(), names, target)
-            return
-        listed = {name: tell(name) for name in names or known()}
-        if as_json:
-            print_json([{"name": name, **one.facts} for name, one in listed.items()])
-            return
-        for name, one in listed.items():
-            click.echo(f"{name}  {one.line}")
-
-    body = JSON_OPTION(_COPY_OPTION(body))
-    for option in reversed(options):
-        body = option(body)
-    names = click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_from(known))
-    return click.command(command, help=text)(names(body))
-
-
-def _copy(command: str, known: Mapping[str, Path], names: tuple[str, ...], target: Path) -> None:
-    if len(names) != 1 or names[0] not in known:
-        misuse(
-            f"--copy takes one NAME: {', '.join(known)}, as in astb {command} {next(iter(known))} --copy {target}"
-        )
-    if target.exists():
-        misuse(f"{target} is there already, and somebody may have worked on it")
-    source = known[names[0]]
-    if source.is_file() and target.suffix != ".toml":
-        misuse(f"{target} would be taken for a name: a file that ends in .toml would do")
-    try:
-        if source.is_dir():
-            copytree(source, target)
-        else:
-            target.write_bytes(source.read_bytes())
-    except OSError as error:
-        misuse(f"{target} cannot be written: {error.strerror}")
-    click.echo(target)
+    singular: str
+    known: Callable[[], Mapping[str, Path | None]]
+    describe: Callable[[str], Listed]
 
 
 def _rigs() -> Mapping[str, Path]:
@@ -113,7 +57,7 @@ def _rig(name: str) -> Listed:
     )
 
 
-def _named(package: str) -> Callable[[], Mapping[str, Path]]:
+def _files_of(package: str) -> Callable[[], Mapping[str, Path]]:
     def known() -> Mapping[str, Path]:
         return named_files(package)
 
@@ -123,35 +67,11 @@ def _named(package: str) -> Callable[[], Mapping[str, Path]]:
 def _specimen(name: str) -> Listed:
     one = read_specimen(name)
     loads = {load.name: load.preload for load in one.loads.values()}
-    carried = ", ".join(f"{load} {preload / kN:g} kN" for load, preload in loads.items())
+    preloads = ", ".join(f"{load} {preload / kN:g} kN" for load, preload in loads.items())
     return Listed(
-        f"{one.type}, no. {one.serial_number}, drawing: {one.drawing}; {carried}",
+        f"{one.type}, no. {one.serial_number}, drawing: {one.drawing}; {preloads}",
         {**one.facts, "preload_N": loads},
     )
-
-
-def _new_specimen(
-    names: tuple[str, ...],
-    base: str | None,
-    preload: tuple[str, ...],
-    values: tuple[str, ...],
-    measured_by: tuple[str, ...],
-) -> None:
-    from astb.specimen_new import new_specimen
-
-    if len(names) != 1 or not names[0].endswith(".toml") or not (preload or values):
-        misuse(
-            "one FILE.toml and what is different are needed, as in "
-            'astb specimens new mine.toml --preload AW0="45 kN"'
-        )
-    target = Path(names[0])
-    if target.exists():
-        misuse(f"{target} is there already, and somebody may have worked on it")
-    try:
-        new_specimen(target, base, preload, values, measured_by, lambda line: click.echo(line, err=True))
-    except (ValueError, OSError) as error:
-        misuse(error)
-    click.echo(target)
 
 
 def _instruments(name: str) -> Listed:
@@ -216,90 +136,160 @@ def _demos() -> Mapping[str, Path]:
 
 
 def _demo(name: str) -> Listed:
-    folder = (
-        _demos()[name]
-        if name in _demos()
-        else misuse(f"there is no demo {name!r}; there is {', '.join(_demos())}")
-    )
+    folder = _demos().get(name) or misuse(f"there is no demo {name!r}; {meant(name, _demos())}")
     (mapped,) = folder.glob("*.toml")
     title = mapped.read_text(encoding="utf-8").partition(":")[0].lstrip("# ")
     files = sorted(path.name for path in folder.iterdir() if path != mapped)
     return Listed(f"{title}; {len(files)} files", {"title": title, "map": mapped.name, "files": files})
 
 
-rigs_command = _listing(
-    "rigs",
-    _rigs,
-    _rig,
-    """List the rigs that have a name, for --rig: those that come with the bench, and the files in rigs/.
+def _catalogue() -> "Mapping[str, Effect]":
+    from bench_sim.model.effects import CATALOGUE
 
-    Without NAMEs all of them. A rig of your own is a file: astb rigs local --copy mine.toml, then --rig mine.toml.
-    """,
-)
-specimens_command = _listing(
-    "specimens",
-    _named("specimens"),
-    _specimen,
-    """List the specimens that come with the bench, or what the file of each NAME says.
+    return CATALOGUE
 
-    `astb specimens new FILE --preload AW0="45 kN"` writes a specimen with other loads or another drawing, with limits
-    derived from the model of the spring. Limits that no plan measures are left out and printed.
-    """,
-    _new_specimen,
-    [
-        click.option("--base", metavar="NAME", help="With new: the specimen to begin with.  [default: astb]"),
-        click.option(
-            "--preload", multiple=True, metavar="CASE=VALUE", help='With new: of a load case, as AW0="45 kN".'
-        ),
-        click.option(
-            "--set",
-            "values",
-            multiple=True,
-            metavar="NAME=VALUE",
-            help="With new: a property of the drawing.",
-        ),
-        click.option(
-            "--plan",
-            "measured_by",
-            multiple=True,
-            metavar="PLAN",
-            help="With new: run this plan beside aw0 and aw3.",
-        ),
-    ],
-)
-instruments_command = _listing(
-    "instruments",
-    _named("instruments"),
-    _instruments,
-    """List the instruments that come with the bench, or those of each NAME, for a rig file.""",
-)
-dimensions_command = _listing(
-    "dimensions",
-    _named("dimensions"),
-    _dimensions,
-    """List the files of dimensions that come with the bench, or what each NAME states, for a rig file.""",
-)
-wirings_command = _listing(
-    "wirings",
-    _named("wirings"),
-    _wiring,
-    """List the wirings that come with the bench, or each NAME: examples, as every rig needs one of its own.
 
-    `astb wiring new` makes a first one from a DBC and a list of registers.
-    """,
-)
-parameters_command = _listing(
-    "parameters",
-    _sets,
-    _parameters,
-    """List the parameter sets that come with the bench, for --model, or what each NAME is.""",
-)
-demos_command = _listing(
-    "demos",
-    _demos,
-    _demo,
-    """List the measured data that come with the bench, each a folder with its map, to try a diagnosis on.
+def _effect(name: str) -> Listed:
+    effect = _catalogue().get(name) or misuse(f"there is no effect {name!r}; {meant(name, _catalogue())}")
+    places = f" ({' or '.join(f'{name}.{place}' for place in effect.places)})" if effect.places else ""
+    lines, parameters = [f"{effect.family}: {effect.title}{places}"], []
+    for one in effect.parameters:
+        span = {end: getattr(one, end) / one.scale for end in ("low", "high", "typical")}
+        low, high, typical = (f"{value:g}" for value in span.values())
+        unit = "" if one.display == "1" else f" {one.display}"
+        lines.append(f"    {one.name:<26} {low} to {high}{unit}, typically {typical}{unit}")
+        parameters.append({"name": one.name, "unit": one.display, **span})
+    facts = {
+        "places": effect.places,
+        "family": effect.family,
+        "title": effect.title,
+        "parameters": parameters,
+    }
+    return Listed("\n".join(lines), facts)
 
-    astb demos chamber --copy chamber, then astb diagnose chamber/*.csv --map chamber/chamber.toml --out found.
-    """,
+
+KINDS: Final[Mapping[str, Kind]] = {
+    "rigs": Kind("rig", _rigs, _rig),
+    "specimens": Kind("specimen", _files_of("specimens"), _specimen),
+    "instruments": Kind("instruments", _files_of("instruments"), _instruments),
+    "dimensions": Kind("dimensions", _files_of("dimensions"), _dimensions),
+    "wirings": Kind("wiring", _files_of("wirings"), _wiring),
+    "parameters": Kind("parameters", _sets, _parameters),
+    "demos": Kind("demo", _demos, _demo),
+    "effects": Kind("effect", lambda: dict.fromkeys(_catalogue()), _effect),
+}
+
+
+def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
+    """Return the kind that a user calls by its singular or plural."""
+    for kind, one in KINDS.items():
+        if text in (kind, one.singular):
+            return kind
+    raise click.BadParameter(f"there is no kind {text!r}; {meant(text, KINDS)}", ctx, param)
+
+
+def _complete_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    kind = KINDS.get(ctx.params.get("kind", ""))
+    return complete_from(kind.known)(ctx, param, incomplete) if kind else []
+
+
+def _kind_argument(kinds: Iterable[str]) -> Callable[..., Any]:
+    return click.argument("kind", callback=_read_kind, shell_complete=complete_from(lambda: kinds))
+
+
+@click.command("list")
+@_kind_argument(KINDS)
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=_complete_names)
+@JSON_OPTION
+def list_command(kind: str, names: tuple[str, ...], as_json: bool) -> None:
+    """List rigs, specimens, effects and other named data.
+
+    Without a NAME it lists all of a KIND. The kinds are:
+
+    \b
+    rigs         rig files, for --rig: those of ASTB and those in the folder rigs/
+    specimens    specimens with their limits, for --specimen
+    instruments  instruments with their uncertainties, for a rig file
+    dimensions   dimensions of rigs, for a rig file
+    wirings      examples of wirings, for a rig file
+    parameters   parameter sets, for --model
+    demos        measured data with a map each, for astb diagnose
+    effects      faults and model errors, for --effect; astb diagnose finds them
+    """
+    described = {name: KINDS[kind].describe(name) for name in names or KINDS[kind].known()}
+    if as_json:
+        print_json([{"name": name, **one.facts} for name, one in described.items()])
+        return
+    for name, one in described.items():
+        click.echo(f"{name}  {one.line}")
+
+
+@click.command("copy")
+@_kind_argument([one.singular for kind, one in KINDS.items() if kind != "effects"])
+@click.argument("name", shell_complete=_complete_names)
+@click.argument("target", type=click.Path(path_type=Path))
+@click.option(
+    "--preload",
+    "preloads",
+    multiple=True,
+    metavar="CASE=VALUE",
+    help='Change the preload of a load case of a specimen, such as AW0="45 kN"; repeatable.',
 )
+@click.option(
+    "--set",
+    "drawing",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help='Change a property of the drawing of a specimen, such as bellows_volume="26 litre"; repeatable.',
+)
+@click.option(
+    "--plan",
+    "plans",
+    multiple=True,
+    metavar="PLAN",
+    help="Run this plan, too, to derive the limits that it measures; repeatable.",
+)
+def copy_command(
+    kind: str,
+    name: str,
+    target: Path,
+    preloads: tuple[str, ...],
+    drawing: tuple[str, ...],
+    plans: tuple[str, ...],
+) -> None:
+    """Copy a rig, specimen or other named data, to edit it.
+
+    KIND is one of astb list: rig, specimen, instruments, dimensions, wiring, parameters or demo. TARGET is a new file
+    or, for a demo, a new folder. Use the copy by its path:
+
+    \b
+        astb copy rig local my_rig.toml
+        astb run aw0 --rig my_rig.toml
+
+    With --preload or --set, the limits of a specimen are derived again: the plans aw0 and aw3 run on the simulated rig
+    with the changed springs. Limits that no plan measures are left out and printed.
+    """
+    if kind == "effects":
+        misuse("effects are no files, so they cannot be copied; use them with --effect NAME=VALUE")
+    if target.exists():
+        misuse(f"{target} exists already; choose another name or remove it")
+    if kind != "demos" and target.suffix != ".toml":
+        misuse(f"{target} would be read as a name, not as a path; use a path that ends in .toml")
+    if (preloads or drawing or plans) and (kind != "specimens" or not (preloads or drawing)):
+        misuse("--preload and --set change a specimen, and --plan needs one of them")
+    try:
+        if preloads or drawing:
+            from astb.specimen_new import new_specimen
+
+            new_specimen(target, name, preloads, drawing, plans, lambda line: click.echo(line, err=True))
+        elif not (source := KINDS[kind].known().get(name)):
+            misuse(f"there is no {KINDS[kind].singular} {name!r}; {meant(name, KINDS[kind].known())}")
+        elif source.is_dir():
+            copytree(source, target)
+        else:
+            target.write_bytes(source.read_bytes())
+    except ValueError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{error.filename or target} cannot be written: {error.strerror}")
+    click.echo(target)

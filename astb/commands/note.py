@@ -15,23 +15,28 @@ from bench_records.run_folder import SIGNS
 @click.command("note")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.argument("text", required=False, default="")
-@click.option("--by", envvar="ASTB_OPERATOR", default="", help="Who says so; else ASTB_OPERATOR.")
+@click.option(
+    "--by",
+    envvar="ASTB_OPERATOR",
+    default="",
+    help="Author of the note.  [default: ASTB_OPERATOR of the environment]",
+)
 @click.option(
     "--file",
     "files",
     multiple=True,
     type=click.Path(path_type=Path, dir_okay=False),
-    help="A photo or another file, which is copied; repeatable.",
+    help="Copy a photo or another file to the run; repeatable.",
 )
 @JSON_OPTION
 def note_command(directory: Path, text: str, by: str, files: tuple[Path, ...], as_json: bool) -> None:
-    """Add TEXT, photos or files to the run in DIRECTORY, with time and author; without any, list its notes.
+    """Add a note, a photo or a file to a run, or list its notes.
 
-    What the run left and what was signed is not touched: notes lie beside it, and a report that is made anew shows them
-    behind the signatures.
+    A note has time and author. It changes neither the record nor the signed report: `astb report` writes a new report
+    that shows the notes after the signatures.
     """
     if not any((directory / name).exists() for name in SIGNS):
-        misuse(f"{directory} is no folder of a run: it has none of {', '.join(SIGNS)}")
+        misuse(f"{directory} is no folder of a run: it has none of the files {', '.join(SIGNS)}")
     try:
         for number, file in enumerate(files or ([None] if text else [])):
             add_note(directory, text if number == 0 else "", by, file)
@@ -42,7 +47,7 @@ def note_command(directory: Path, text: str, by: str, files: tuple[Path, ...], a
         print_json(notes)
         return
     for one in notes:
-        changed = "" if is_as_added(directory, one) else " (gone or changed since)"
+        changed = "" if is_as_added(directory, one) else " (removed or changed since then)"
         click.echo("  ".join(filter(None, (one.at, one.by, one.text, one.file + changed))))
     if not notes:
-        click.echo("there is no note on this run")
+        click.echo("this run has no notes")

@@ -22,10 +22,13 @@ RIG_OPTION: Final = click.option(
     "rig_named",
     metavar="RIG",
     shell_complete=complete_rigs,
-    help="Rig file (TOML), or a name of `astb rigs`.  [default: local]",
+    help="Rig file (TOML), or a name of `astb list rigs`.  [default: local]",
 )
-JSON_OPTION: Final = click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table."
+JSON_OPTION: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+SEED_OPTION: Final = click.option(
+    "--seed",
+    type=SEED,
+    help="Random seed of the simulated sensors and their noise.  [default: from the rig file]",
 )
 
 
@@ -37,16 +40,24 @@ def out_option(text: str, name: str = "out") -> Callable[..., Any]:
 
 
 _SIMULATION_OPTIONS: Final = (
-    click.option("--model", help="Parameter set, or path of a parameter or model file; over the rig file."),
+    click.option(
+        "--model",
+        help="Model of the simulated rig: a parameter set, or the path of a parameter or model file.  "
+        "[default: from the rig file]",
+    ),
     click.option(
         "--effect",
         "effects",
         multiple=True,
         metavar="NAME=VALUE",
         shell_complete=complete_effects,
-        help="Give the simulated rig an effect, such as leak.left=0.2mm2; repeatable. `astb effects` lists them.",
+        help="Add an effect to the simulated rig, such as leak.left=0.2mm2; repeatable. `astb list effects` lists all.",
     ),
-    click.option("--sealed", help="File with effects that are recorded and shown nowhere."),
+    click.option(
+        "--sealed",
+        metavar="FILE",
+        help="File with effects for a blind test. Records and output only show that there are such effects.",
+    ),
 )
 
 
@@ -94,9 +105,7 @@ def simulated(
             f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and --sealed are for "
             "simulated ones"
         )
-    given = pairs(
-        effects, "has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2", option="--effect "
-    )
+    given = pairs(effects, "has no value; write NAME=VALUE, such as leak.left=0.2mm2", option="--effect ")
     return replace(
         rig,
         simulation=replace(

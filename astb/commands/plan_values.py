@@ -1,4 +1,4 @@
-"""The plans that a command is told to run, with the parameters that it gives them."""
+"""The options of commands that run plans: parameters, specimen, answers and output folder."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ _OPTIONS: Final = (
         "specimen_name",
         metavar="FILE",
         shell_complete=complete_specimens,
-        help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
+        help="Specimen with its limits: a name of `astb list specimens`, or a TOML file.  [default: astb]",
     ),
     click.option(
         "--set",
@@ -29,24 +29,24 @@ _OPTIONS: Final = (
         multiple=True,
         metavar="NAME=VALUE",
         shell_complete=complete_settings,
-        help="Set a parameter of the plans, such as amplitude=20mm, or of one, PLAN.amplitude=20mm; repeatable. "
-        "`astb plans PLAN` lists them.",
+        help="Set a parameter of all plans, such as amplitude=20mm, or of one, such as aw3.load=AW3; repeatable. "
+        "`astb plans PLAN` lists the parameters.",
     ),
     click.option(
         "--with",
         "values_path",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help='Parameters of the plans in a TOML file: NAME = "VALUE", for one plan in a table [PLAN]; '
-        "--set goes over it.",
+        help='TOML file with parameters of the plans: NAME = "VALUE", for one plan in a table [PLAN]. '
+        "--set overrides them.",
     ),
     click.option(
         "--answers",
         metavar="FILE",
-        help="Answers to what the plans ask their operator, a TOML file: "
-        '"QUESTION" = "ANSWER", * for anything; - for lines of the standard input.',
+        help='TOML file with answers to questions of the plans: "QUESTION" = "ANSWER", with * for any text. '
+        "Use - for lines of the standard input.",
     ),
-    out_option("Where records go."),
+    out_option("Folder for the runs."),
 )
 
 
@@ -68,13 +68,11 @@ def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | Non
     plans = plans_named(names)
     chosen = {plan.name for plan in plans}
     given = _read(path) if path else {}
-    given |= pairs(
-        settings, "has no value: NAME=VALUE would be right, such as amplitude=20mm", option="--set "
-    )
+    given |= pairs(settings, "has no value; write NAME=VALUE, such as amplitude=20mm", option="--set ")
     for name in given:
         plan, dot, _ = name.partition(".")
         if dot and plan not in chosen:
-            misuse(f"{name} is meant for the plan {plan}, which is not to be run: {', '.join(chosen)}")
+            misuse(f"{name} is a parameter of the plan {plan}, but the plans to run are {', '.join(chosen)}")
     try:
         return [plan.given(_meant_for(plan.name, given)) for plan in plans]
     except ParameterRefused as error:

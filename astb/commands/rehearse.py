@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from astb.commands.completion import complete_plans
 from astb.commands.options import (
     RIG_OPTION,
-    SEED,
+    SEED_OPTION,
     pairs,
     read_rig,
     read_specimen,
@@ -50,21 +50,25 @@ _STYLE: Final = {"clear": "bold green", "blocked": "bold magenta", "refused": "b
     "--from",
     "kept",
     metavar="RUN@TIME",
-    help="Go through a kept virtual run again, and on from this time (runs/aw0@70s) with --fault, --effect, --change.",
+    help="Repeat a recorded virtual run up to this time, such as runs/aw0@70s, and continue it with changes.",
 )
 @click.option(
-    "--fault", "faults", multiple=True, help="With --from: what breaks there, as `astb fault on` has it."
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="FAULT",
+    help='With --from: switch this fault on, as `astb rig fault on` does, such as "leak side=left area=2mm2".',
 )
 @click.option(
     "--change",
     "changes",
     multiple=True,
     metavar="NAME=VALUE",
-    help="With --from: a parameter that is another one from there on, such as orifice_diameter=12mm or, left and "
-    "right, orifice_diameter=12mm,18mm.",
+    help="With --from: change this parameter, such as orifice_diameter=12mm, or orifice_diameter=12mm,18mm for left "
+    "and right.",
 )
 @RIG_OPTION
-@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
+@SEED_OPTION
 @simulation_options
 @plan_value_options
 def rehearse_command(
@@ -83,18 +87,21 @@ def rehearse_command(
     answers: str | None,
     out: Path,
 ) -> None:
-    """Rehearse test plans in virtual time: how far they go, and how close to which limit of the rig.
+    """Simulate test plans, and print their margins to limits.
 
-    Nothing moves and nobody is asked on the wires: a real rig is stood for by the simulated one, with the limits that
-    its file tells and, where it tells none, assumed ones. --model takes the extended model of a diagnosis. Each plan
-    leaves DIR/PLAN-rehearsal/ with rehearsal.html, rehearsal.json and the record.
+    A real rig neither moves nor receives anything: a simulated rig takes its place. It has the limits of the rig file,
+    and assumed limits where the file has none. --model takes the extended model of a diagnosis. Each plan gets a folder
+    OUT/PLAN-rehearsal with rehearsal.html, rehearsal.json and the record.
 
-    --from makes a kept run in virtual time again, on the --rig and --model that made it, checks that it is the same to
-    the bit up to that time, and goes on with a change, an --effect that begins there too: what would have been is told
-    beside what was.
+    --from repeats a recorded virtual run, with the same --rig and --model. It checks that the repeated run is identical
+    up to the given time. From there it continues with --fault, --effect or --change, and prints both courses.
 
-    Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
-    reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
+    \b
+    Exit codes:
+      0  no limit trips; the checks do not count
+      2  wrong usage
+      3  the plan is blocked for another reason than a limit
+      5  a limit would trip; step, value and time are printed
     """
     from astb.rehearsal.page import word, write_page
 
@@ -133,16 +140,15 @@ def _past(
 ) -> "Past | None":
     """Return the kept run that goes on, or None where plans are rehearsed."""
     if bool(plans) == bool(kept) or ((faults or changes) and not kept):
-        misuse(
-            "a PLAN is rehearsed, or a RUN@TIME goes on --from there, with its --fault and --change; one of the two "
-            "would be right"
-        )
+        misuse("name either a PLAN, or a run with --from RUN@TIME; --fault and --change need --from")
     if not kept:
         return None
     from astb.rehearsal.again import Changes, Past
 
-    begin = pairs(effects, "has no amplitude: leak.left=0.2mm2 would be right", option="--effect ")
-    other = pairs(changes, "has no value: orifice_diameter=12mm would be right", option="--change ")
+    begin = pairs(effects, "has no value; write NAME=VALUE, such as leak.left=0.2mm2", option="--effect ")
+    other = pairs(
+        changes, "has no value; write NAME=VALUE, such as orifice_diameter=12mm", option="--change "
+    )
     try:
         return Past.named(kept, Changes([_fault(text) for text in faults], begin, _by_side(other)))
     except (ValueError, RecordError) as error:
@@ -155,9 +161,9 @@ def _by_side(texts: "Mapping[str, str]") -> "dict[str, str | list[str]]":
 
 
 def _fault(text: str) -> tuple[str, dict[str, str]]:
-    """Return name and values of a fault, as `astb fault on` takes them."""
+    """Return name and values of a fault, as `astb rig fault on` takes them."""
     name, *values = shlex.split(text) or [""]
-    return name, pairs(values, "is no KEY=VALUE, such as area=2mm2", option=f"--fault {name} ")
+    return name, pairs(values, "has no value; write KEY=VALUE, such as area=2mm2", option=f"--fault {name} ")
 
 
 def _rehearsed(

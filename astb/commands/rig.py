@@ -1,4 +1,4 @@
-"""`astb rig`: the simulated rig in real time."""
+"""`astb rig`: the simulated rig in real time, and the group of commands for rigs."""
 
 import os
 import signal
@@ -8,14 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 from msgspec.structs import replace
 
 from astb.commands.ending import UNAWARES, ended_by
-from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
+from astb.commands.options import RIG_OPTION, SEED_OPTION, read_rig, simulated, simulation_options
 from astb.exit_codes import blocked, misuse
+from astb.plugins import CommandGroup
 from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
 from bench_protocol.runtime import require_linux
 
@@ -25,35 +26,75 @@ if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
 
 
-@click.command("rig")
+#: The modules of the commands below `astb rig`.
+HEADINGS: Final = {
+    "Commands": {
+        "run": "astb.commands.rig",
+        "check": "astb.acceptance.commands.check_rig",
+        "conform": "astb.acceptance.commands.conform",
+        "new": "astb.acceptance.commands.wiring",
+        "limits": "astb.commands.lists",
+        "signals": "astb.commands.lists",
+        "fault": "astb.commands.fault",
+    }
+}
+
+
+@click.group("rig", cls=CommandGroup, headings=HEADINGS, path="astb rig", default="run")
+def rig_command() -> None:
+    """Simulate a rig, check a rig, or describe a new one.
+
+    Without COMMAND, astb rig [OPTIONS] is short for astb rig run [OPTIONS].
+    """
+
+
+@click.command("run")
 @RIG_OPTION
-@click.option("--can", help="auto, tcp, or a SocketCAN interface such as vcan0; over the rig file.")
-@click.option("--can-port", type=click.IntRange(0, 65535), help="TCP port of the CAN hub, 0 for a free one.")
-@click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
-@click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
-@simulation_options
 @click.option(
-    "--bit-rate", metavar="RATE", help="Let CAN frames take their time, at 500k or so; over the rig file."
+    "--can", help="CAN bus: auto, tcp, or a SocketCAN interface such as vcan0.  [default: from the rig file]"
 )
 @click.option(
-    "--capture", type=click.Path(path_type=Path), help="Keep the bus in a pcapng file or named pipe."
+    "--can-port",
+    type=click.IntRange(0, 65535),
+    help="TCP port of the CAN hub, or 0 for any free port.  [default: from the rig file]",
+)
+@click.option(
+    "--modbus-port",
+    type=click.IntRange(0, 65535),
+    help="TCP port of the Modbus server, or 0 for any free port.  [default: from the rig file]",
+)
+@SEED_OPTION
+@simulation_options
+@click.option(
+    "--bit-rate",
+    metavar="RATE",
+    help="Simulate the duration of CAN frames at this bit rate, such as 500k.  [default: from the rig file]",
+)
+@click.option(
+    "--capture",
+    type=click.Path(path_type=Path),
+    help="Write the bus traffic to this pcapng file or named pipe.",
 )
 @click.option(
     "--capture-port",
     type=click.IntRange(1, 65535),
-    help="Show the bus live on TCP, to `tshark -i TCP@127.0.0.1:19901` and the like.",
+    help="Send the bus traffic to this TCP port, for example for `tshark -i TCP@127.0.0.1:19901`.",
 )
 @click.option(
     "--tick-rate",
     type=click.Choice([str(rate) for rate in TICK_RATES]),
-    help=f"Ticks per second; {TICK_RATES[0]} unless {TICK_RATE_VARIABLE} says otherwise.",
+    help=f"Ticks per second.  [default: {TICK_RATE_VARIABLE} of the environment, else {TICK_RATES[0]}]",
 )
-@click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
 @click.option(
-    "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
+    "--beacon",
+    is_flag=True,
+    help="Announce the CAN hub on the loopback interface, so that SavvyCAN finds it.",
+)
+@click.option(
+    "--allow-remote", is_flag=True, help="Accept connections of other machines. The ports have no password."
 )
 @click.option("--until-eof", is_flag=True, hidden=True)
-def rig_command(
+def run_command(
     rig_named: str | None,
     can: str | None,
     can_port: int | None,
@@ -72,8 +113,8 @@ def rig_command(
 ) -> None:
     """Run the simulated rig in real time until interrupted.
 
-    Prints `ready can=… modbus=… control=…` when its ports are open; the last is for `astb fault`. SIGUSR1 presses the
-    emergency stop, SIGUSR2 releases it.
+    It prints `ready can=… modbus=… control=…` when its ports are open; `control` is the socket for `astb rig fault`.
+    The signal SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
     """
     require_linux("a rig in real time")
     _at_tick_rate(tick_rate)

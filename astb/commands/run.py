@@ -8,7 +8,14 @@ import click
 
 from astb.commands.completion import complete_plans
 from astb.commands.ending import end_in_order
-from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
+from astb.commands.options import (
+    RIG_OPTION,
+    SEED_OPTION,
+    read_rig,
+    read_specimen,
+    simulated,
+    simulation_options,
+)
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, DEVIATES, FAIL, INCOMPLETE, PASS, blocked, misuse
 from astb.messages import MessageError, Messages, receiver
@@ -32,42 +39,44 @@ _KEPT: Final = (
     click.option(
         "--keep-frames",
         is_flag=True,
-        help="Also keep every CAN frame, in can.blf; `astb export` makes other formats of it.",
+        help="Also record all CAN frames, in can.blf; `astb export` converts them.",
     ),
-    click.option("--pdf", is_flag=True, help="Also print the report as PDF, to be signed; by Chromium."),
+    click.option(
+        "--pdf", is_flag=True, help="Also write the report as PDF for signature; this needs Chromium."
+    ),
     click.option(
         "--watch",
         "twin",
         is_flag=True,
-        help="The model runs beside the rig, and tells where they part, as `astb watch` does.",
+        help="Compare the rig with its model during the run, and print deviations as `astb watch` does.",
     ),
     click.option(
         "--operator",
         "run_by",
         envvar="ASTB_OPERATOR",
         default="",
-        help="Who runs this, for record and report; else ASTB_OPERATOR of the environment.",
+        help="Name of the operator, for record and report.  [default: ASTB_OPERATOR of the environment]",
     ),
     click.option(
         "--ambient",
         envvar="ASTB_AMBIENT",
         default="",
-        help='The surroundings, such as "21 °C, 1013 hPa", for record and report; else ASTB_AMBIENT of the '
-        "environment.",
+        help='Ambient conditions, such as "21 °C, 1013 hPa", for record and report.  [default: ASTB_AMBIENT of the '
+        "environment]",
     ),
     click.option(
         "--message",
         metavar="TO",
         envvar="ASTB_MESSAGE",
         default="",
-        help="Who hears of each question and of the end: a command, or a webhook on this machine, such as "
-        "http://127.0.0.1:8080/hook; else ASTB_MESSAGE of the environment.",
+        help="Send a message at each question and at the end: to a command, or to a webhook on this machine such as "
+        "http://127.0.0.1:8080/hook.  [default: ASTB_MESSAGE of the environment]",
     ),
     click.option(
         "--message-elsewhere",
         envvar="ASTB_MESSAGE_ELSEWHERE",
         is_flag=True,
-        help="The webhook may be on another machine, which learns what is tested here.",
+        help="Allow a webhook on another machine. The messages name plan, specimen and rig.",
     ),
 )
 
@@ -83,9 +92,11 @@ def kept_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.argument("plans", nargs=-1, required=True, metavar="PLAN...", shell_complete=complete_plans)
 @RIG_OPTION
 @click.option(
-    "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
+    "--virtual",
+    is_flag=True,
+    help="Simulate the rig in virtual time, without sockets; the results are the same.",
 )
-@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
+@SEED_OPTION
 @simulation_options
 @plan_value_options
 @kept_options
@@ -104,14 +115,22 @@ def run_command(
     out: Path,
     **kept: Any,
 ) -> None:
-    """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
+    """Run test plans on a rig, and write records and reports.
 
-    An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C,
-    SIGTERM, SIGQUIT and a terminal that is closed end the plan: the air is let off, and the report is written and says
-    what the springs still hold. A second signal ends that too, and further ones nothing: what was found is written.
+    Each plan gets a folder OUT/PLAN with record, result and report. Runs are never overwritten: the next run of a plan
+    goes to OUT/PLAN-2, and so on. PLAN is a name of astb plans, or a .py file with your own plans.
 
-    Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
-    passes and something is not available on it, 6 if all passes but the rig deviates from its model (--watch).
+    Ctrl-C, SIGTERM, SIGQUIT or closing the terminal stops the plan. Then the rig vents the springs, and the report says
+    how much air is left. A second signal stops the venting, too. The results are written in each case.
+
+    \b
+    Exit codes:
+      0  all plans pass
+      1  a plan fails
+      2  wrong usage
+      3  a plan is blocked by the rig or by a precondition
+      4  all measured checks pass, but the rig cannot measure some checks
+      6  all plans pass, but the rig deviates from its model (--watch)
     """
     from astb.run import deviates, run_plans
 
@@ -166,14 +185,17 @@ def _keeping(
 
 @click.command("report")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--pdf", is_flag=True, help="Also print it as report.pdf, to be signed; by Chromium.")
+@click.option("--pdf", is_flag=True, help="Also write report.pdf for signature; this needs Chromium.")
 @click.option(
     "--letterhead",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML file with laboratory, customer, order and logo; else ASTB_LETTERHEAD.",
+    help="TOML file with laboratory, customer, order and logo.  [default: ASTB_LETTERHEAD of the environment]",
 )
 def report_command(directory: Path, pdf: bool, letterhead: Path | None) -> None:
-    """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
+    """Write the report of a run again.
+
+    If the run was killed, its record is recovered first.
+    """
     try:
         if (directory / STREAM).exists():
             click.echo(recover(directory))

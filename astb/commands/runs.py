@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from bench_records.index import KeptCheck, KeptRun
     from bench_records.trend import Trend
 
-OUT_OPTION: Final = out_option("The folder in which `astb run` keeps its runs.", "folder")
+OUT_OPTION: Final = out_option("Folder of the runs.", "folder")
 PAGE_OPTION: Final = click.option(
     "--page",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Also write it as an HTML page with drawings.",
+    help="Also write an HTML page with diagrams.",
 )
 _STYLE: Final = {
     "pass": "green",
@@ -45,19 +45,19 @@ _STYLE: Final = {
 @click.command("runs")
 @OUT_OPTION
 @click.option("--plan", help="Only runs of this plan.")
-@click.option("--verdict", type=click.Choice(tuple(_STYLE)), help="Only runs that ended so.")
+@click.option("--verdict", type=click.Choice(tuple(_STYLE)), help="Only runs with this verdict.")
 @click.option("--specimen", help="Only runs of the specimen with this serial number.")
 @click.option("--rig", help="Only runs on this rig.")
 @click.option("--operator", help="Only runs of this operator.")
 @click.option(
     "--rebuild",
     is_flag=True,
-    help="Make the index anew from the folders. It follows them by itself; this is for doubts.",
+    help="Build the index of the runs again. Normally it is updated automatically.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Tell which files are not as they were written, by the checksums beside them; ends with 1 if any.",
+    help="Check all files against their checksums, and end with exit code 1 if a file has changed.",
 )
 @JSON_OPTION
 def runs_command(
@@ -71,7 +71,7 @@ def runs_command(
     verify: bool,
     as_json: bool,
 ) -> None:
-    """List the runs that are kept, oldest first."""
+    """List the recorded runs, oldest first."""
     index = _index(folder)
     try:
         if rebuild:
@@ -120,9 +120,9 @@ def runs_command(
 @PAGE_OPTION
 @JSON_OPTION
 def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
-    """Tell in what the run in directory B differs from that in A.
+    """Compare two runs: parameters, limits, results and curves.
 
-    In rig, specimen and parameters, in limits, in results, and in curves, which the page draws on top of each other.
+    A and B are folders of runs.
     """
     try:
         found = compare_runs(a, b)
@@ -174,22 +174,25 @@ def _results(checks: list[CheckPair]) -> Any:
 @click.option("--specimen", required=True, metavar="NUMBER", help="Serial number of the specimen.")
 @OUT_OPTION
 @click.option("--plan", help="Only runs of this plan.")
-@click.option("--phase", help="Only checks made in this phase.")
+@click.option("--phase", help="Only checks of this phase of the plan.")
 @click.option("--rig", help="Only runs on this rig.")
-@click.option("--circumstances", help='Only runs made so, such as "SIMULATED"; "" is a real rig.')
+@click.option(
+    "--circumstances",
+    help='Only runs in these circumstances: "SIMULATED" for simulated rigs, "" for real ones.',
+)
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Only runs with this parameter as written in the run, such as load=AW3; repeatable.",
+    help="Only runs with this value of a parameter, such as load=AW3; repeatable.",
 )
 @PAGE_OPTION
 @click.option(
     "--table",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE.xlsx",
-    help="Also write all values as a workbook for Excel.",
+    help="Also write all values to an Excel workbook.",
 )
 @JSON_OPTION
 def trend_command(
@@ -205,16 +208,16 @@ def trend_command(
     table: Path | None,
     as_json: bool,
 ) -> None:
-    """Tell how the values of each CHECK went over the life of a specimen: scatter, and whether they drift.
+    """Show how the results of a specimen change over runs.
 
-    A CHECK is the name of one, or a pattern: "left vertical K' at *" are those of all frequencies. What was measured
-    otherwise is never mixed: where a check of one name comes from several plans, phases, rigs, circumstances or
-    parameters, these are listed, and one has to be chosen.
+    It prints the values of a check with scatter and drift. CHECK is the name of a check, or a pattern such as
+    "left vertical K' at *" for all frequencies. Only results of the same plan, phase, rig, circumstances and parameters
+    are compared. If there are several of them, they are printed as options, and you choose one.
     """
     if table and table.suffix.lower() != ".xlsx":
-        misuse(f"{table} is no name of a workbook for Excel; {table.with_suffix('.xlsx')} would be one")
+        misuse(f"--table {table}: the name of a workbook ends in .xlsx, such as {table.with_suffix('.xlsx')}")
     index = _index(folder)
-    wanted = pairs(settings, "has no value: NAME=VALUE would be right, such as load=AW3", option="--set ")
+    wanted = pairs(settings, "has no value; write NAME=VALUE, such as load=AW3", option="--set ")
     chosen = {"serial_number": specimen, "plan": plan, "rig": rig, "circumstances": circumstances}
     try:
         trends = [

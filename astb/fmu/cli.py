@@ -1,4 +1,4 @@
-"""`astb fmu`: springs, bench and car as Functional Mock-up Units."""
+"""`astb fmu`: springs, bench and car as Functional Mock-up Units (FMU)."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +13,7 @@ _VERSIONS: Final = ("2", "3")
 
 @click.group("fmu")
 def fmu_command() -> None:
-    """Write springs, bench or car as a Functional Mock-up Unit (FMU)."""
+    """Export springs, bench or car as FMUs for co-simulation."""
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
@@ -24,13 +24,25 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
             type=click.Path(path_type=Path, dir_okay=False),
             default=f"{name}.fmu",
             show_default=True,
+            help="File to write.",
         ),
-        click.option("--native", is_flag=True, help="For processors like this one only."),
         click.option(
-            "--fmi", type=click.Choice(_VERSIONS), default="3", show_default=True, help="Version of FMI."
+            "--native", is_flag=True, help="Optimise for this processor; the FMU may not run on others."
         ),
-        click.option("--load-case", help="Such as AW3; else the first one of the set."),
-        click.option("--model", default="astb", show_default=True, help="Parameter set, or a model file."),
+        click.option(
+            "--fmi",
+            type=click.Choice(_VERSIONS),
+            default="3",
+            show_default=True,
+            help="Version of the FMI standard.",
+        ),
+        click.option("--load-case", help="Load case, such as AW3.  [default: the first one of the model]"),
+        click.option(
+            "--model",
+            default="astb",
+            show_default=True,
+            help="Parameter set, or the path of a parameter or model file.",
+        ),
     ):
         command = option(command)
     return fmu_command.command(name)(command)
@@ -38,18 +50,18 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 
 @_options
 def spring_command(**given: Any) -> None:
-    """Write both air springs with their valves as an FMU for co-simulation.
+    """Export both air springs with their valves.
 
-    It needs a C compiler here, and neither Python nor this project where it runs.
+    The export needs a C compiler. The FMU needs neither Python nor ASTB.
     """
     _write("spring", **given)
 
 
 @_options
 def bench_command(**given: Any) -> None:
-    """Write the whole bench as an FMU for co-simulation: springs, bolster, actuators and platform.
+    """Export the whole bench: springs, bolster, actuators and platform.
 
-    It has no wires and no measuring chain: set-points go in, and what is true comes out.
+    Inputs are set-points, outputs are the true values. CAN, Modbus and sensors are not part of the FMU.
     """
     _write("bench", **given)
 
@@ -58,13 +70,13 @@ def bench_command(**given: Any) -> None:
     "--vehicle",
     default="vehicle",
     show_default=True,
-    help="Parameter file of the car, or the one that is here.",
+    help="Parameter file of the car, or the name of a parameter set.",
 )
 @_options
 def car_command(**given: Any) -> None:
-    """Write half a car as an FMU for co-simulation, which stands on springs of another FMU.
+    """Export half a car, to connect with the FMU of the springs.
 
-    It is as heavy as the springs of the model carry. Its outputs have the names of the springs' inputs.
+    The mass of the car fits the preload of the springs. Its outputs have the names of the inputs of the springs.
     """
     _write("car", **given)
 

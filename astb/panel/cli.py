@@ -1,4 +1,4 @@
-"""`astb panel`: the bench in a browser."""
+"""`astb panel`: a web page that shows and controls a rig."""
 
 import socket
 from collections.abc import Callable
@@ -25,25 +25,29 @@ _LOCAL: Final = "127.0.0.1"
 
 @click.command("panel")
 @RIG_OPTION
-@click.option("--host", default=_LOCAL, show_default=True, help="Address to serve at; 0.0.0.0 is every one.")
+@click.option("--host", default=_LOCAL, show_default=True, help="IP address to listen on; 0.0.0.0 means all.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=8137, show_default=True, help="0 for a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8137,
+    show_default=True,
+    help="TCP port, or 0 for any free port.",
 )
 @click.option(
     "--name",
     "names",
     multiple=True,
-    help="A name under which this machine is reached, beside its own; repeatable.",
+    help="Additional host name of this machine; repeatable.",
 )
-@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
-@out_option("Where records go.")
+@click.option("--seed", type=SEED, help="Random seed of the simulated sensors, if the panel starts the rig.")
+@out_option("Folder for the runs.")
 def panel_command(
     rig_named: str | None, host: str, port: int, names: tuple[str, ...], seed: int | None, out: Path
 ) -> None:
-    """Show a rig in the browser, and command it from there.
+    """Serve a web page that shows and controls a rig.
 
-    Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
-    started. A run goes on when the panel ends, and the next panel finds it.
+    It prints two addresses: one can only watch, the other can also control the rig. If a simulated rig does not answer,
+    the panel starts it. A run continues when the panel ends, and the next panel shows it.
     """
     from astb.panel.access import Access, kept_token
     from astb.panel.kept_rig import KeptRig

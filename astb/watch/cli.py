@@ -1,4 +1,4 @@
-"""`astb watch`: the model beside a run, while it goes on or afterwards."""
+"""`astb watch`: comparison of a run with its model, during the run or afterwards."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,17 +14,26 @@ if TYPE_CHECKING:
 
 @click.command("watch")
 @click.argument("directory", type=click.Path(path_type=Path, file_okay=False, exists=True))
-@click.option("--model", default="astb", show_default=True, help="Parameter set, or a model file.")
+@click.option(
+    "--model",
+    default="astb",
+    show_default=True,
+    help="Parameter set, or the path of a parameter or model file.",
+)
 def watch_command(directory: Path, model: str) -> None:
-    """Compare the run in DIRECTORY with its model and print deviations.
+    """Compare a run with its model, and print deviations.
 
-    Each has its start, its size and its possible causes.
+    Each deviation has start time, size and possible causes. If the run is not finished, the command follows it to its
+    end, and the terminal shows measured and expected values. The deviations are written to twin.json in DIRECTORY, and
+    the report shows them.
 
-    A run that goes on is followed to its end; meanwhile a terminal shows every reading beside what the model expects
-    of it. What is found is kept as twin.json beside the record, and stands in the report.
-
-    Ends with 0 if the rig agrees with its model, 1 if it deviates, 2 for misuse, 3 if there is no run that can be
-    read, 4 if nothing could be judged.
+    \b
+    Exit codes:
+      0  the rig agrees with its model
+      1  the rig deviates from its model
+      2  wrong usage
+      3  the run cannot be read
+      4  nothing could be compared
     """
     keep_algebra_to_one_core()
     from astb.watch.screen import DiagnosisError, ParameterError, RecordError, watch_on_screen

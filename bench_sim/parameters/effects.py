@@ -41,7 +41,7 @@ def find_effect(name: str) -> tuple[Effect, int | None]:
     effect = CATALOGUE.get(kind)
     if effect is None:
         near = get_close_matches(kind, CATALOGUE, n=1, cutoff=0.5)
-        hint = f"{_names(CATALOGUE[near[0]])} would be one" if near else "`astb effects` lists them"
+        hint = f"{_names(CATALOGUE[near[0]])} would be one" if near else "`astb list effects` lists them"
         raise ParameterError(f"{name} is no effect; {hint}")
     if place not in (effect.places or ("",)):
         raise ParameterError(f"{name} is no effect; {_names(effect)} would be one")

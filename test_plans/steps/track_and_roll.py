@@ -63,7 +63,7 @@ SPACING_WITHIN: Final = 0.04
 #: Least share of the stiffness that the gas has where no air passes between the springs.
 TIGHT_SHARE: Final = 0.5
 CONTRADICTED: Final = "the description contradicts the measurement"
-CHECK: Final = "astb check-rig --allow-motion measures it"
+CHECK: Final = "astb rig check --allow-motion measures it"
 PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
 
 

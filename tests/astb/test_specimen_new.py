@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from astb.commands.named import specimens_command
+from astb.commands.named import copy_command
 from astb.rig_in_memory import RigInMemory
 from astb.specimen_new import Asked, derive
 from bench_protocol.units import kN
@@ -51,19 +51,19 @@ def test_a_sound_spring_under_another_preload_passes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["new"], "one FILE.toml"),
-        (["new", "mine.toml"], "one FILE.toml"),
-        (["new", "mine.toml", "--preload", "AW0=45 bar"], "--preload AW0 = '45 bar' is not in N"),
-        (["new", "mine.toml", "--preload", "AW7=45 kN"], "no load case AW7"),
-        (["new", "mine.toml", "--set", "volume=3 litre"], "--set volume is no property of a drawing"),
-        (["new", "mine.toml", "--set", "effective_area=-1 m2"], "more than 0"),
-        (["astb", "--preload", "AW0=45 kN"], "astb specimens new"),
+        (["astb"], "TARGET"),
+        (["astb", "mine.toml", "--plan", "aw0"], "--plan needs"),
+        (["astb", "mine.toml", "--preload", "AW0=45 bar"], "--preload AW0 = '45 bar' is not in N"),
+        (["astb", "mine.toml", "--preload", "AW7=45 kN"], "no load case AW7"),
+        (["astb", "mine.toml", "--set", "volume=3 litre"], "--set volume is no property of a drawing"),
+        (["astb", "mine.toml", "--set", "effective_area=-1 m2"], "more than 0"),
+        (["astb", "mine", "--preload", "AW0=45 kN"], "ends in .toml"),
     ],
 )
 def test_what_is_not_meant_is_refused_before_anything_runs(
     arguments: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(specimens_command, arguments)
+    done = CliRunner().invoke(copy_command, ["specimen", *arguments])
     assert done.exit_code == 2 and told in done.output, done.output
     assert not list(tmp_path.iterdir())

@@ -8,6 +8,7 @@ import click
 import pytest
 
 from astb.cli import commands
+from astb.plugins import CommandGroup
 from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +40,8 @@ def command(words):
         if inner is None:
             return (found, rest) if found is not commands else None
         found, rest = inner, rest[1:]
+    if isinstance(found, CommandGroup) and found.default:
+        found = found.get_command(click.Context(found), found.default)
     return found, rest
 
 
@@ -74,8 +77,10 @@ def test_every_command_that_a_message_names_exists():
     [
         ("`recover` saves it, as `astb recover` does", ["astb recover"]),
         ("`astb run --keep-it` keeps it", ["astb run --keep-it"]),
-        ("`astb fault list` and `astb plans`", []),
-        ("astb fault on leak side=left", []),
+        ("`astb rig fault list` and `astb plans`", []),
+        ("`astb rig --seed 3` and `astb rig --sede 3`", ["astb rig --sede"]),
+        ("astb rig fault on leak side=left", []),
+        ("`astb check-rig` checks it", ["astb check-rig"]),
         ("pip install 'astb[mdf]'", ["astb[mdf]"]),
         ("pip install 'asammdf>=8,<9'", []),
     ],

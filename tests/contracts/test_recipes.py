@@ -203,7 +203,7 @@ def test_a_reading(copy: Copy, tmp_path: Path) -> None:
     map_hash, shown = copy.run("-c", LOOK, str(tmp_path / "runs")).split()
     assert map_hash != f"{TABLE.map_hash:08x}"
     assert shown == "True"
-    checked = json.loads(copy.run("-m", "astb", "check-rig", "virtual", "--json"))
+    checked = json.loads(copy.run("-m", "astb", "rig", "check", "virtual", "--json"))
     (line,) = (one for one in checked["signals"] if one["name"] == "platform.speed")
     assert line["verdict"] == "fine", line
 

@@ -16,7 +16,7 @@ from bench_protocol.table import TABLE
         (lambda bench: bench.sample("left.hight"), KeyError, r"did you mean 'left\.height'\?"),
         (lambda bench: bench.average("lft.height"), KeyError, r"did you mean 'left\.height'\?"),
         (lambda bench: bench.readings.value("supply.pres"), KeyError, r"did you mean 'supply\.pressure'\?"),
-        (lambda bench: TABLE["xyz"], KeyError, "there is no signal 'xyz'; `astb signals` lists them"),
+        (lambda bench: TABLE["xyz"], KeyError, "there is no signal 'xyz'; `astb rig signals` lists them"),
     ],
 )
 def test_what_was_meant_is_said(bench, ask, error, said):

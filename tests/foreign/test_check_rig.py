@@ -193,9 +193,9 @@ def test_a_bench_that_cannot_be_moved_now_is_not_called_fine(tmp_path):
 
 
 def test_the_command_prints_a_table_and_json():
-    result = CliRunner().invoke(commands, ["check-rig", "virtual"])
+    result = CliRunner().invoke(commands, ["rig", "check", "virtual"])
     assert (result.exit_code, "all fine" in result.output) == (0, True), result.output
-    result = CliRunner().invoke(commands, ["check-rig", "virtual", "--json"])
+    result = CliRunner().invoke(commands, ["rig", "check", "virtual", "--json"])
     assert json.loads(result.stdout)["state"] == "DISABLED"
 
 
@@ -214,7 +214,7 @@ def test_a_rig_on_which_no_plan_can_run_says_so_first_and_ends_with_4(tmp_path):
 
 def test_the_command_ends_with_4_where_dimensions_keep_plans_from_beginning(monkeypatch):
     monkeypatch.setattr("astb.session.dimensions_of", lambda *_: Dimensions())
-    result = CliRunner().invoke(commands, ["check-rig", "virtual"])
+    result = CliRunner().invoke(commands, ["rig", "check", "virtual"])
     assert (result.exit_code, "all fine" in result.output) == (4, False), result.output
     assert result.output.index("plans can run") < result.output.index("load_cell.1")
 
@@ -222,5 +222,5 @@ def test_the_command_ends_with_4_where_dimensions_keep_plans_from_beginning(monk
 def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
     monkeypatch.setattr("astb.acceptance.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
     monkeypatch.setattr("astb.acceptance.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
-    result = CliRunner().invoke(commands, ["check-rig", "virtual", "--allow-motion"])
+    result = CliRunner().invoke(commands, ["rig", "check", "virtual", "--allow-motion"])
     assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output

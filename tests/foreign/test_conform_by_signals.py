@@ -112,6 +112,7 @@ def test_the_command_knows_a_rig_with_a_wiring(started, tmp_path, name):
             sys.executable,
             "-m",
             "astb",
+            "rig",
             "conform",
             rig_file,
             "--allow-motion",

@@ -78,7 +78,7 @@ def test_modicon_numbers_are_said_in_the_file_and_a_key_takes_them_as_they_stand
     path.write_text(
         "Tag,Area,Address\nlaser,input,30011\nrequest,holding,40001\nlamp,coil,00003\nlid,di,10002\n"
     )
-    written = CliRunner().invoke(commands, ["wiring", "new", "--registers", str(path)]).output
+    written = CliRunner().invoke(commands, ["rig", "new", "--registers", str(path)]).output
     assert "# The addresses are taken as Modicon numbers: 30011 is input register 10 on the wire" in written
     told = tomllib.loads(written)["transports"]["plc"]["points"]
     assert [told[name]["address"] for name in ("laser", "request", "lamp", "lid")] == [10, 0, 2, 1]

@@ -137,12 +137,12 @@ def test_columns_may_be_called_otherwise(tmp_path):
 
 def test_the_command_writes_a_file_once(tmp_path):
     out = tmp_path / "wiring.toml"
-    call = ["wiring", "new", "--dbc", str(HERE / "hall_b.dbc"), "--out", str(out)]
+    call = ["rig", "new", "--dbc", str(HERE / "hall_b.dbc"), "--out", str(out)]
     assert CliRunner().invoke(commands, call).exit_code == 0
     assert "bus.Heights.HeightLeft" in out.read_text()
     again = CliRunner().invoke(commands, call)
     assert again.exit_code == 2
-    assert "is there already" in again.output
+    assert "exists already" in again.output
 
 
 @pytest.mark.parametrize("nobody", ["Vector__XXX", "XXX"])

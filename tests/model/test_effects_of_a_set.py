@@ -82,7 +82,7 @@ def test_shapes_follow_the_amplitude_and_spaces_do_not_matter():
         ("", r"effect '' has no amplitude: NAME\[.PLACE\]=AMPLITUDE"),
         ("leak.left", "effect 'leak.left' has no amplitude"),
         ("leek.left=1mm2", "leek.left is no effect; leak.left or leak.right would be one"),
-        ("xyzzy=1", "xyzzy is no effect; `astb effects` lists them"),
+        ("xyzzy=1", "xyzzy is no effect; `astb list effects` lists them"),
         ("leak=1mm2", "leak is no effect; leak.left or leak.right would be one"),
         ("leak.top=1mm2", "leak.top is no effect; leak.left or leak.right would be one"),
         ("heat.left=10%", "heat.left is no effect; heat would be one"),

@@ -72,7 +72,7 @@ def test_whoever_asks_says_nothing_there(folder, false_rig, made):
         ask(path, b'{"do":"list"}')
     with pytest.raises(PermissionError, match="only this user can enter"):
         own_directory(folder)
-    done = CliRunner().invoke(commands, ["fault", "off", "all"], standalone_mode=False)
+    done = CliRunner().invoke(commands, ["rig", "fault", "off", "all"], standalone_mode=False)
     assert done.return_value == BLOCKED or getattr(done.exception, "exit_code", None) == BLOCKED
     assert "only this user can enter" in done.output
     with pytest.raises(NoRun):

@@ -67,7 +67,7 @@ def imported_by(*arguments: str) -> set[str]:
     return imported
 
 
-@pytest.mark.parametrize("command", ["--help", "plans", "signals", "effects", "run --help"])
+@pytest.mark.parametrize("command", ["--help", "plans", "rig signals", "list effects", "run --help"])
 def test_light_commands_import_nothing_heavy(command):
     assert imported_by(*command.split()).isdisjoint(HEAVY)
 
@@ -189,10 +189,10 @@ BAD_ARGUMENTS = {
     "run aw0 --virtual --rig .": "rig file . is no ordinary file",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
     "run aw0 --specimen nobody": "there is astb, and any path that ends in .toml would do",
-    "specimens nobody": "specimen nobody cannot be read",
+    "list specimens nobody": "specimen nobody cannot be read",
     "run aw0 --set amplitude=20mm": "aw0 has no parameter amplitude; it has none",
-    "run aw0 --set amplitude": "--set amplitude has no value: NAME=VALUE would be right",
-    "run aw0 --set aw3.load=AW0": "aw3.load is meant for the plan aw3, which is not to be run: aw0",
+    "run aw0 --set amplitude": "--set amplitude has no value; write NAME=VALUE",
+    "run aw0 --set aw3.load=AW0": "aw3.load is a parameter of the plan aw3, but the plans to run are aw0",
     "run aw0 --with nowhere.toml": "--with nowhere.toml cannot be read: No such file",
     "plans aw9": "there is no plan 'aw9'",
     "run aw0 --seed -1": "'--seed': -1 is not in the range 0<=x<=4294967295",
@@ -204,8 +204,8 @@ BAD_ARGUMENTS = {
     "rig --modbus-port x": "'--modbus-port': 'x' is not a valid integer range",
     "report nowhere": "Directory 'nowhere' does not exist",
     "report .": "holds no record.parquet",
-    "signals --dbc nowhere/astb.dbc": "nowhere/astb.dbc cannot be written: No such file or directory",
-    "signals --csv .": "File '.' is a directory",
+    "rig signals --dbc nowhere/astb.dbc": "nowhere/astb.dbc cannot be written: No such file or directory",
+    "rig signals --csv .": "File '.' is a directory",
 }
 
 
@@ -337,7 +337,7 @@ def test_a_real_rig_is_not_simulated(cli, tmp_path):
 
 
 def test_the_dbc_is_read_by_cantools(cli, tmp_path):
-    assert cli("signals", "--dbc", "astb.dbc", "--csv", "map.csv")[0] == PASS
+    assert cli("rig", "signals", "--dbc", "astb.dbc", "--csv", "map.csv")[0] == PASS
     database = cantools.database.load_file(tmp_path / "astb.dbc")
     assert {message.frame_id for message in database.messages} == {m.identifier for m in TABLE.messages}
     with (tmp_path / "map.csv").open(newline="") as lines:
@@ -348,7 +348,7 @@ def test_the_dbc_is_read_by_cantools(cli, tmp_path):
 
 
 def test_the_list_of_signals_names_every_one_with_its_range(cli):
-    code, out, _ = cli("signals")
+    code, out, _ = cli("rig", "signals")
     assert code == PASS
     assert out.startswith(f"map {TABLE.map_hash:08x}\n")
     listed = [line.split()[0] for line in out.splitlines()[1:]]
@@ -360,7 +360,7 @@ def test_the_list_of_plans_can_be_cut_by_head(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run(
-        [sys.executable, "-m", "astb", "signals"],
+        [sys.executable, "-m", "astb", "rig", "signals"],
         stdout=writer,
         stderr=subprocess.PIPE,
         text=True,

@@ -103,7 +103,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
             f"{ON_A_RIG} --effect leek.left=1mm2",
             "leek.left is no effect; leak.left or leak.right would be one",
         ),
-        (f"{ON_A_RIG} --effect leak.left", "leak.left has no amplitude"),
+        (f"{ON_A_RIG} --effect leak.left", "leak.left has no value"),
         (f"{ON_A_RIG} --sealed nofile.toml", "nofile.toml"),
         ("investigate --out out --rig hall.toml --effect leak.left=1mm2", "hall.toml describes a real rig"),
         ("investigate --out out --rig hall.toml --virtual", "without a [simulation] table"),

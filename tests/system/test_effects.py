@@ -1,6 +1,7 @@
 """Effects given to a simulated rig: seen on the wires, named in the record or sealed, refused in words."""
 
 import json
+import re
 from contextlib import ExitStack
 
 import numpy as np
@@ -147,15 +148,15 @@ def test_what_is_sealed_is_told_nowhere(runs):
 
 
 def test_the_list_of_effects_names_every_one(cli):
-    code, out, err = cli("effects")
+    code, out, err = cli("list", "effects")
     assert (code, err) == (PASS, "")
-    listed = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
-    assert [name.partition(".")[0] for name in listed] == list(CATALOGUE)
-    assert "leak.left|right" in listed
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == list(CATALOGUE)
+    places = {f"{one.name}.{place}" for one in CATALOGUE.values() for place in one.places}
+    assert places <= set(re.findall(r"[\w.]+", out))
 
 
 BAD_OPTIONS = {
-    "--effect leak.left": "--effect leak.left has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2",
+    "--effect leak.left": "--effect leak.left has no value; write NAME=VALUE, such as leak.left=0.2mm2",
     "--effect leek.left=1mm2": "leek.left is no effect; leak.left or leak.right would be one",
     "--effect leak=1mm2": "leak is no effect; leak.left or leak.right would be one",
     "--effect leak.left=1bar": "leak.left: area = '1bar' is not in m2 or mm2 or cm2",

@@ -55,8 +55,8 @@ def order(path) -> Iterator[Callable[..., dict]]:
 
 @pytest.fixture
 def fault(cli, shared_rig):
-    """`astb fault` for this shared_rig."""
-    return lambda *words: cli("fault", *words, "--rig", LOCAL, "--modbus-port", shared_rig.modbus_port)
+    """`astb rig fault` for this shared_rig."""
+    return lambda *words: cli("rig", "fault", *words, "--rig", LOCAL, "--modbus-port", shared_rig.modbus_port)
 
 
 def read_hash(rig) -> list[int]:
@@ -140,9 +140,9 @@ def test_what_is_not_on_cannot_be_switched_off(sound_rig):
 
 def test_misuse_of_the_command_has_its_exit_code(fault, cli):
     assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is no fault; drop would be one\n")
-    said = "astb: probability is no KEY=VALUE, such as area=2mm2\n"
+    said = "astb: probability has no value; write KEY=VALUE, such as area=2mm2\n"
     assert fault("on", "drop", "probability") == (MISUSE, "", said)
-    assert cli("fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
+    assert cli("rig", "fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
 
 
 def test_the_socket_is_its_users_alone(shared_rig, path, order):
@@ -281,7 +281,7 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
     assert [(one["label"], one["since"], one["until"]) for one in on] == [("bias.left.height", 0.0, None)]
     assert rig.stop() == ""
     assert not path.exists()
-    code, out, err = cli("fault", "list", "--rig", LOCAL, "--modbus-port", rig.modbus_port)
+    code, out, err = cli("rig", "fault", "list", "--rig", LOCAL, "--modbus-port", rig.modbus_port)
     assert (code, out) == (BLOCKED, "")
     assert err.startswith(f"astb: no rig listens at {path}; ")
 

@@ -37,19 +37,17 @@ def findings(path: Path) -> dict[str, tuple[str, str]]:
     return {one.name: (one.state, one.found) for one in examine_machine(read(path), path.parent / "runs")}
 
 
-@pytest.mark.parametrize("command", ["plans", "specimens", "effects", "signals"])
+@pytest.mark.parametrize("command", ["plans", "list specimens", "list effects", "rig signals"])
 def test_a_list_says_the_same_names_to_programs_as_to_people(cli, command: str) -> None:
-    status, text, _ = cli(command, "--json")
+    status, text, _ = cli(*command.split(), "--json")
     assert status == PASS
     content = json.loads(text)
-    names = [row["name"] for row in (content["signals"] if command == "signals" else content)]
-    said = cli(command)[1]
+    names = [row["name"] for row in (content["signals"] if command == "rig signals" else content)]
+    said = cli(*command.split())[1]
     first = [line.split()[0] for line in said.splitlines() if not line.startswith(" ")]
-    if command == "signals":
+    if command == "rig signals":
         assert content["map"] in said
         first = first[1:]
-    if command == "effects":
-        first = [name.partition(".")[0] for name in first]
     if command == "plans":  # in two groups, each in the order of its names
         names, first = sorted(names), sorted(line.split()[0] for line in said.splitlines() if line[0] == " ")
     assert names == first

@@ -34,23 +34,20 @@ def cli(astb_here, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_list_names_can_be_asked_for_copied_and_read_as_ones_own(kind, cli, tmp_path):
-    status, said, _ = cli(kind, "--json")
+    status, said, _ = cli("list", kind, "--json")
     assert status == PASS
     names = [one["name"] for one in json.loads(said)]
-    assert names == [line.split()[0] for line in cli(kind)[1].splitlines()]
+    assert names == [line.split()[0] for line in cli("list", kind)[1].splitlines()]
     assert names
     for name in names:
-        assert len(json.loads(cli(kind, name, "--json")[1])) == 1
+        assert len(json.loads(cli("list", kind, name, "--json")[1])) == 1
         copy = tmp_path / f"my_{name}.toml"
-        assert cli(kind, name, "--copy", copy)[0] == PASS
+        assert cli("copy", kind, name, copy)[0] == PASS
         KINDS[kind](copy)
-        status, _, err = cli(kind, name, "--copy", copy)
-        assert (status, "is there already" in err) == (MISUSE, True)
-    for wrong, reason in ((("nobody",), "takes one NAME"), ((), "takes one NAME")):
-        status, _, err = cli(kind, *wrong, "--copy", "new.toml")
-        assert (status, reason in err, names[0] in err) == (MISUSE, True, True)
-    status, _, err = cli(kind, names[0], "--copy", "new")
-    assert (status, "ends in .toml" in err) == (MISUSE, True)
+        status, _, err = cli("copy", kind, name, copy)
+        assert (status, "exists already" in err) == (MISUSE, True)
+    assert cli("copy", kind, "nobody", "new.toml")[0] == MISUSE
+    assert cli("copy", kind, names[0], "new")[0] == MISUSE, "without an ending it would be a name"
     assert not list(tmp_path.glob("new*"))
 
 
@@ -81,7 +78,7 @@ def test_a_name_is_that_of_a_file_here_before_that_of_one_of_ours_and_a_path_is_
 
 def test_the_command_line_takes_every_rig_by_its_name(cli):
     for arguments in ((), ("--rig", "local"), ("--rig", "virtual")):
-        status, said, _ = cli("limits", *arguments)
+        status, said, _ = cli("rig", "limits", *arguments)
         assert (status, said.startswith("left.height")) == (PASS, True)
 
 
@@ -97,16 +94,16 @@ def test_a_rig_file_names_instruments_and_a_wiring_that_come_with_the_bench(tmp_
 def test_measured_data_are_copied_with_their_map_and_read_as_ones_own(cli, tmp_path):
     from diagnosis.systems.mapping import read_mapped
 
-    told = json.loads(cli("demos", "--json")[1])
+    told = json.loads(cli("list", "demos", "--json")[1])
     assert [one["name"] for one in told] == ["chamber", "piston"]
-    assert cli("demos", "chamber", "--copy", tmp_path / "mine")[0] == PASS
+    assert cli("copy", "demo", "chamber", tmp_path / "mine")[0] == PASS
     files = sorted((tmp_path / "mine").glob("*.csv"))
     assert [path.name for path in files] == told[0]["files"]
     _, dataset = read_mapped(files[:1], tmp_path / "mine" / told[0]["map"])
     assert len(dataset.runs) > 5
     for arguments, reason in (
-        (("chamber", "--copy", "mine"), "is there already"),
-        (("nobody",), "there is no demo"),
+        (("copy", "demo", "chamber", "mine"), "exists already"),
+        (("list", "demos", "nobody"), "there is no demo"),
     ):
-        status, _, err = cli("demos", *arguments)
+        status, _, err = cli(*arguments)
         assert (status, reason in err) == (MISUSE, True)

@@ -48,7 +48,7 @@ def test_the_program_runs_as_printed(site, program, astb_command, tmp_path):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    run(*astb_command, "signals", "--dbc", "astb.dbc", "--csv", "map.csv")
+    run(*astb_command, "rig", "signals", "--dbc", "astb.dbc", "--csv", "map.csv")
     said = run(sys.executable, "command.py", f"127.0.0.1:{site.rig.modbus_port}", *bus)
     told = re.findall(r"rig_state = (\w+)", said)
     assert told == ["DISABLED", "AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE", "DISABLED"]

@@ -85,7 +85,7 @@ def test_it_knows_its_commit(built: Built, elsewhere: Elsewhere) -> None:
 
 def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: Elsewhere) -> None:
     said = elsewhere.python(EVERY_HELP).splitlines()
-    assert {"run", "panel", "diagnose", "campaign", "wiring new", "rigs"} <= set(said)
+    assert {"run", "panel", "diagnose", "campaign", "rig new", "list"} <= set(said)
     base = PACKAGES & set(CONFIG["tool"]["importlinter"]["root_packages"])
     environment = str(elsewhere.bin.parent)
     elsewhere.python(EVERY_MODULE.format(packages=", ".join(sorted(base)), environment=environment))
@@ -93,9 +93,9 @@ def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: E
 
 def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
     for kind in ("rigs", "specimens", "instruments", "dimensions", "wirings"):
-        told = json.loads(elsewhere.astb(kind, "--json"))
+        told = json.loads(elsewhere.astb("list", kind, "--json"))
         assert [one["name"] for one in told] == sorted(path.stem for path in (ROOT / kind).glob("*.toml"))
-    elsewhere.astb("signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")
+    elsewhere.astb("rig", "signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")
 
 
 def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, elsewhere: Elsewhere) -> None:
@@ -136,7 +136,7 @@ def test_a_report_is_printed_where_a_browser_is(elsewhere: Elsewhere) -> None:
 
 
 def test_measured_data_that_come_along_are_diagnosed(elsewhere: Elsewhere) -> None:
-    elsewhere.astb("demos", "chamber", "--copy", "chamber")
+    elsewhere.astb("copy", "demo", "chamber", "chamber")
     elsewhere.astb(
         *(
             "diagnose",
@@ -171,7 +171,7 @@ def rig_of_ones_own(elsewhere: Elsewhere) -> Path:
     """Return a copy of the ordinary rig at free ports: somebody else may have one at the ordinary ones."""
     path = elsewhere.here / "mine.toml"
     if not path.exists():
-        elsewhere.astb("rigs", "local", "--copy", path)
+        elsewhere.astb("copy", "rig", "local", path)
         with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
             ports = [one.getsockname()[1], other.getsockname()[1]]
         text = path.read_text()

@@ -7,13 +7,12 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
-from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Final, TextIO
 
 import click
 
-from astb.plugins import GROUP, SUMMARIES
+from astb.plugins import SUMMARIES, CommandGroup, offers, own_summaries, read_summaries
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK, free_address
 from bench_protocol.signals import Kind
@@ -105,7 +104,7 @@ def signals_page() -> str:
     print(
         "Every value that crosses the wires, once. Pressures are gauge. Displacements are positive upward and to the\n"
         "left, vertical actuator forces positive downward (a preload is positive), lateral forces to the left.\n"
-        "`astb signals --dbc FILE --csv FILE` writes the CAN part as a DBC and the Modbus part as a CSV file.\n",
+        "`astb rig signals --dbc FILE --csv FILE` writes the CAN part as a DBC and the Modbus part as a CSV file.\n",
         file=out,
     )
     print(
@@ -335,15 +334,23 @@ def _shown(value: Any) -> str:
 
 
 def commands_page() -> str:
-    """Return the reference page of the command line: what `--help` says."""
+    """Return the reference page of the command line: the output of `--help`."""
     from astb.cli import commands
 
+    own_summaries().update(read_summaries(command_summaries()))
+    offers().clear()  # the page has only own commands
     out = io.StringIO()
     print(_NOTE.replace("table of signals", "command line"), file=out)
     print("# The command line\n", file=out)
-    print("Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke),", file=out)
-    print("4 incomplete (what the rig can measure passes, and something is not available on it),", file=out)
-    print("5 refused (rehearsed in virtual time, a plan trips a limit).\n", file=out)
+    print(
+        "Exit codes: 0 pass, 1 fail, 2 wrong usage, 3 blocked (by the rig or a precondition), 4 incomplete",
+        file=out,
+    )
+    print(
+        "(all measured checks pass, but the rig cannot measure some checks), 5 refused (in a rehearsal, a limit",
+        file=out,
+    )
+    print("trips), 6 deviates (all checks pass, but the rig deviates from its model).\n", file=out)
     for title, command in _with_all_below("astb", commands):
         context = click.Context(command, info_name=title, terminal_width=100)
         print(f"## `{title}`\n\n```text\n{command.get_help(context)}\n```\n", file=out)
@@ -351,28 +358,24 @@ def commands_page() -> str:
 
 
 def _with_all_below(title: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
-    """Yield ``command`` and, of a group, the commands in it, each with what is typed to call it."""
+    """Yield ``command`` and, of a group, its own commands, each with its path."""
     yield title, command
     if isinstance(command, click.Group):
         context = click.Context(command)
-        for name in command.list_commands(context):
+        for name in command.homes if isinstance(command, CommandGroup) else command.list_commands(context):
             inner = command.get_command(context, name)
             assert inner is not None
             yield from _with_all_below(f"{title} {name}", inner)
 
 
 def command_summaries() -> str:
-    """Return a line for each command of this distribution: its name and the first paragraph of its help."""
+    """Return a line for each command: its path, and the first paragraph of its help in one line."""
     from astb.cli import commands
 
-    context = click.Context(commands)
-    offered = distribution("astb").entry_points.select(group=GROUP).names
     lines = []
-    for name in (*commands.homes, *sorted(offered)):
-        command = commands.get_command(context, name)
-        assert command is not None and command.help, name
-        paragraph = inspect.cleandoc(command.help).partition("\n\n")[0]
-        lines.append(f"{name}: {' '.join(paragraph.split())}\n")
+    for title, command in _with_all_below("astb", commands):
+        paragraph = inspect.cleandoc(command.help or "").partition("\n\n")[0]
+        lines.append(f"{title}: {' '.join(paragraph.split())}\n")
     return "".join(lines)
 
 

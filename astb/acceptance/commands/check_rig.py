@@ -1,4 +1,4 @@
-"""`astb check-rig`: who is there, what it says, and whether that can be, before a plan runs on it."""
+"""`astb rig check`: the signals of a rig, their sources, rates and plausibility."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,22 +20,28 @@ if TYPE_CHECKING:
 _WIDE: Final = 120
 
 
-@click.command("check-rig")
+@click.command("check")
 @click.argument("target")
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print the report as JSON, for programs, instead of tables."
-)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--allow-motion",
     is_flag=True,
-    help="Also arm the bench, and move each axis by a few millimetres. It must be at rest, without air.",
+    help="Also arm the rig, and move each axis by a few millimetres. The rig must be at rest, without air.",
 )
-def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
-    """Tell of each signal of a rig where it comes from, how often, and whether it can be.
+def check_command(target: str, as_json: bool, allow_motion: bool) -> None:
+    """Check the signals of a rig before plans run on it.
 
-    TARGET is a rig file, or a name of `astb rigs`. Without --allow-motion it only listens and reads: nothing moves, and
-    whoever commands the rig goes on. Ends with 0 if all is fine, 1 if something is doubtful, 2 for misuse, 3 if no rig
-    answers, 4 if nothing is doubtful but plans cannot run.
+    For each signal it prints source, rate, value and whether the value is plausible. TARGET is a rig file, or a name of
+    `astb list rigs`. Without --allow-motion it only reads: nothing moves, and another program can command the rig
+    meanwhile.
+
+    \b
+    Exit codes:
+      0  all signals are fine
+      1  a signal is doubtful
+      2  wrong usage
+      3  no rig answers
+      4  no signal is doubtful, but some plans cannot run
     """
 
     def say(text: str) -> None:

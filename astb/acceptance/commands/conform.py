@@ -1,4 +1,4 @@
-"""`astb conform`: what a rig does on its wires, beside what is right and beside another rig."""
+"""`astb rig conform`: messages and registers of a rig, compared with the specification and with another rig."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
     "other",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="OTHER.json",
-    help="Tell in what the rig differs from another one, by its report.",
+    help="Compare the rig with another one, by the report of its --json.",
 )
 @click.option(
     "--json",
     "json_path",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write the report, for programs and for --against.",
+    help="Write the report as JSON, for programs and for --against.",
 )
 @click.option(
-    "--allow-motion", is_flag=True, help="Also arm the bench, move its platform by 2 mm, and fall silent."
+    "--allow-motion", is_flag=True, help="Also arm the rig, move its platform by 2 mm, and stop all messages."
 )
 def conform_command(target: str, other: Path | None, json_path: Path | None, allow_motion: bool) -> None:
-    """Ask a rig over its wires what a bench relies on: timing, states, refusals, limits, exceptions.
+    """Test the messages and registers of a rig against the protocol.
 
-    TARGET is a rig file, or a name of `astb rigs`. Nothing moves without --allow-motion. Ends with 0 if all is right
-    and nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
+    It tests timing, states, refused commands, limits and Modbus exceptions. TARGET is a rig file, or a name of
+    `astb list rigs`. Nothing moves without --allow-motion.
+
+    Exit codes: 0 if all is right and equal to the other rig, 1 if not, 2 for wrong usage, 3 if no rig answers.
     """
     from astb.acceptance.conformance.suite import examine_rig
 

@@ -1,4 +1,4 @@
-"""`astb wiring new`: a first wiring file for a rig that speaks otherwise."""
+"""`astb rig new`: a first wiring file for a rig with other messages or registers."""
 
 from pathlib import Path
 from typing import Literal
@@ -11,23 +11,22 @@ from drivers.errors import WiringError
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
-@click.group("wiring")
-def wiring_command() -> None:
-    """Describe a rig that speaks otherwise."""
-
-
-@wiring_command.command("new")
-@click.option("--dbc", type=_FILE, help="What is on its CAN bus: a DBC, or another file that cantools reads.")
+@click.command("new")
 @click.option(
-    "--registers", type=_FILE, help="Its Modbus registers (CSV): name, table, address; type, scale, unit."
+    "--dbc", type=_FILE, help="CAN messages of the rig: a DBC, or another file that cantools reads."
 )
-@click.option("--charset", help="Of the DBC.  [default: UTF-8 if all of it is, else cp1252]")
+@click.option(
+    "--registers",
+    type=_FILE,
+    help="Modbus registers of the rig, a CSV file with the columns name, table, address, type, scale and unit.",
+)
+@click.option("--charset", help="Character set of the DBC.  [default: UTF-8 if it is valid, else cp1252]")
 @click.option(
     "--addresses",
     type=click.Choice(["wire", "one", "modicon"]),
-    help="How the list counts: as on the wire, from 1, or 30001 and 40001.  [default: as it looks, or refused]",
+    help="Addresses in the list: as on the wire, from 1, or from 30001 and 40001.  [default: detected]",
 )
-@click.option("--out", type=_FILE, help="Where to write the file.  [default: standard output]")
+@click.option("--out", type=_FILE, help="File to write.  [default: standard output]")
 def new_command(
     dbc: Path | None,
     registers: Path | None,
@@ -35,16 +34,17 @@ def new_command(
     addresses: Literal["wire", "one", "modicon"] | None,
     out: Path | None,
 ) -> None:
-    """Write a first wiring file: what is clear by name and unit filled in, what may be as comments.
+    """Write a first wiring file from a DBC and a list of registers.
 
-    Signs, offsets and states nobody can know from names: read every line, then let `astb check-rig` look.
+    Signals that are clear from name and unit are filled in; possible signals are comments. Names do not show signs,
+    offsets and states: read each line, then run `astb rig check`.
     """
     from astb.acceptance.skeleton.writing import skeleton
 
     if dbc is None and registers is None:
-        misuse("there is nothing to describe: --dbc, --registers or both would be right")
+        misuse("no input: name --dbc, --registers or both")
     if out is not None and out.exists():
-        misuse(f"{out} is there already, and somebody may have worked on it")
+        misuse(f"{out} exists already; choose another name or remove it")
     try:
         text = skeleton(dbc, registers, out.parent if out else Path(), charset, addresses)
     except WiringError as error:

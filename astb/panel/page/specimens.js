@@ -14,7 +14,7 @@ export function show(element, panel) {
   element.append(
     make("div", { class: "view" },
       make("section", { class: "card" }, make("h2", {}, "Bring a file"),
-        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb specimens astb --copy mine.toml` writes one to begin with. It is checked first, and kept beside the runs."),
+        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb copy specimen astb mine.toml` writes one to begin with. It is checked first, and kept beside the runs."),
         make("div", { class: "filters" }, file, instead), wrong, said),
       make("section", { class: "card", "aria-label": "specimens" }, list), facts));
   file.addEventListener("change", async () => {

@@ -2,8 +2,8 @@
 
     C_d ← (1 − e) C_d
 
-on its side alone. With a fault it begins in the middle of a run (`astb fault`). Source: swarf and rubber crumbs in the
-pipe; sizes assumed.
+on its side alone. With a fault it begins in the middle of a run (`astb rig fault`). Source: swarf and rubber crumbs in
+the pipe; sizes assumed.
 """
 
 from collections.abc import Mapping

@@ -17,5 +17,5 @@ def find_fault(name: str) -> Fault:
     if name in FAULTS:
         return FAULTS[name]
     near = get_close_matches(name, FAULTS, n=1, cutoff=0.5)
-    right = f"{near[0]} would be one" if near else "`astb fault list` lists them"
+    right = f"{near[0]} would be one" if near else "`astb rig fault list` lists them"
     raise FaultError(f"{name} is no fault; {right}")

@@ -155,7 +155,7 @@ def follow(test: Any, directory: Path, file: Path, faults: Sequence[Fault] = ())
 
 
 def switch(file: Path, order: dict[str, Any]) -> None:
-    """Switch faults of the rig that a file describes on or off, as `astb fault` does."""
+    """Switch faults of the rig that a file describes on or off, as `astb rig fault` does."""
     rig = read_rig(file)
     answer = msgspec.json.decode(
         ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))

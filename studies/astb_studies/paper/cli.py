@@ -11,19 +11,23 @@ from bench_records.layout import RecordError
 
 
 @click.command("paper")
-@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: two to three minutes.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
+@click.option(
+    "--quick", is_flag=True, help="Use one rig and one wind history only; this takes two to three minutes."
+)
+@click.option(
+    "--seed", type=SEED, default=0, show_default=True, help="Random seed of the sensors of the first rig."
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     required=True,
-    help="Where figures, page and claims go.",
+    help="Folder for figures, page and claims.",
 )
 def paper_command(quick: bool, seed: int, out: Path) -> None:
-    """Make the paper's figures, its table and its claims anew, on the virtual bench and in closed form.
+    """Compute the paper's figures, its table and its claims again.
 
-    Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
-    claim that does not hold is a result, not an error.
+    They come from the simulated rig and from closed forms. It writes OUT/index.html, figures as SVG and PNG,
+    claims.json, comfort.csv, identified.toml and the records. A claim that does not hold is a result, not an error.
     """
     from astb_studies.paper.bench_results import NoBenchResult
     from astb_studies.paper.make import make
