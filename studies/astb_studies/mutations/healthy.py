@@ -23,6 +23,8 @@ FOUND: Final = Path(__file__).with_name("healthy.csv")
 UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 #: A part beyond its tolerance is not delivered: that many standard deviations.
 CUT: Final = 2.0
+#: How the reason of a plan begins that did not begin.
+NOT_READY: Final = "not ready: "
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -97,11 +99,17 @@ class SoundRun(msgspec.Struct, frozen=True, kw_only=True):
     verdict: str
     told: str  #: what failed, or why it was blocked
     version: str = ""  #: of the code: commit and day
+    values: str = ""  #: of the plan's parameters, where they are not the defaults
+
+    @property
+    def refused(self) -> bool:
+        """Whether the plan did not begin, because a precondition was not met."""
+        return self.told.startswith(NOT_READY)
 
     @property
     def rejected(self) -> bool:
-        """Whether it was not let pass."""
-        return self.verdict != "pass"
+        """Whether a check failed, or the plan did not come to its end; what is *not available* rejects nothing."""
+        return self.verdict not in ("pass", "incomplete") and not self.refused
 
 
 def write_sound_runs(runs: Iterable[SoundRun], path: Path = FOUND) -> None:

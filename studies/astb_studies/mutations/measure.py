@@ -23,11 +23,15 @@ from astb_studies.mutations.faults import (
     read_cells,
     write_cells,
 )
-from astb_studies.mutations.healthy import SoundRun, sound_rig, write_sound_runs
+from astb_studies.mutations.healthy import SoundRun, read_sound_runs, sound_rig, write_sound_runs
 from astb_studies.mutations.page import PAGE, page
+from test_plans.discovery import plans as all_plans
+from test_plans.parameters import Parameter
 
 #: No plan takes that long (s), even on a busy machine.
 LIMIT = 600.0
+#: Parameters that only make a run longer.
+LENGTHS = frozenset({"duration", "cycles", "intervals", "hold", "within"})
 
 
 def sound_case(plan: str) -> PlanCase:
@@ -66,12 +70,39 @@ def cells_of(rows: Iterable[Mapping[str, Any]]) -> list[Cell]:
     ]
 
 
-def sound_cases(plans: list[str], count: int) -> list[PlanCase]:
-    """Return ``count`` sound rigs, no two alike, under each of the plans in turn."""
+def sound_cases(plans: list[str], count: int, first: int = 0) -> list[PlanCase]:
+    """Return ``count`` sound rigs, no two alike, under each of the plans in turn, over the ranges of its parameters."""
     return [
-        PlanCase(plan=plans[seed % len(plans)], simulation=sound_rig(seed), variant="sound rig")
-        for seed in range(count)
+        PlanCase(
+            plan=(plan := plans[seed % len(plans)]),
+            values=drawn_values(plan, seed // len(plans)),
+            simulation=sound_rig(seed),
+            variant="sound rig",
+        )
+        for seed in range(first, first + count)
     ]
+
+
+def drawn_values(plan: str, index: int) -> dict[str, str]:
+    """Return the values of a plan's parameters at a point of a Halton design over their whole ranges.
+
+    Parameters that only make a run longer, and files, have their defaults.
+    """
+    from scipy.stats import qmc
+
+    drawn = [one for one in all_plans()[plan].parameters if not one.file and one.name not in LENGTHS]
+    if not drawn:
+        return {}
+    places = qmc.Halton(len(drawn), seed=0).fast_forward(index).random(1)[0]
+    return {one.name: _at(one, float(place)) for one, place in zip(drawn, places, strict=True)}
+
+
+def _at(one: Parameter, place: float) -> str:
+    """Return the value of a parameter at a ``place`` from 0 to 1, as people write it."""
+    if one.range is None:
+        return one.choices[int(place * len(one.choices))]
+    value = one.range.low + place * (one.range.high - one.range.low)
+    return one.show(round(value) if one.whole else float(f"{value:.4g}"))
 
 
 def sound_run(row: Mapping[str, Any]) -> SoundRun:
@@ -81,8 +112,14 @@ def sound_run(row: Mapping[str, Any]) -> SoundRun:
     else:
         failed = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
         verdict, told = row["verdict"], "; ".join(failed) or row["reason"]
+    values = ", ".join(f"{name} = {value}" for name, value in row.get("values", {}).items())
     return SoundRun(
-        plan=row["plan"], seed=row["seed"], verdict=verdict, told=told, version=row.get("version", "")
+        plan=row["plan"],
+        seed=row["seed"],
+        verdict=verdict,
+        told=told,
+        version=row.get("version", ""),
+        values=values,
     )
 
 
@@ -141,10 +178,15 @@ def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int 
 @click.argument("out", type=click.Path(path_type=Path))
 @click.argument("plans", nargs=-1, required=True)
 @click.option("--rigs", type=int, default=340, help="How many sound rigs.")
+@click.option(
+    "--first", type=int, default=0, help="Seed of the first one; rigs with other seeds stay as they are."
+)
 @click.option("--workers", type=int, help="Processes; as many as there are cores otherwise.")
-def sound_command(out: Path, plans: tuple[str, ...], rigs: int, workers: int | None) -> None:
-    """Run PLANS in turn on sound rigs that are drawn from their tolerances."""
-    write_sound_runs(map(sound_run, _carried_out(sound_cases(list(plans), rigs), out, workers)))
+def sound_command(out: Path, plans: tuple[str, ...], rigs: int, first: int, workers: int | None) -> None:
+    """Run PLANS in turn on sound rigs that are drawn from their tolerances, over the ranges of their parameters."""
+    found = [sound_run(row) for row in _carried_out(sound_cases(list(plans), rigs, first), out, workers)]
+    seeds = {run.seed for run in found}
+    write_sound_runs([run for run in read_sound_runs() if run.seed not in seeds] + found)
 
 
 @main.command("page")

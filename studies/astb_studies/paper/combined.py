@@ -9,9 +9,11 @@ from bench_protocol.written_values import read_written
 #: What is changed of the plan's ordinary parameters, by what a figure shows it over.
 VARIED: Final[Mapping[str, tuple[Mapping[str, str], ...]]] = {
     "pressure": ({"pressure": "0.85"}, {}, {"pressure": "1.1"}),
-    "roll": ({"roll": "-10 mrad"}, {}, {"roll": "10 mrad"}),
+    "roll": ({"roll": "-5 mrad"}, {"roll": "0 mrad"}, {}, {"roll": "20 mrad"}, {"roll": "35 mrad"}),
     "frequency": tuple({"frequency": f"{f} Hz", "amplitude": "10 mm"} for f in ("0.6", "1.2", "1.8")),
 }
+#: Where the plan's ordinary parameters stand (SI).
+DEFAULT: Final[Mapping[str, float]] = {"roll": 0.005, "frequency": 1.2}
 #: The phase in which all of it moves, and what is read of the result.
 PHASE: Final = "wind and track"
 STIFFNESS: Final = "lateral stiffness K'"
@@ -43,4 +45,4 @@ def place(over: str, given: Mapping[str, str], pressure: float) -> float:
     if over == "pressure":
         return pressure
     unit = {"roll": "rad", "frequency": "Hz"}[over]
-    return float(read_written(over, given.get(over, f"0 {unit}"), unit))
+    return float(read_written(over, given.get(over, f"{DEFAULT[over]} {unit}"), unit))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from astb_studies.paper.bench_results import BenchResults, NoBenchResult
-from astb_studies.paper.combined import DAMPING, PHASE, STIFFNESS, VARIED, cases, name_of
+from astb_studies.paper.combined import DAMPING, DEFAULT, PHASE, STIFFNESS, VARIED, cases, name_of, plan_of
 from astb_studies.paper.subject import LOADS
 from bench_protocol.units import bar, mrad
 from test_plans.discovery import plans
@@ -15,8 +15,11 @@ from test_plans.discovery import plans
 def test_every_run_is_made_once_and_its_plan_takes_it():
     runs = list(cases())
     assert len({name for name, *_ in runs}) == len(runs)
-    for name, plan, given in runs:
+    for _, plan, given in runs:
         assert plans()[plan].given(given).values
+    for over, value in DEFAULT.items():
+        assert all(plans()[plan].values[over] == value for plan in (plan_of(load) for load in LOADS))
+    for name, plan, _ in runs:
         assert name.startswith(plan)
     wanted = {name_of(load, given) for load in LOADS for many in VARIED.values() for given in many}
     assert {name for name, *_ in runs} == wanted
@@ -39,9 +42,8 @@ def test_a_point_is_one_spring_s_half_of_the_pair_with_its_uncertainty():
     assert (one.y == 150e3).all()
     assert (one.low == 147e3).all()
     assert (one.high == 153e3).all()
-    np.testing.assert_allclose(
-        made().at_once("AW3", "roll", STIFFNESS).x, [-10 * mrad, 0.0, 10 * mrad], atol=1e-12
-    )
+    rolls = np.array([-5.0, 0.0, 5.0, 20.0, 35.0]) * mrad
+    np.testing.assert_allclose(made().at_once("AW3", "roll", STIFFNESS).x, rolls, atol=1e-12)
     np.testing.assert_allclose(made().at_once("AW3", "frequency", STIFFNESS).x, [0.6, 1.2, 1.8])
 
 

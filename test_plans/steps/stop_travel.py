@@ -1,0 +1,115 @@
+"""How far wind, track and roll will move the bolster toward its bump stop, by what the specimen's file states.
+
+A plan compares it with the gap of the stop before anything moves.
+"""
+
+from collections.abc import Mapping
+from math import pi, tau
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.units import Hz, mm
+from test_plans.analysis import Samples
+from test_plans.loads import Band, Load
+from test_plans.steps.wind import CAR
+
+Rig = Mapping[str, float]
+
+#: The file states the lateral damping over the amplitude at this frequency.
+SLOW: Final = 0.5 * Hz
+#: Stiffness and amplitude of the track's motion depend on each other: they are found in turn, so often.
+TURNS: Final = 12
+#: Beyond the limits of the file the stiffness stays what it was there, up to this way.
+FARTHEST: Final = 1000 * mm
+GUST: Final = "crosswind_gust.stiffness"
+ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"
+
+
+def blown(load: Load, rig: Rig, force: Samples, roll: float, pressure: float) -> Samples:
+    """Return how far (m) the softest springs within their limits let the bolster go under a wind of ``force`` (N).
+
+    The track keeps the springs in motion, so friction does not hold them. ``roll`` (rad) is by unequal preload, and
+    ``pressure`` is the part of the load's own.
+    """
+    places = list(load.limits.curve(ROLL_STIFFNESS, "kN*m/rad"))
+    place = float(np.clip(roll, min(places), max(places)))
+    stiffness, _ = load.limits.curve_at(ROLL_STIFFNESS, place, "kN*m/rad")
+    return np.asarray(
+        _sheared(load, force, pressure, _friction(load))
+        + rig["centre_height"] * force * CAR.pressure_height / stiffness
+    )
+
+
+def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, float]:
+    """Return how far (m) a ``roll`` (rad) by unequal preload moves the bolster: while friction holds it, and without.
+
+    The coupling of shear and roll pushes it sideways.
+    """
+    curve = load.limits.curve("roll_coupling.force", "kN")
+    force = 2 * np.interp(roll, *_odd([*curve], [_middle(band) for band in curve.values()]))
+    held, free = (float(_sheared(load, force, pressure, friction)) for friction in (0.0, _friction(load)))
+    return -held - rig["centre_height"] * roll, -free - rig["centre_height"] * roll
+
+
+def shaken(
+    load: Load, rig: Rig, times: Samples, platform: Samples, frequency: float, pressure: float
+) -> Samples:
+    """Return how far (m) the bolster goes from the ``platform`` (m), which moves at ``frequency`` (Hz).
+
+    A mass on a complex stiffness that depends on the amplitude, by their spectra; the platform begins and ends at 0.
+    """
+    count = 2 * times.size
+    omega = tau * np.fft.rfftfreq(count, times[1] - times[0])
+    inertia = rig["bolster_mass"] * omega**2
+    moved = np.fft.rfft(platform, count)
+    small = load.limits.curve("crosswind_and_track.stiffness", "kN/m")
+    large = load.limits.curve(GUST, "kN/m")
+    soft = {
+        place: band.low or 0.0
+        for place, band in {**large, **small}.items()
+        if place in small or place > max(small)
+    }
+    soft = dict(sorted(soft.items()))
+    loss = load.limits.curve("crosswind_and_track.loss", "kN/m")
+    amplitude, way = 1 * mm, np.zeros_like(times)
+    for _ in range(TURNS):
+        storage = np.interp(amplitude, list(soft), list(soft.values())) + _stiffer(load, pressure)
+        lost = np.interp(amplitude, list(loss), [_middle(band) for band in loss.values()])
+        way = np.fft.irfft(inertia * moved / (storage + 1j * lost - inertia), count)[: times.size]
+        amplitude = 0.5 * (amplitude + 0.5 * float(np.ptp(way)))
+    return np.asarray(way)
+
+
+def _sheared(load: Load, force: Samples | float, pressure: float, friction: float) -> Samples:
+    """Return how far (m) a ``force`` (N) shears the softest pair that has no ``friction`` (N) to hold it."""
+    more = _stiffer(load, pressure)
+    soft = {
+        way: ((band.low or 0.0) + more) * way - friction
+        for way, band in load.limits.curve(GUST, "kN/m").items()
+    }
+    last = max(soft)
+    soft[FARTHEST] = soft[last] * FARTHEST / last
+    return np.asarray(np.interp(force, *_odd([*soft.values()], [*soft])))
+
+
+def _odd(x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
+    """Return a rising curve that is odd, from its part above 0."""
+    return [*(-one for one in reversed(x)), 0.0, *x], [*(-one for one in reversed(y)), 0.0, *y]
+
+
+def _friction(load: Load) -> float:
+    """Return the friction of the pair (N): a loop of friction F has the area 4 F a, one of damping c has π ω c a²."""
+    damping = load.limits.curve("lateral_damping_by_amplitude")
+    widest = max(damping)
+    return 2 * 0.25 * pi * tau * SLOW * _middle(damping[widest]) * widest
+
+
+def _stiffer(load: Load, pressure: float) -> float:
+    """Return how much stiffer (N/m) the pair is at ``pressure`` times the load's own."""
+    by_pressure = _middle(load.limits.band("lateral_stiffness_by_pressure"))
+    return 2 * by_pressure * (pressure - 1.0) * load.fill_pressure
+
+
+def _middle(band: Band) -> float:
+    return 0.5 * ((band.low or 0.0) + (band.high or 0.0))
