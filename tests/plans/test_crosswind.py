@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import csd
 
+from astb_studies.paper import wind as oracle
 from astb_studies.paper.parameters import load_paper
 from bench_protocol.dimensions import ordinary as ordinary_dimensions
 from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import CheckVerdict, Outcome
-from bench_sim.model import wind as oracle
 from bench_sim.parameters import load
 from test_plans.analysis import NotMeasured
 from test_plans.analysis.readings import SHEAR_CELLS

@@ -16,7 +16,9 @@ from astb_studies.paper.comfort import (
     weighting,
     window_rms,
 )
+from astb_studies.paper.crosswind_ride import Cell, ride_cell
 from astb_studies.paper.subject import LOADS, Subject, remembered
+from astb_studies.paper.wind import wind_force
 from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -29,9 +31,7 @@ from bench_sim.model.experiments import (
     first_harmonic,
     impose,
 )
-from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
-from bench_sim.model.wind import wind_force
 
 WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.

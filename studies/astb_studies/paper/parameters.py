@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from astb_studies.paper.closed_form.parameters import PaperParameters
+from astb_studies.paper.wind import Crosswind
 from bench_sim.model.quantities import Quantity
-from bench_sim.model.wind import Crosswind
 from bench_sim.parameters.loading import (
     LOAD,
     Entry,
@@ -50,7 +50,7 @@ class PaperSet:
 
     @property
     def wind(self) -> Crosswind:
-        """The train in the wind, for `bench_sim.model.wind`."""
+        """The train in the wind, for `astb_studies.paper.wind`."""
         return Crosswind(**{name: float(self.entries[name].value) for name in _WIND})
 
     def with_values(self, **changes: ArrayLike) -> "PaperSet":

@@ -8,8 +8,8 @@ import numpy as np
 from astb_studies.paper.closed_form import combined, diaphragm_stiffness, layered_stiffness
 from astb_studies.paper.parameters import load_paper
 from astb_studies.paper.subject import LOADS, Subject
+from astb_studies.paper.wind import coherence, line_admittance
 from bench_protocol.units import Hz, kN, m, s
-from bench_sim.model.wind import coherence, line_admittance
 from bench_sim.parameters import load
 from bench_sim.parameters.loading import Entry
 from bench_sim.parameters.vehicle import load_vehicle

@@ -8,10 +8,10 @@ from typing import Any, Final, TypeVar, cast
 
 from astb_studies.paper.closed_form import PaperParameters
 from astb_studies.paper.parameters import PaperSet, load_paper
+from astb_studies.paper.wind import Crosswind
 from bench_protocol.units import kN
 from bench_sim.model.experiments import isolate
 from bench_sim.model.plant import Plant
-from bench_sim.model.wind import Crosswind
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.vehicle import VehicleParameters, load_vehicle
 
@@ -64,7 +64,7 @@ class Subject:
 
     @property
     def wind(self) -> Crosswind:
-        """The wind on a car, for `bench_sim.model.wind`."""
+        """The wind on a car, for `astb_studies.paper.wind`."""
         return self._paper.wind
 
     def parameters(self, load_case: str, *without: str, **changes: Any) -> Parameters:

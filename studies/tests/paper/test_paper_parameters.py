@@ -8,7 +8,7 @@ import pytest
 
 from astb_studies.paper.closed_form import PaperParameters, diaphragm_stiffness
 from astb_studies.paper.parameters import load_paper
-from bench_sim.model.wind import Crosswind
+from astb_studies.paper.wind import Crosswind
 from bench_sim.parameters import PROVENANCES, ParameterError, load
 
 TEXT = (files("astb_studies.paper") / "paper.toml").read_text(encoding="utf-8")

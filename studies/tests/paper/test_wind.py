@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from astb_studies.paper.parameters import load_paper
-from bench_protocol.units import kN
-from bench_sim.model.wind import (
+from astb_studies.paper.wind import (
     coefficient,
     coherence,
     empirical_admittance,
@@ -24,6 +23,7 @@ from bench_sim.model.wind import (
     spectrum,
     wind_force,
 )
+from bench_protocol.units import kN
 
 WIND = load_paper().wind
 AT_REST = replace(WIND, train_speed=0.0)

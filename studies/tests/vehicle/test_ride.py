@@ -4,11 +4,19 @@ import numpy as np
 import pytest
 
 from astb_studies.paper.comfort import lateral_percentiles, mean_comfort, weighted
+from astb_studies.paper.crosswind_ride import (
+    Cell,
+    Response,
+    SampleMean,
+    crosswind_ride,
+    response,
+    ride_cell,
+    ride_table,
+)
 from astb_studies.paper.parameters import load_paper
+from astb_studies.paper.wind import lateral_force
 from bench_protocol.units import kN, mm
 from bench_sim.model.car import CHANNELS, Ride, RideChannel
-from bench_sim.model.ride import Cell, Response, SampleMean, crosswind_ride, response, ride_cell, ride_table
-from bench_sim.model.wind import lateral_force
 from bench_sim.parameters import load
 from bench_sim.parameters.vehicle import load_vehicle
 

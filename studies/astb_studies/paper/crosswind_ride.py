@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
+from astb_studies.paper.wind import Crosswind, wind_force
 from bench_sim.model.car import Ride, RideChannel
 from bench_sim.model.vehicle import Vehicle
-from bench_sim.model.wind import Crosswind, wind_force
 
 #: Sampling of the wind in s: the car's length lets nothing through beyond a few Hz.
 WIND_INTERVAL: Final = 0.01

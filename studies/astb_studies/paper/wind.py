@@ -25,7 +25,7 @@ _ALONG_THE_CAR: Final = _CHANNELS - 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosswind:
-    """A train in the wind, per car; read by `astb_studies.paper.parameters.load_paper`."""
+    """A train in the wind, per car; read by `load_paper`."""
 
     train_speed: Annotated[float, "m/s"]
     air_density: Annotated[float, "kg/m3"]
