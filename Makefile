@@ -22,7 +22,7 @@ help:  ## list the targets
 
 .PHONY: run
 run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real sockets
-	$(BIN)/astb run aw0 aw3 --rig rigs/local.toml --out runs/demo
+	$(BIN)/astb run aw0 aw3 --rig local --out runs/demo
 
 .PHONY: test
 test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)

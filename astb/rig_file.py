@@ -11,14 +11,19 @@ from msgspec.structs import replace
 
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
-from bench_protocol.named_files import named_files
+from bench_protocol.named_files import OF_A_RIG, ORDINARY_RIG, earlier, named_files, place_of
+from bench_protocol.suggestion import meant
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from drivers.wiring.astb.keys import Can, Modbus
 
-#: The package with the files of the rigs that come with the bench, and the folder with those of whoever stands there.
+#: The kind of its named files, and the folder of a user's own rigs.
 PACKAGE: Final = "rigs"
-#: The rig that commands take without being told: it simulates in real time.
-ORDINARY: Final = "local"
+#: The default of commands: it simulates in real time.
+ORDINARY: Final = ORDINARY_RIG
+#: The name of a rig file in the folder of a rig.
+RIG: Final = OF_A_RIG[PACKAGE]
+#: The other files of a rig, by the keys of `RigFile` that hold their paths.
+_PARTS: Final = {"wiring": "wirings", "dimensions": "dimensions", "instruments": "instruments"}
 #: What every generator of random numbers takes.
 SEED_MAX: Final = 2**32 - 1
 
@@ -72,36 +77,49 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     can: Can = Can()
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
-    instruments: str = ""  #: path of the file of its instruments, seen from this one, or their name
-    dimensions: str = ""  #: path of the file of its dimensions, seen from this one, or their name
+    like: str = ""  #: name or path of the rig from which it inherits the files that its folder lacks
+    # Paths of its other files, which `read` finds; as keys of the file they are a form of version 0.1.
+    instruments: str = ""
+    dimensions: str = ""
     wiring: str | dict[str, Any] = (
-        ""  #: of a rig that speaks otherwise: path of its file, its name, or its keys
+        ""  #: of a rig with its own messages or registers: a path, or the keys themselves
     )
     limits: tuple[dict[str, Any], ...] = ()  #: of a real rig, as far as they are known: for rehearsals
 
 
 def rigs() -> dict[str, Path]:
-    """Return the rigs that have a name: those that come with the bench, and over them those in ``rigs/`` here."""
-    here = {path.stem: path for path in sorted(Path(PACKAGE).glob("*.toml"))}
-    return named_files(PACKAGE) | here
+    """Return the rigs that have a name: those of the software, and over them those in the folder ``rigs`` here."""
+    single = {path.stem: path for path in sorted(Path(PACKAGE).glob("*.toml"))}
+    here = {path.parent.name: path for path in sorted(Path(PACKAGE).glob(f"*/{RIG}"))}
+    return named_files(PACKAGE) | single | here
 
 
 def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
-    """Return a rig and the path of its file, by that path or by the name of one of the `rigs`.
+    """Return a rig and the path of its file, by the path of the file or of its folder, or by a name of `rigs`.
 
-    RigFileError where there is none, or where it is not one.
+    RigFileError if there is none, or if the file is wrong.
     """
-    path = Path(rig)
-    if path.suffix == ".toml" or path.parent != Path() or path.is_file():
-        return read(path), path
-    known = rigs()
-    if str(rig) in known:
-        return read(known[str(rig)]), known[str(rig)]
-    if not path.exists():
-        raise RigFileError(
-            f"there is no rig {str(rig)!r}: the path of a rig file, or {' or '.join(sorted(known))}"
-        )
+    path = _rig_path(str(rig), Path())
     return read(path), path
+
+
+def _rig_path(rig: str, home: Path, where: str = "") -> Path:
+    """Return the path of the rig file of a name, or of a path relative to ``home``; RigFileError for no name.
+
+    The error begins with ``where``.
+    """
+    path = home / rig
+    if path.suffix == ".toml":
+        return place_of(PACKAGE, path)
+    if (path / RIG).is_file():
+        return path / RIG
+    if Path(rig).parent != Path() or path.is_file():
+        return path / RIG if path.is_dir() else path
+    if rig in (known := rigs()):
+        return known[rig]
+    raise RigFileError(
+        f"{where}there is no rig {rig!r}; {meant(rig, known)} Or use the path of a rig file or of its folder."
+    )
 
 
 def read(path: Path) -> RigFile:
@@ -109,12 +127,7 @@ def read(path: Path) -> RigFile:
 
     Raises RigFileError, naming the file, the key and what would be right.
     """
-    try:
-        content = read_toml(path)
-    except OSError as error:
-        raise RigFileError(f"rig file {path} cannot be read: {error.strerror}; --rig names another") from None
-    except Unfit as error:
-        raise RigFileError(f"rig file {path} {error}") from None
+    content = _content(path)
     try:
         rig = msgspec.convert(content, RigFile)
     except msgspec.ValidationError as error:
@@ -127,13 +140,55 @@ def read(path: Path) -> RigFile:
         raise RigFileError(
             f"rig file {path}: limits beside simulation: those of a simulated rig are simulation.limits"
         )
+    for key in _PARTS:
+        if isinstance(content.get(key), str):
+            earlier(
+                f"rig file {path}: {key} = {content[key]!r}",
+                f'name the rig file {RIG} and put {OF_A_RIG[_PARTS[key]]} beside it, or inherit: like = "{ORDINARY}"',
+            )
     beside = [key for key in ("can", "modbus", "simulation") if key in content]
-    if rig.wiring and beside:
+    own, inherited = _parts(path, rig.like)
+    if not beside:
+        own = inherited | own
+    elif rig.wiring or "wiring" in own:
         raise RigFileError(
             f"rig file {path}: {' and '.join(beside)} beside wiring: a rig with a wiring is a real one, and its "
-            "addresses are the wiring's; right is one of them"
+            f"addresses are the wiring's; remove {' and '.join(beside)}, or the wiring"
         )
+    parts = {key: str(place) for key, place in (inherited | own).items() if key != "wiring" or key in own}
+    given = {key: getattr(rig, key) for key in _PARTS if getattr(rig, key)}
+    rig = replace(rig, **{**parts, **given})
     return rig if rig.simulation is None else replace(rig, simulation=_placed(rig.simulation, path.parent))
+
+
+def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Return the other files of the rig at ``path`` by their keys: its own, and those of the rig it is ``like``.
+
+    The wiring of the virtual bench is none: a rig without a wiring has its messages and registers.
+    """
+    found = {key: path.with_name(OF_A_RIG[kind]) for key, kind in _PARTS.items()} if path.name == RIG else {}
+    own = {key: place.resolve() for key, place in found.items() if place.is_file()}
+    if "wiring" in own and own["wiring"].read_bytes() == named_files("wirings")[ORDINARY].read_bytes():
+        del own["wiring"]
+    if not like:
+        return own, {}
+    other = _rig_path(like, path.parent, f"rig file {path}: like: ").resolve()
+    above = (*above, path.resolve())
+    if other in above:
+        raise RigFileError(
+            f"rig file {path}: like = {like!r} ends at the same rig; name another one, or none"
+        )
+    theirs, inherited = _parts(other, str(_content(other).get("like", "")), above)
+    return own, inherited | theirs
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        return read_toml(path)
+    except OSError as error:
+        raise RigFileError(f"rig file {path} cannot be read: {error.strerror}; --rig names another") from None
+    except Unfit as error:
+        raise RigFileError(f"rig file {path} {error}") from None
 
 
 def _placed(simulation: Simulation, home: Path) -> Simulation:

@@ -25,6 +25,7 @@ from astb.software import commit
 from astb.tables import shared_console
 from astb.watched import watched
 from bench_protocol.clock import utc_date
+from bench_protocol.named_files import label
 from bench_protocol.runtime.signals import known
 from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
@@ -342,7 +343,7 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         "seed": session.seed,
     }
     if session.wiring is not None:
-        facts["wiring"] = {"file": session.wiring.where.name, "sha256": session.wiring.digest}
+        facts["wiring"] = {"file": label(session.wiring.where), "sha256": session.wiring.digest}
     if session.parameters is not None:
         facts["parameters"] = {"name": session.parameters.name, "sha256": session.parameters.digest()}
         facts["ambient"] = _surroundings(session.parameters)

@@ -264,19 +264,20 @@ def describe_rig(bench: Bench, rig: RigFile, path: Path) -> None:
 def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
     """Return the dimensions of ``rig``, whose file is ``path``.
 
-    RigFileError for a file of dimensions that is none. A simulated rig that names no such file has those that it is
-    simulated with; of a real one nobody knows any.
+    RigFileError for a wrong file of dimensions. A simulated rig without such a file, or with that of the virtual bench,
+    has the dimensions with which it is simulated. Those of a real rig without such a file are unknown.
     """
     from bench_protocol.dimensions import UNKNOWN, DimensionsError, ordinary, read_dimensions
 
+    known = ordinary() if rig.simulation else UNKNOWN
     if rig.dimensions:
         try:
-            return read_dimensions(rig.dimensions, path.parent)
+            known = read_dimensions(rig.dimensions, path.parent)
         except DimensionsError as error:
             raise RigFileError(f"rig file {path}: {error}") from None
-    if rig.simulation is None:
-        return UNKNOWN
-    return ordinary().built(simulated(simulated_parameters(rig.simulation)))
+    if rig.simulation and known.sha256 == ordinary().sha256:
+        return known.built(simulated(simulated_parameters(rig.simulation)))
+    return known
 
 
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":

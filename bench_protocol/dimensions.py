@@ -12,17 +12,15 @@ from math import hypot, isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from bench_protocol.named_files import read_named
+from bench_protocol.named_files import ORDINARY_RIG, label, read_named
 from bench_protocol.signals import Group
 from bench_protocol.suggestion import meant
 from bench_protocol.table_signals import BY_GROUP, FURTHER
 from bench_protocol.units import UNITS
 from bench_protocol.words import PROVENANCES, SIDES
 
-#: The package with the files of dimensions that come with the bench.
+#: The kind of its named files.
 PACKAGE: Final = "dimensions"
-#: Those of the virtual bench.
-ORDINARY: Final = "astb"
 
 
 class Span(NamedTuple):
@@ -182,7 +180,7 @@ UNKNOWN: Final = Dimensions()
 @cache
 def ordinary() -> Dimensions:
     """Return the dimensions of the virtual bench."""
-    return read_dimensions(ORDINARY)
+    return read_dimensions(ORDINARY_RIG)
 
 
 def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
@@ -195,7 +193,7 @@ def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
     known = _known(content, wrong)
     if wrong:
         raise DimensionsError(f"dimensions {path}: {'; '.join(wrong)}")
-    return Dimensions(path.name, sha256, known)
+    return Dimensions(label(path), sha256, known)
 
 
 def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:

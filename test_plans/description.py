@@ -6,7 +6,8 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from functools import cache, wraps
 from typing import Any, TypeVar, cast
 
-from bench_protocol.dimensions import NAMES, ORDINARY, UNKNOWN, Dimension, Dimensions, lag, ordinary
+from bench_protocol.dimensions import NAMES, UNKNOWN, Dimension, Dimensions, lag, ordinary
+from bench_protocol.named_files import ORDINARY_RIG
 from drivers.errors import NotAvailable
 
 _Follows = TypeVar("_Follows", bound=Callable[..., Any])
@@ -87,4 +88,4 @@ def lags(signals: Iterable[str]) -> tuple[str, ...]:
 @cache
 def ours() -> Description:
     """Return what is known of the virtual bench, for what is computed without any rig."""
-    return Description(ORDINARY, ordinary())
+    return Description(ORDINARY_RIG, ordinary())

@@ -14,16 +14,14 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.named_files import read_named
+from bench_protocol.named_files import ORDINARY_RIG, label, read_named
 from bench_protocol.suggestion import meant
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
 from bench_protocol.words import PROVENANCES
 
-#: The package with the files of the instruments that come with the bench.
+#: The kind of its named files.
 PACKAGE: Final = "instruments"
-#: Those of the virtual bench.
-ORDINARY: Final = "astb"
 
 #: How long a calibration holds where the file does not say when it is due.
 INTERVAL: Final = timedelta(days=365)
@@ -146,7 +144,7 @@ UNKNOWN: Final = Instruments()
 @cache
 def ordinary() -> Instruments:
     """Return the instruments of the virtual bench."""
-    return read_instruments(ORDINARY)
+    return read_instruments(ORDINARY_RIG)
 
 
 def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
@@ -156,7 +154,7 @@ def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
     """
     path, sha256, content = read_named(PACKAGE, name, home, InstrumentsError)
     try:
-        return Instruments(path.name, sha256, _pieces(content))
+        return Instruments(label(path), sha256, _pieces(content))
     except _Unfit as error:
         raise InstrumentsError(f"instruments {path}: {error}") from None
 

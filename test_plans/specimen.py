@@ -21,7 +21,7 @@ from bench_protocol.units import UNITS, bar, kN, mm, mrad
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
-#: The package with the files of the specimens that come with the bench.
+#: The kind of its named files.
 PACKAGE: Final = "specimens"
 #: The one that plans take without being told.
 ORDINARY: Final = "astb"

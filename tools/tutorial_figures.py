@@ -12,7 +12,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
-DEMOS = Path(__file__).parents[1] / "demos"
+DEMOS = Path(__file__).parents[1] / "astb" / "data" / "demos"
 SEALS = {"NAPN": "#c0392b", "O-ring": "#2471a3", "PK": "#1e8449"}
 BAR, MM = 1e5, 1e-3
 

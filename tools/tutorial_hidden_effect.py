@@ -6,7 +6,6 @@ python tools/tutorial_hidden_effect.py [DIRECTORY]    results stay in DIRECTORY;
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -52,7 +51,6 @@ def commands(page: str) -> list[list[str]]:
 
 def carry_out(page: str, directory: Path) -> None:
     """Type the page's commands in ``directory``, as far as what they write is not there."""
-    shutil.copytree(ROOT / "rigs", directory / "rigs", dirs_exist_ok=True)
     for name, text in files(page).items():
         (directory / name).write_text(text)
     for arguments in commands(page):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from shutil import copytree
+from shutil import copyfile, copytree
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
@@ -14,7 +14,7 @@ from astb.exit_codes import misuse
 from astb.rig_file import rigs
 from astb.tables import print_json
 from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
-from bench_protocol.named_files import named_files, named_folders, place_of
+from bench_protocol.named_files import named_files, named_folders, place_of, source_of
 from bench_protocol.suggestion import meant
 from bench_protocol.units import kN
 from drivers.errors import WiringError
@@ -112,9 +112,9 @@ def _wiring(name: str) -> Listed:
 
 
 def _sets() -> Mapping[str, Path]:
-    from bench_sim.parameters import SETS
+    from bench_sim import parameters
 
-    return {name: named_files("bench_sim.parameters")[name] for name in SETS}
+    return {name: Path(parameters.__file__).with_name(f"{name}.toml") for name in parameters.SETS}
 
 
 def _parameters(name: str) -> Listed:
@@ -180,6 +180,10 @@ KINDS: Final[Mapping[str, Kind]] = {
 }
 
 
+#: Kinds of which each is a folder.
+_FOLDERS: Final = ("rigs", "demos")
+
+
 def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
     """Return the kind that a user calls by its singular or plural."""
     for kind, one in KINDS.items():
@@ -207,11 +211,11 @@ def list_command(kind: str, names: tuple[str, ...], as_json: bool) -> None:
     Without a NAME it lists all of a KIND. The kinds are:
 
     \b
-    rigs         rig files, for --rig: those of ASTB and those in the folder rigs/
+    rigs         rigs, for --rig: those of ASTB and those in the folder rigs/
     specimens    specimens with their limits, for --specimen
-    instruments  instruments with their uncertainties, for a rig file
-    dimensions   dimensions of rigs, for a rig file
-    wirings      examples of wirings, for a rig file
+    instruments  instruments of rigs with their uncertainties
+    dimensions   dimensions of rigs
+    wirings      wirings of rigs
     parameters   parameter sets, for --model
     demos        measured data with a map each, for astb diagnose
     effects      faults and model errors, for --effect; astb diagnose finds them
@@ -260,11 +264,11 @@ def copy_command(
     """Copy a rig, specimen or other named data, to edit it.
 
     KIND is one of astb list: rig, specimen, instruments, dimensions, wiring, parameters or demo. TARGET is a new file
-    or, for a demo, a new folder. Use the copy by its path:
+    or, for a rig or a demo, a new folder. Use the copy by its path:
 
     \b
-        astb copy rig local my_rig.toml
-        astb run aw0 --rig my_rig.toml
+        astb copy rig local my_rig
+        astb run aw0 --rig my_rig
 
     With --preload or --set, the limits of a specimen are derived again: the plans aw0 and aw3 run on the simulated rig
     with the changed springs. Limits that no plan measures are left out and printed.
@@ -273,8 +277,11 @@ def copy_command(
         misuse("effects are no files, so they cannot be copied; use them with --effect NAME=VALUE")
     if target.exists():
         misuse(f"{target} exists already; choose another name or remove it")
-    if kind != "demos" and target.suffix != ".toml":
-        misuse(f"{target} would be read as a name, not as a path; use a path that ends in .toml")
+    folder, right = kind in _FOLDERS, target.with_suffix("" if kind in _FOLDERS else ".toml")
+    if folder is (target.suffix == ".toml"):
+        misuse(
+            f"{target} is no path for a {'folder' if folder else 'TOML file'}, which {kind} are; use {right}"
+        )
     if (preloads or drawing or plans) and (kind != "specimens" or not (preloads or drawing)):
         misuse("--preload and --set change a specimen, and --plan needs one of them")
     try:
@@ -284,10 +291,9 @@ def copy_command(
             new_specimen(target, name, preloads, drawing, plans, lambda line: click.echo(line, err=True))
         elif not (source := KINDS[kind].known().get(name)):
             misuse(f"there is no {KINDS[kind].singular} {name!r}; {meant(name, KINDS[kind].known())}")
-        elif source.is_dir():
-            copytree(source, target)
         else:
-            target.write_bytes(source.read_bytes())
+            source = source_of(source)
+            copytree(source, target) if source.is_dir() else copyfile(source, target)
     except ValueError as error:
         misuse(error)
     except OSError as error:

@@ -22,7 +22,7 @@ RIG_OPTION: Final = click.option(
     "rig_named",
     metavar="RIG",
     shell_complete=complete_rigs,
-    help="Rig file (TOML), or a name of `astb list rigs`.  [default: local]",
+    help="Folder or file of a rig, or a name of `astb list rigs`.  [default: local]",
 )
 JSON_OPTION: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 SEED_OPTION: Final = click.option(

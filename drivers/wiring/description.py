@@ -30,7 +30,7 @@ from drivers.wiring.transports import open_all
 from drivers.wiring.user_functions import functions_file, user_function
 from drivers.wiring.written import order_names, plain_number, si_value
 
-#: The package with the files of the wirings that come with the bench.
+#: The kind of its named files.
 PACKAGE: Final = "wirings"
 #: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
 _ROUNDED: Final = 0.001

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_protocol.named_files import place_of
+from bench_protocol.named_files import ORDINARY_RIG, named_files
 from bench_protocol.table import TABLE
 from bench_protocol.wires import Table
 from drivers.wiring.described import DescribedWiring, open_described
@@ -19,14 +18,13 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-#: The name of the file, and of its transport.
-NAME: Final = "astb"
+#: The name of the transport in the file.
 TRANSPORT: Final = "rig"
 
 
 @cache
 def _read(table: Table) -> Description:
-    return read_description(place_of(PACKAGE, NAME, Path()), table)
+    return read_description(named_files(PACKAGE)[ORDINARY_RIG], table)
 
 
 def own_description(

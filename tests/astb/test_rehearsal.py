@@ -55,7 +55,7 @@ def test_a_rehearsal_has_the_instruments_of_its_rig(tmp_path):
         run.check("one", 1.0, "1", low=0.0)
 
     rehearse(looks, virtual(), NOWHERE, tmp_path)
-    ordinary = named_files("instruments")["astb"]
+    ordinary = named_files("instruments")["local"]
     (tmp_path / "ours.toml").write_text(ordinary.read_text(encoding="utf-8"), encoding="utf-8")
     rehearse(looks, msgspec.structs.replace(virtual(), instruments="ours.toml"), tmp_path / "rig", tmp_path)
     assert files == [ordinary.name, "ours.toml"]
@@ -175,7 +175,7 @@ def test_the_command_refuses_with_a_status_of_its_own_and_leaves_a_page(tmp_path
 
 
 def test_what_a_real_rig_lacks_the_simulated_one_lacks_too(tmp_path):
-    path = Path(__file__).parents[1] / "foreign" / "hall_b.toml"
+    path = Path(__file__).parents[1] / "foreign" / "hall_b" / "rig.toml"
     asked = []
 
     @plan

@@ -19,7 +19,7 @@ FORMAT = "record"
 
 def texts():
     """Every text of the product, with the file that it stands in: of Python its strings, help texts included."""
-    folders = [ROOT / name for name in (*PACKAGES.values(), "rigs", "specimens", "instruments", "dimensions")]
+    folders = [ROOT / name for name in PACKAGES.values()]
     for path in sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in ENDINGS):
         if path.suffix != ".py":
             yield path, path.read_text()

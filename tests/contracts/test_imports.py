@@ -39,9 +39,6 @@ MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
 DASK = "dask belongs to astb.campaigns"
 OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
-#: What is packaged and holds no module.
-FILES_ONLY = {"demos", "dimensions", "instruments", "rigs", "specimens", "wirings"}
-
 HIDDEN = "def hidden():\n    {}\n"
 """An import inside a function is an import all the same."""
 
@@ -203,7 +200,7 @@ def test_the_layers_are_exhaustive() -> None:
     layers = next(contract["layers"] for contract in CONTRACTS if contract["name"] == LAYERS)
     packaged = CONFIG["tool"]["setuptools"]["packages"]["find"]["include"]
     assert sorted(packaged) == sorted(
-        f"{name}{end}" for name in {*PACKAGES, *FILES_ONLY} - {"astb_studies"} for end in ("", ".*")
+        f"{name}{end}" for name in set(PACKAGES) - {"astb_studies"} for end in ("", ".*")
     )
     assert on_disk == set(PACKAGES)
     assert {name.strip() for layer in layers for name in layer.split("|")} == set(PACKAGES)

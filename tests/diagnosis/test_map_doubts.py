@@ -8,7 +8,7 @@ import pytest
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 
-DEMOS = Path(__file__).parents[2] / "demos"
+DEMOS = Path(__file__).parents[2] / "astb" / "data" / "demos"
 MAPS = {name: (DEMOS / name / f"{name}.toml").read_text(encoding="utf-8") for name in ("piston", "chamber")}
 TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column = 5, unit = "mm", sign = -1')
 TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')

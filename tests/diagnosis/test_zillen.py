@@ -18,7 +18,7 @@ from diagnosis.systems.mapping import read_mapped
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"
-DEMOS = ROOT / "demos"
+DEMOS = ROOT / "astb" / "data" / "demos"
 SEALS = ("NAPN", "O-ring", "PK")
 PAGE = (TUTORIALS / "diagnose-measured-data.md").read_text(encoding="utf-8")
 #: What the page calls the effects, and where it says how strong a seal's friction is at 4 bar, with its interval.
@@ -177,7 +177,8 @@ def test_a_slow_leak_says_nothing_about_its_law() -> None:
 @pytest.fixture
 def typed(tmp_path: Path) -> Callable[[str], Finding]:
     """Type the one command of the tutorial that names some data, in a directory with what a clone has; its finding."""
-    (tmp_path / "demos").symlink_to(DEMOS)
+    (tmp_path / "astb" / "data").mkdir(parents=True)
+    (tmp_path / "astb" / "data" / "demos").symlink_to(DEMOS)
     astb = tmp_path / ".venv" / "bin" / "astb"
     astb.parent.mkdir(parents=True)
     astb.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m astb "$@"\n')

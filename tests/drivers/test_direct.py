@@ -21,7 +21,7 @@ from drivers.wiring.description import describe, read_description
 from drivers.wiring.own import own_description
 from tests.drivers.strange_rig import PointsInMemory
 
-FILE = named_files("wirings")["astb"]
+FILE = named_files("wirings")["local"]
 RIG = {"kind": "astb"}
 #: A laser that is read by another device, a valve that it sets, and a spring that has no thermometer.
 LINES = {

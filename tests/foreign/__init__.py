@@ -10,4 +10,4 @@ AT_REST = {"plant_a": -51.9, "hall_b": -53.5, "yard_c": -52.6}
 
 def wiring_file(name: str) -> Path:
     """Return the wiring file of a rig: that of rig A comes with the bench."""
-    return named_files("wirings").get(name, Path(__file__).with_name(f"{name}_wiring.toml"))
+    return named_files("wirings").get(name, Path(__file__).with_name(name) / "wiring.toml")

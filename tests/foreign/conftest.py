@@ -43,10 +43,9 @@ def running(name, *arguments):
 
 
 def write_files(name, address, directory):
-    """Write the files of a rig, found at ``address``, into ``directory``; return its rig file."""
+    """Write the folder of a rig, found at ``address``, into ``directory``; return its rig file."""
     host, _, port = address.removeprefix("socketcand://").partition(":")
-    for file in ("hall_b.dbc", "strangers.py", f"{name}_dimensions.toml"):
-        shutil.copy(HERE / file, directory)
+    folder = Path(shutil.copytree(HERE / name, directory / name))
     wiring = wiring_file(name).read_text()
     if name in PORTS:
         assert PORTS[name] in wiring
@@ -56,10 +55,8 @@ def write_files(name, address, directory):
         wiring = wiring.replace(
             'bus = "can0"', f'bus = "tcp"\nhost = "{host}"\nport = {port}' if port else f'bus = "{host}"'
         )
-    (directory / f"{name}_wiring.toml").write_text(wiring)
-    rig = (HERE / f"{name}.toml").read_text().replace('wiring = "plant_a"', 'wiring = "plant_a_wiring.toml"')
-    (directory / f"{name}.toml").write_text(rig)
-    return directory / f"{name}.toml"
+    (folder / "wiring.toml").write_text(wiring)
+    return folder / "rig.toml"
 
 
 @pytest.fixture

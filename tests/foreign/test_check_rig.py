@@ -36,7 +36,7 @@ def wired(virtual, tmp_path, *changes: tuple[str, str]):
         assert re.search(was, text, re.MULTILINE), was
         text = re.sub(was, becomes, text, flags=re.MULTILINE)
     for name in ("hall_b.dbc", "strangers.py"):
-        (tmp_path / name).write_text((HERE / name).read_text())
+        (tmp_path / name).write_text((HERE / "hall_b" / name).read_text())
     path = tmp_path / "wiring.toml"
     path.write_text(text)
     return read_description(path, TABLE)

@@ -27,16 +27,16 @@ def within(part, whole):
 
 
 def test_the_pieces_on_the_page_are_those_of_the_wiring_of_rig_b():
-    whole = tomllib.loads((HERE / "hall_b_wiring.toml").read_text())
-    pieces = [tomllib.loads(piece) for piece in of_file("hall_b_wiring.toml")]
+    whole = tomllib.loads((HERE / "hall_b" / "wiring.toml").read_text())
+    pieces = [tomllib.loads(piece) for piece in of_file("hall_b/wiring.toml")]
     assert pieces and all(within(piece, whole) for piece in pieces)
 
 
 def test_the_piece_about_signals_of_ours_names_such():
-    (piece,) = of_file("mine_wiring.toml")
+    (piece,) = of_file("mine/wiring.toml")
     assert tomllib.loads(piece)["signals"].keys() <= TABLE.index.keys()
 
 
 def test_the_function_on_the_page_is_that_of_the_file():
     (function,) = (code for code in blocks("python") if "hall_checksum" in code)
-    assert function in (HERE / "strangers.py").read_text()
+    assert function in (HERE / "hall_b" / "strangers.py").read_text()

@@ -58,7 +58,7 @@ def in_holding_registers(name: str, out: Path) -> Path:
     ],
 )
 def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, unsaid, clear, first, tmp_path):
-    dbc, registers = (HERE / "hall_b.dbc", None) if name == "hall_b" else (None, LISTS[name])
+    dbc, registers = (HERE / "hall_b" / "hall_b.dbc", None) if name == "hall_b" else (None, LISTS[name])
     if unsaid:
         registers = in_holding_registers(name, tmp_path / "list.csv")
     points = dbc_points(dbc) if dbc else register_points(registers)
@@ -85,7 +85,7 @@ def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, unsaid, clear
 
 
 def test_units_calibration_and_what_tells_settings_are_filled_in(tmp_path):
-    told = tomllib.loads(skeleton(HERE / "hall_b.dbc", None, tmp_path))["signals"]
+    told = tomllib.loads(skeleton(HERE / "hall_b" / "hall_b.dbc", None, tmp_path))["signals"]
     cell = {"from": "bus.CellsA.Cell1", "unit": "kg", "calibration": {"gain": "9.80665 N/kg"}}
     assert told["load_cell.1"] == cell
     assert told["air.dpv"] == {"to": "bus.Parameter.Bridge", "read": "bus.ParameterIs.Bridge"}
@@ -137,7 +137,7 @@ def test_columns_may_be_called_otherwise(tmp_path):
 
 def test_the_command_writes_a_file_once(tmp_path):
     out = tmp_path / "wiring.toml"
-    call = ["rig", "new", "--dbc", str(HERE / "hall_b.dbc"), "--out", str(out)]
+    call = ["rig", "new", "--dbc", str(HERE / "hall_b" / "hall_b.dbc"), "--out", str(out)]
     assert CliRunner().invoke(commands, call).exit_code == 0
     assert "bus.Heights.HeightLeft" in out.read_text()
     again = CliRunner().invoke(commands, call)

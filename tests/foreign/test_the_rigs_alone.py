@@ -13,7 +13,7 @@ from tests.foreign.modbus_server import Server
 from tests.foreign.plc_rig import PlcRig
 
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
-DBC = cantools.database.load_file(Path(__file__).with_name("hall_b.dbc"))
+DBC = cantools.database.load_file(Path(__file__).parent / "hall_b" / "hall_b.dbc")
 
 
 class Hall:

@@ -49,7 +49,7 @@ def filled_in(text: str) -> dict:
 
     content = tomllib.loads(text)
     for block in re.findall(r"^```toml\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL):
-        if block.startswith("# yard_c_wiring.toml\n"):
+        if block.startswith("# yard_c/wiring.toml\n"):
             merge(content, tomllib.loads(block))
     return content
 
@@ -62,7 +62,7 @@ def test_the_page_leads_from_the_list_to_the_wiring_that_the_tests_run(tmp_path)
         for file in (tomllib.loads(text), content)
     ]
     assert "{} of the {} signals".format(*told) in PAGE.read_text()
-    assert content == tomllib.loads((HERE / "yard_c_wiring.toml").read_text())
+    assert content == tomllib.loads((HERE / "yard_c" / "wiring.toml").read_text())
 
 
 def test_its_device_takes_functions_15_16_and_23_and_no_others_and_answers_as_unit_17():
@@ -94,9 +94,9 @@ def test_its_device_takes_functions_15_16_and_23_and_no_others_and_answers_as_un
 def bench_on(content):
     """A bench on the rig by a wiring with this content."""
     virtual = VirtualYard(seed=1)
-    description = describe(content, HERE / "yard_c_wiring.toml", TABLE)
+    description = describe(content, HERE / "yard_c" / "wiring.toml", TABLE)
     with Bench(open_described("yard_c", description, {"plc": virtual.port}), virtual.clock) as one:
-        one.dimensions = read_dimensions("yard_c_dimensions.toml", HERE)
+        one.dimensions = read_dimensions(HERE / "yard_c" / "dimensions.toml")
         yield one
 
 
@@ -120,7 +120,7 @@ def test_chambers_that_are_shut_at_power_up_are_joined_before_air_comes_and_goes
 
 def test_what_nobody_has_set_since_power_up_is_no_doubt(tmp_path):
     virtual = VirtualYard(seed=1)
-    description = read_description(HERE / "yard_c_wiring.toml", TABLE)
+    description = read_description(HERE / "yard_c" / "wiring.toml", TABLE)
     wiring = open_described("yard_c", listening(description), {"plc": virtual.port})
     with Listening(wiring, virtual.clock, 1.0) as one:
         report = examine(one)

@@ -52,7 +52,7 @@ class _Paced:
         """Return a bench on a port of its own and the wiring file of the rig, not yet connected."""
         description = read_description(wiring_file(self.name), TABLE)
         bench = Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
-        bench.dimensions = read_dimensions(f"{self.name}_dimensions.toml", Path(__file__).parent)
+        bench.dimensions = read_dimensions(Path(__file__).parent / self.name / "dimensions.toml")
         return bench
 
     def port(self):

@@ -100,7 +100,7 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
     ],
 )
 def test_what_cannot_be_is_refused_all_of_it_at_once(tmp_path, changes, told):
-    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    text = named_files("dimensions")["local"].read_text(encoding="utf-8")
     for old, new in changes.items():
         text, count = re.subn(old, new, text, flags=re.MULTILINE)
         assert count
@@ -129,7 +129,7 @@ def test_a_dimension_that_no_bench_can_have_is_refused_with_what_is_plausible(na
 
 
 def test_a_spacing_in_the_wrong_unit_is_refused_with_the_right_one(tmp_path):
-    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    text = named_files("dimensions")["local"].read_text(encoding="utf-8")
     wrong = text.replace("spring_half_spacing = { value = 1.0, ", "spring_half_spacing = { value = 1230.0, ")
     (tmp_path / "mine.toml").write_text(wrong, encoding="utf-8")
     with pytest.raises(DimensionsError, match=r"1230 m is not plausible: 0\.2 to 3 m is; 1230 mm would be"):
@@ -338,7 +338,7 @@ def test_a_described_rig_is_simulated_as_it_is_built():
 
 
 def test_a_map_names_the_dimensions_of_the_rig_that_was_measured_on(tmp_path):
-    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    text = named_files("dimensions")["local"].read_text(encoding="utf-8")
     (tmp_path / "theirs.toml").write_text(text.replace("value = 1200.0", "value = 2400.0"), encoding="utf-8")
     (tmp_path / "map.toml").write_text('system = "air_spring"\ndimensions = "theirs.toml"\ncolumns = {}\n')
     _, system = read_map(tmp_path / "map.toml")

@@ -14,6 +14,7 @@ import cantools
 import pytest
 
 from astb.exit_codes import BLOCKED, MISUSE, PASS
+from bench_protocol.named_files import named_files
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from drivers.can_port import open_can
@@ -199,7 +200,7 @@ BAD_ARGUMENTS = {
     "run aw0 --seed 99999999999999999999": "'--seed': 99999999999999999999 is not in the range",
     "run aw0 --seed three": "'--seed': 'three' is not a valid integer range",
     "run aw0 --sede 3": "No such option '--sede'",
-    "run aw0 --rig locl": "there is no rig 'locl': the path of a rig file, or hall or local or virtual",
+    "run aw0 --rig locl": "there is no rig 'locl'; did you mean 'local'?",
     "rig --can-port 65536": "'--can-port': 65536 is not in the range 0<=x<=65535",
     "rig --modbus-port x": "'--modbus-port': 'x' is not a valid integer range",
     "report nowhere": "Directory 'nowhere' does not exist",
@@ -301,7 +302,7 @@ def no_process(monkeypatch):
 def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
     cli, tmp_path, closed_port, no_process
 ):
-    hall = (Path(__file__).parents[2] / "rigs" / "hall.toml").read_text()
+    hall = named_files("rigs")["hall"].read_text()
     assert 'host = "192.0.2.10"\nport = 502' in hall
     path = write(
         tmp_path / "hall.toml",

@@ -121,7 +121,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(refused, tmp_path, line, word
 
 @pytest.mark.slow
 def test_a_record_without_anything_to_replay_is_refused_with_the_plan_that_makes_some(cli, refused):
-    code, _, _ = cli("run", "leak_down", "--virtual", "--rig", str(ROOT / "rigs" / "virtual.toml"))
+    code, _, _ = cli("run", "leak_down", "--virtual", "--rig", "virtual")
     assert code == PASS
     words = refused("diagnose", "runs/leak_down", "--out", "out")
     assert "holds no phase whose name begins with 'replay '" in words

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from astb.exit_codes import BLOCKED, MISUSE, PASS
+from bench_protocol.named_files import named_files
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_sim.parameters import load
@@ -25,7 +26,7 @@ from drivers.can_port import open_can
 from drivers.errors import LinkLost, Refused
 from drivers.modbus_port import open_modbus
 
-LOCAL = Path(__file__).parents[2] / "rigs" / "local.toml"
+LOCAL = named_files("rigs")["local"]
 READ = b"\0\7\0\0\0\6\1\4\0\1\0\2"  # two input registers: the hash of the map
 HASH = b"\0\7\0\0\0\7\1\4\4" + struct.pack(">I", TABLE.map_hash)
 LATE = next(r.address for r in TABLE.registers if r.signal == "rig.late_ticks" and r.encoding == "float32")

@@ -43,11 +43,11 @@ def map_of(path: Path) -> Any:
 @pytest.mark.parametrize(
     ("reader", "like", "error"),
     [
-        (read_rig, "rigs/virtual.toml", RigFileError),
-        (read_specimen, "specimens/astb.toml", SpecimenError),
-        (read_instruments, "instruments/astb.toml", InstrumentsError),
-        (wiring, "wirings/plant_a.toml", WiringError),
-        (map_of, "demos/piston/piston.toml", DiagnosisError),
+        (read_rig, "astb/data/rigs/virtual/rig.toml", RigFileError),
+        (read_specimen, "astb/data/specimens/astb.toml", SpecimenError),
+        (read_instruments, "astb/data/rigs/local/instruments.toml", InstrumentsError),
+        (wiring, "astb/data/rigs/plant_a/wiring.toml", WiringError),
+        (map_of, "astb/data/demos/piston/piston.toml", DiagnosisError),
         (load, "bench_sim/parameters/astb.toml", ParameterError),
         (campaign, 'plans = ["leak_down"]\nrig = "none.toml"\n', CampaignError),
         (read_answers, '"*" = "done"\n', AnswersFileError),

@@ -34,12 +34,12 @@ end = ["ACTIVE"]
 def run(astb_here, tmp_path):
     """Run aw0 on a rig whose files say this, at a port at which nobody listens: exit code and complaint."""
 
-    def call(wiring: str = WIRING, rig: str = 'name = "hall"\nwiring = "hall_wiring.toml"\n', *options: str):
+    def call(wiring: str = WIRING, rig: str = 'name = "hall"\n', *options: str):
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = server.getsockname()[1]
-        (tmp_path / "hall_wiring.toml").write_text(wiring.replace("PORT", str(port)))
-        (tmp_path / "hall.toml").write_text(rig)
-        code, _, err = astb_here(tmp_path, "run", "aw0", "--rig", "hall.toml", *options)
+        (tmp_path / "wiring.toml").write_text(wiring.replace("PORT", str(port)))
+        (tmp_path / "rig.toml").write_text(rig)
+        code, _, err = astb_here(tmp_path, "run", "aw0", "--rig", "rig.toml", *options)
         return code, err
 
     return call
@@ -54,10 +54,10 @@ def test_a_rig_that_does_not_answer_blocks_the_plan(run):
 @pytest.mark.parametrize(
     ("was", "becomes", "message"),
     [
-        ('"rig.state"', '"rig.stat"', "hall_wiring.toml: signals.\"rig.stat\" is no signal; did you mean 'rig.state'?"),
-        ('"plc.state"', '"plc.stat"', 'hall_wiring.toml: signals."rig.state".from = \'plc.stat\': '),
-        ("address = 1,", "address = 70000,", "hall_wiring.toml: transports.plc"),
-        ('kind = "modbus"', 'kind = "modbos"', "hall_wiring.toml: transports.plc"),
+        ('"rig.state"', '"rig.stat"', "wiring.toml: signals.\"rig.stat\" is no signal; did you mean 'rig.state'?"),
+        ('"plc.state"', '"plc.stat"', 'wiring.toml: signals."rig.state".from = \'plc.stat\': '),
+        ("address = 1,", "address = 70000,", "wiring.toml: transports.plc"),
+        ('kind = "modbus"', 'kind = "modbos"', "wiring.toml: transports.plc"),
         ('end = ["ACTIVE"]', 'end = ["HOLD"]', "the rig never reports HOLD"),
     ],
 )  # fmt: skip
@@ -70,14 +70,13 @@ def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
 @pytest.mark.parametrize(
     ("rig", "message"),
     [
-        ('name = "a"\nwiring = "w.toml"\n[simulation]\n', "simulation beside wiring"),
-        ('name = "a"\nwiring = "w.toml"\n[can]\n[modbus]\n', "can and modbus beside wiring"),
-        ('name = "a"\nwiring = "none.toml"\n', "wiring file none.toml cannot be read: No such file"),
+        ('name = "a"\n[simulation]\n', "simulation beside wiring"),
+        ('name = "a"\n[can]\n[modbus]\n', "can and modbus beside wiring"),
         ('name = "a"\nwiring = 3\n', "wiring = 3; a text or a table of keys would be right"),
-        ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "hall.toml: wiring.transports is empty"),
+        ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "rig.toml: wiring.transports is empty"),
         (
             'name = "a"\n[wiring]\nsignal = {}\n',
-            "hall.toml: wiring: there is no key 'signal' here; did you mean",
+            "rig.toml: wiring: there is no key 'signal' here; did you mean",
         ),
     ],
 )
@@ -88,7 +87,7 @@ def test_a_rig_file_that_does_not_go_with_its_wiring(run, rig, message):
 
 
 def test_a_rig_with_a_wiring_has_real_time(run):
-    code, err = run(WIRING, 'name = "hall"\nwiring = "hall_wiring.toml"\n', "--virtual")
+    code, err = run(WIRING, 'name = "hall"\n', "--virtual")
     assert code == MISUSE
     assert "without a [simulation] table there is nothing to run in virtual time" in err
 
@@ -100,7 +99,8 @@ def test_a_running_rig_is_moved_over_the_wires_as_a_file_describes_them(shared_r
     keys["transports"]["bus"] |= {"bus": "tcp", "host": "127.0.0.1", "port": shared_rig.can_port}
     keys["transports"]["plc"] |= {"port": shared_rig.modbus_port}
     path = tmp_path / "rig.toml"
-    path.write_text(f'name = "own"\nwiring = "{write_wiring(tmp_path, keys).name}"\n')
+    write_wiring(tmp_path, keys).rename(tmp_path / "wiring.toml")
+    path.write_text('name = "own"\n')
     with open_session(read(path), path) as session, session.bench as bench:
         bench.arm()
         bench.vertical.hold_position()

@@ -2,15 +2,15 @@
 
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.named_files import ORDINARY_RIG, named_files
 from bench_protocol.signals import Signal
 from bench_protocol.table_groups import SensorRow
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import in_unit
 
-INSTRUMENTS_FILE: Final = Path(__file__).parents[2] / "instruments" / "astb.toml"
+INSTRUMENTS_FILE: Final = named_files("instruments")[ORDINARY_RIG]
 #: What the plans take out of a lag leaves a tenth of it.
 _LEFT_OF_LAG: Final = 0.1
 _LIST: Final = "# Which piece gives which reading"
@@ -37,7 +37,7 @@ def lacking_instruments() -> list[str]:
         if signal.name not in known["signal"]
     ]
     return [
-        f"instruments/astb.toml lacks {key}: `make generate` takes it from the row {row.name} of "
+        f"{INSTRUMENTS_FILE} lacks {key}: `make generate` takes it from the row {row.name} of "
         "bench_protocol/table_groups.py"
         for key, row in lacks
     ]

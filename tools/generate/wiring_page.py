@@ -30,12 +30,12 @@ _INTRODUCTION: Final = """\
 # The wiring of a rig
 
 Plans and devices know [signals](signals.md); a wiring file says where each of them comes from and goes to on a rig
-that does not speak as ours do. A rig file names it, beside itself, or has it as a table `[wiring]` with the same keys:
+that does not speak as ours do. It is `wiring.toml` in the folder of
+the rig, beside `rig.toml`, or a table `[wiring]` of the rig file with the same keys:
 
 ```toml
 name = "hall"
 description = "The bench in the hall"
-wiring = "hall_wiring.toml"
 ```
 
 Such a rig is a real one: nothing is started in its place, and `[can]`, `[modbus]` and `[simulation]` do not go with
@@ -126,8 +126,8 @@ is asked beyond that the rig does not have.
 A choice that has no number is one that the rig does not have.
 
 **A transport of kind `astb`** carries the signals themselves: all that the file has no line for. Such a file is
-`wirings/astb.toml`, which a rig file without `wiring` takes. A line goes before it: `absent`, or points of another
-transport.
+`astb/data/rigs/local/wiring.toml`, which a rig without a wiring takes. A line goes before it: `absent`, or points of
+another transport.
 
 **Units** are those that people write (`mm`, `bar`, `kN`, `degC`, …), and must be of the signal's quantity; a
 calibration may lead from another one: `gain = "9.80665 N/kg"` from kilograms to newtons. Beyond the ends of a

@@ -50,9 +50,7 @@ OPERATOR: Final = "A. Tester"
 MOMENTS: Final = {"beginning": (0.0, 0.1), "under way": (0.0, 12.0), "ending": (0.0, 6.0)}
 
 _TICK: Final = TABLE.index["rig.tick"]
-_RIG: Final = (
-    'name = "killed"\ndimensions = "astb"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
-)
+_RIG: Final = 'name = "killed"\nlike = "hall"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
 _ASTB_RUN: Final = (sys.executable, "-m", "astb", "run")
 _PATIENCE: Final = 90.0  # s, for a process to come up
 _PHASE: Final = re.compile(r"^ *(\d+\.\d) s  +(.+)$", re.MULTILINE)

@@ -43,9 +43,7 @@ from drivers.errors import BenchError
 PRESSURE: Final = 0.6 * bar
 _PATIENCE: Final = 60.0  # s, for a plan to arm and fill
 _RIG: Final = 'name = "cut"\n[simulation]\nseed = 1\n'
-_PLAN: Final = (
-    'name = "cut"\ndimensions = "astb"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
-)
+_PLAN: Final = 'name = "cut"\nlike = "hall"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
 
 
 class Wire:
