@@ -21,6 +21,7 @@ from bench_protocol.named_files import place_of
 from bench_protocol.runtime import require_linux
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
+from bench_sim.fmu.description import FmuError
 from bench_sim.parameters import load
 from bench_sim.parameters.dimensions import dimensions_of as simulated
 from bench_sim.parameters.effects import read_effect_text, with_effects
@@ -101,7 +102,6 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
     """
     if not simulation.spring:
         return None
-    from bench_sim.fmu.description import FmuError
     from bench_sim.rig.spring_fmu.springs import SpringFmu
 
     springs = SpringFmu(Path(simulation.spring), simulation.spring_map, parameters.record)

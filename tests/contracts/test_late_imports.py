@@ -16,7 +16,8 @@ INSIDE_FUNCTIONS = {
     "astb_studies": 41,
     "bench_protocol": 4,
     "bench_records": 97,
-    "diagnosis": 14,
+    "bench_sim": 4,
+    "diagnosis": 9,
     "drivers": 21,
     "test_plans": 1,
 }
