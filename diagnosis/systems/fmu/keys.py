@@ -1,4 +1,4 @@
-"""``[fmu]`` of a map: what of an FMU is believed, what may be wrong with it, and how it is driven."""
+"""``[fmu]`` of a map: uncertain numbers of an FMU, possible causes of its deviation, and how it is driven."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import msgspec
 
 
 class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.base.NAME]``: a number that no two specimens share, ``value`` ± ``spread`` (one standard deviation).
+    """``[fmu.base.NAME]``: a number that differs between specimens, ``value`` ± ``spread`` (one standard deviation).
 
-    Without a ``value`` it is that of the FMU. Without a ``spread`` it may be anything from ``low`` to ``high``.
-    ``per_run``: each record has its own, such as a state at its start.
+    Default of ``value``: that of the FMU. Without ``spread`` the prior is uniform from ``low`` to ``high``.
+    ``per_run``: each record has its own value, such as a state at its start.
     """
 
     spread: str | None = None
@@ -23,7 +23,7 @@ class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable that means nothing while the effect is absent."""
+    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable without effect while the effect is absent."""
 
     tried: list[str]
     low: str | None = None
@@ -32,7 +32,7 @@ class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class EffectKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME]``: a ``variable`` at whose value ``off`` something is absent, and how large it may be."""
+    """``[fmu.effects.NAME]``: a ``variable`` that is ``off`` while the effect is absent, and its size."""
 
     variable: str
     typical: str
@@ -49,7 +49,7 @@ class EffectKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class SurfaceKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[[fmu.surfaces]]``: a term without a name in an input or an output, ``over`` two signals, each from … to."""
+    """``[[fmu.surfaces]]``: an unknown term of an input or an output, ``over`` two signals with their ranges."""
 
     signal: str
     over: dict[str, tuple[str, str]]
@@ -58,7 +58,7 @@ class SurfaceKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class MeasuredKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.measured.SIGNAL]``: ordinary errors of a measured signal, and which causes are looked for in it."""
+    """``[fmu.measured.SIGNAL]``: typical errors of a measured signal, and its possible causes."""
 
     offset: str | None = None
     delay: str | None = None
@@ -68,15 +68,13 @@ class MeasuredKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class FmuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[fmu]`` as a whole."""
 
-    parameters: str | None = (
-        None  #: a parameter set (SSV) beside the map, in the place of the FMU's own values
-    )
+    parameters: str | None = None  #: parameter set (SSV) beside the map that replaces values of the FMU
     base: dict[str, BaseKeys] = {}
     effects: dict[str, EffectKeys] = {}
     surfaces: list[SurfaceKeys] = []
     measured: dict[str, MeasuredKeys] = {}
-    gauge: list[str] = []  #: pressures over that of the air around; else they are absolute
-    step: str | None = None  #: of communication; else the step of the grid
-    settle: str | None = None  #: inputs are held so long before a record begins
-    hold: Literal["middle", "begin", "end"] = "middle"  #: which value of an input a communication step has
-    patience: str = "60 s"
+    gauge: list[str] = []  #: gauge pressures; the others are absolute
+    step: str | None = None  #: communication step; else the step of the grid
+    settle: str | None = None  #: time for which inputs are held before a record begins
+    hold: Literal["middle", "begin", "end"] = "middle"  #: time within a step of which inputs are taken
+    patience: str = "60 s"  #: timeout without progress

@@ -36,9 +36,9 @@ from diagnosis.systems.held_samples import errors_of, held_period, of_period
 from diagnosis.systems.measurement import driven_by, read_as
 from diagnosis.systems.splines import TensorSplines
 
-#: Outputs that are kept, in bytes.
+#: Size of the cache of outputs, in bytes.
 _KEPT: Final = 1 << 27
-#: A step is a whole multiple of another one to within this part.
+#: Relative tolerance of whole multiples of a step.
 _WHOLE: Final = 1e-6
 
 
@@ -52,7 +52,7 @@ class OfVariable:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """How an FMU is driven: its inputs with a column, its communication step (s; None: the grid's), its settling."""
+    """Inputs with a column, communication step (s; None: that of the grid), and settle time (s)."""
 
     inputs: tuple[Variable, ...]
     step: float | None
@@ -198,7 +198,7 @@ class FmuSimulator(CompleteSimulator):
         if parts < 1 or abs(parts * wanted / step - 1.0) > _WHOLE:
             raise DiagnosisError(
                 f"{self.name}: a communication step of {wanted:g} s does not divide the step of the grid, {step:g} s; "
-                "right would be fmu.step or time.step of the map so that it does"
+                "choose fmu.step or time.step of the map so that it does"
             )
         self._refuse_step(step / parts)
         at = np.zeros((len(experiment.time), len(drive.inputs)))
@@ -224,7 +224,7 @@ class FmuSimulator(CompleteSimulator):
         if round(times) < 1 or abs(times / round(times) - 1.0) > _WHOLE:
             raise DiagnosisError(
                 f"{self.name} has a fixed step of {own:g} s, and a communication step of {step:g} s is no whole "
-                f'multiple of it; right would be time.step or fmu.step = "{max(round(times), 1) * own:g} s" in the map'
+                f'multiple of it; set time.step or fmu.step = "{max(round(times), 1) * own:g} s" in the map'
             )
 
     def _simulated(self, request: Request) -> Array:
@@ -241,8 +241,8 @@ class FmuSimulator(CompleteSimulator):
             if again.tobytes() != found.tobytes():
                 raise DiagnosisError(
                     f"{self.name} gave other outputs when it was simulated again with the same inputs, by up to "
-                    f"{np.nanmax(np.abs(again - found)):.3g}; right would be an FMU that uses no random numbers and "
-                    "keeps nothing from one instance to the next"
+                    f"{np.nanmax(np.abs(again - found)):.3g}; use an FMU without random numbers and without data that "
+                    "one instance leaves to the next"
                 )
         order = _order([self.fmu.variables[name] for name in self._asked])
         units = [self.fmu.variables[name].unit for name in self._asked]

@@ -1,4 +1,4 @@
-"""An FMU with the ``[fmu]`` of a map as a system that files can be mapped to."""
+"""An FMU and the ``[fmu]`` of a map as a system to which files can be mapped."""
 
 from __future__ import annotations
 
@@ -39,12 +39,13 @@ from diagnosis.systems.measurement import KINDS, Measured, measurement_effects
 from diagnosis.systems.splines import SplineAxis, TensorSplines
 from diagnosis.systems.system import System, SystemSetting, SystemSignal, difference, quantity
 
-#: An ordinary offset of a signal, as a part of its range.
+#: Typical offset of a signal over its range.
 _OFFSET: Final = 0.02
-#: The standard deviation of what lies anywhere in a range, as a part of it.
+#: Standard deviation of the uniform distribution over its range.
 _EVEN: Final = 1.0 / sqrt(12.0)
-#: Causes that a signal does not have that is held between samples.
+#: Causes that do not apply to a signal that is held between samples.
 _OF_MOTION: Final = frozenset({"lag", "latency"})
+_DEFAULT: Final = MeasuredKeys()
 
 
 def fmu_system(
@@ -56,7 +57,7 @@ def fmu_system(
 ) -> System:
     """Return the system of an FMU; ``units`` and ``holds`` are those of the map's columns.
 
-    DiagnosisError says what of the FMU is not right; what of the map is not, is in its ``errors``.
+    DiagnosisError for an FMU that cannot be used. ``errors`` of the system holds the errors of the map.
     """
     try:
         fmu = read_fmu(path)
@@ -90,7 +91,7 @@ class _Maker:
 
     @contextmanager
     def _noted(self, key: str) -> Iterator[None]:
-        """Keep the error of one key, so that all of them are reported at once."""
+        """Keep the error of one key, to report all errors at once."""
         try:
             yield
         except (DiagnosisError, FmuError) as error:
@@ -106,33 +107,27 @@ class _Maker:
         return None if text is None else quantity(text, "s", f"{self.where}: fmu.{key}")
 
     def _with_units(self, fmu: Fmu) -> Fmu:
-        """Return the FMU with units where it has none, from those of the map."""
-        said = dict(self.units)
-        for name, text in self._texts():
-            if unit := text.strip().partition(" ")[2].strip():
-                said.setdefault(name, unit)
+        """Return the FMU; variables without a unit get that of the map, else 1."""
+        units = dict(self.units)
+        for name, text in self._quantities():
+            if text and not text.endswith("%") and (unit := text.strip().partition(" ")[2].strip()):
+                units.setdefault(name, unit)
         variables = dict(fmu.variables)
-        for name, unit in said.items():
-            one = variables.get(name)
-            if one is not None and not one.unit.si and unit in self.known:
-                variables[name] = replace(one, unit=FmuUnit("", self.known[unit].si))
-            elif one is not None and not one.unit.si:
-                variables[name] = replace(one, unit=FmuUnit("", unit))
         for name, one in variables.items():
             if not one.unit.si:
-                variables[name] = replace(one, unit=FmuUnit("", "1"))
+                unit = units.get(name) or "1"
+                si = self.known[unit].si if unit in self.known else unit
+                variables[name] = replace(one, unit=FmuUnit("", si))
         return replace(fmu, variables=variables)
 
-    def _texts(self) -> list[tuple[str, str]]:
-        """Return the quantities that the map gives variables, each with the name of its variable."""
-        every: list[tuple[str, tuple[str | None, ...]]] = [
-            (name, (one.value, one.low, one.high, one.spread)) for name, one in self.keys.base.items()
-        ]
-        for effect in self.keys.effects.values():
-            every.append((effect.variable, (effect.typical, effect.off, effect.low, effect.high)))
-            every += [(name, (*one.tried, one.low, one.high)) for name, one in effect.shapes.items()]
-        texts = [(name, text) for name, given in every for text in given if text and not text.endswith("%")]
-        return texts
+    def _quantities(self) -> Iterator[tuple[str, str | None]]:
+        """Yield the quantities that the map gives to variables, each with the name of its variable."""
+        for name, base in self.keys.base.items():
+            yield from ((name, text) for text in (base.value, base.low, base.high, base.spread))
+        for one in self.keys.effects.values():
+            yield from ((one.variable, text) for text in (one.typical, one.off, one.low, one.high))
+            for name, shape in one.shapes.items():
+                yield from ((name, text) for text in (*shape.tried, shape.low, shape.high))
 
     def system(self) -> System:
         fmu, keys = self.fmu, self.keys
@@ -155,24 +150,25 @@ class _Maker:
             with self._noted(f"fmu.gauge.{name}"):
                 if fmu.variable(name, f"{self.where}: fmu.gauge").unit.si != "Pa":
                     raise DiagnosisError(
-                        f"{self.where}: fmu.gauge: {name} is no pressure, so it is not read as one"
+                        f"{self.where}: fmu.gauge: {name} is no pressure; remove it from the list"
                     )
         if not outputs:
-            raise DiagnosisError(f"{fmu.path} has no output that is a number: there is nothing to compare")
+            raise DiagnosisError(
+                f"{fmu.path} has no numeric output; export the model with the measured outputs"
+            )
         settings = tuple(
             self._setting(one)
             for one in fmu.variables.values()
             if one.settable and one.name not in fixed and one not in driven
             if one.start is not None or one.causality == "input"
         )
-        timeout = TIMEOUT
-        for key, text in (("patience", keys.patience), ("step", keys.step), ("settle", keys.settle)):
+        times: dict[str, float | None] = {}
+        for key, text in (("step", keys.step), ("settle", keys.settle), ("patience", keys.patience)):
             with self._noted(f"fmu.{key}"):
-                seconds = self._seconds(key, text)
-                timeout = seconds if key == "patience" and seconds else timeout
+                times[key] = self._seconds(key, text)
         named = tuple(self._signal(one).channel(0.0, 0.0) for one in outputs if one.name in self.units)
-        self._parts(driven, named, {}, 1.0)  # for what is wrong in the map
-        pool = FmuPool(fmu, timeout)
+        self._parts(driven, named, {}, 1.0)  # notes errors of the map
+        pool = FmuPool(fmu, times.get("patience") or TIMEOUT)
         return System(
             name=fmu.path.name,
             title=fmu.name,
@@ -210,10 +206,8 @@ class _Maker:
         )
 
     def _setting(self, one: Variable) -> SystemSetting:
-        """A value that holds for a whole file; of an input without a column the map must give it."""
-        default = self._own(one)
-        if one.causality == "input":
-            default = None
+        """A value for a whole file. The map must give that of an input without a column."""
+        default = None if one.causality == "input" else self._own(one)
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
         about = f"{one.description or one.name}; a column or a value for whole files"
         return SystemSetting(one.name, one.unit.si, about, low, high, default, True, one.relative)
@@ -226,7 +220,7 @@ class _Maker:
         ranges: Mapping[str, float],
         delay: float,
     ) -> FmuSimulator:
-        """Return the simulator; ``ranges`` of the signals (SI), and the ``delay`` (s) that is ordinary for each."""
+        """Return the simulator for ``ranges`` of the signals (SI) and a typical ``delay`` of each (s)."""
         keys = self.keys
         base, own, sensors, surfaces = self._parts(driven, channels, ranges, delay)
         catalogue: dict[str, Hypothesis] = {name: one for name, (one, _) in own.items()}
@@ -256,7 +250,7 @@ class _Maker:
         dict[str, Hypothesis],
         tuple[tuple[str, TensorSplines], ...],
     ]:
-        """Return base, effects, errors of sensors and surfaces, of the keys that are right; errors are noted."""
+        """Return base, effects, errors of sensors and surfaces of the correct keys; note errors of the others."""
         keys = self.keys
         sensors = measurement_effects(self._measured(driven, channels, ranges, delay))
         sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
@@ -275,9 +269,9 @@ class _Maker:
 
     def _causes(self, name: str) -> Sequence[str]:
         signal = name.partition(".")[2]
-        found = self.keys.measured.get(signal)
-        if found is not None and found.causes is not None:
-            return found.causes
+        causes = self.keys.measured.get(signal, _DEFAULT).causes
+        if causes is not None:
+            return causes
         return [one for one in KINDS if one not in _OF_MOTION] if signal in self.held else KINDS
 
     def _measured(
@@ -290,20 +284,20 @@ class _Maker:
         every: list[tuple[Variable, Any]] = [(one, "input") for one in driven]
         every += [(self.fmu.variables[one.name], "output") for one in channels]
         names = {one.name for one, _ in every}
-        for name, keys in self.keys.measured.items():
+        for name, given in self.keys.measured.items():
             with self._noted(f"fmu.measured.{name}"):
-                self._check_measured(name, keys, names)
+                self._check_measured(name, given, names)
         measured = []
         for one, kind in every:
             if one.type not in REALS:
                 continue
-            said, key = self.keys.measured.get(one.name), f"{self.where}: fmu.measured.{one.name}"
+            keys, where = self.keys.measured.get(one.name, _DEFAULT), f"{self.where}: fmu.measured.{one.name}"
             size, late = _OFFSET * (ranges.get(one.name, 0.0) or abs(one.unit.factor)), delay
-            with self._noted(key):
-                if said is not None and said.offset is not None:
-                    size = self._difference(said.offset, one.unit.si, f"{key}.offset")
-                if said is not None and said.delay is not None:
-                    late = quantity(said.delay, "s", f"{key}.delay")
+            with self._noted(where):
+                if keys.offset is not None:
+                    size = self._difference(keys.offset, one.unit.si, f"{where}.offset")
+                if keys.delay is not None:
+                    late = quantity(keys.delay, "s", f"{where}.delay")
             signal = self._signal(one)
             measured.append(Measured(one.name, one.unit.si, kind, size, late, signal.display, signal.scale))
         return measured
@@ -311,14 +305,12 @@ class _Maker:
     def _check_measured(self, name: str, keys: MeasuredKeys, names: Collection[str]) -> None:
         where = f"{self.where}: fmu.measured.{name}"
         if name not in names:
-            raise DiagnosisError(
-                f"{where} is no signal with a column; right would be one of {', '.join(names)}"
-            )
+            raise DiagnosisError(f"{where} is no signal with a column; use one of {', '.join(names)}")
         late = sorted({*(keys.causes or ())} & _OF_MOTION)
         if late and name in self.held:
             raise DiagnosisError(
-                f"{where}.causes has {' and '.join(late)}, but {name} is held between samples and has no course that "
-                "could be late; right would be gain, offset or drift, or hold = false for its column"
+                f"{where}.causes has {' and '.join(late)}, but {name} is held between samples and cannot lag; use "
+                "gain, offset or drift, or set hold = false for its column"
             )
 
     def _base(self, name: str, keys: BaseKeys, sensors: Mapping[str, Hypothesis]) -> Nuisance:
@@ -326,7 +318,7 @@ class _Maker:
         if name in sensors:
             amplitude = sensors[name].amplitude
             if keys.spread is None:
-                raise DiagnosisError(f"{where}.spread is missing: how well it is known, in {amplitude.unit}")
+                raise DiagnosisError(f"{where}.spread is missing: give its uncertainty in {amplitude.unit}")
             spread = self._difference(keys.spread, amplitude.unit, f"{where}.spread")
             return Nuisance(
                 name, amplitude.unit, 0.0, spread, amplitude.low, amplitude.high,
@@ -336,7 +328,7 @@ class _Maker:
         value = self._value(one, keys.value, f"{where}.value")
         if value is None:
             raise DiagnosisError(
-                f"{where}.value is missing: the FMU says no value of {name}, in {one.unit.si}"
+                f"{where}.value is missing, and the FMU has no start value of {name}; give it in {one.unit.si}"
             )
         low, high = self._bounds(one, keys.low, keys.high, where)
         spread = _EVEN * (high - low)
@@ -344,12 +336,12 @@ class _Maker:
             spread = self._spread(one, keys.spread, value, f"{where}.spread")
         elif not 0.0 < spread < inf:
             raise DiagnosisError(
-                f"{where}.spread is missing: how well {name} is known, in {one.unit.si}; or low and high"
+                f"{where}.spread is missing: give the uncertainty of {name} in {one.unit.si}, or low and high"
             )
         if not low <= value <= high:
             raise DiagnosisError(
-                f"{where}: the value {value:g} {one.unit.si} is outside of {low:g} to {high:g} {one.unit.si}; right "
-                "would be one inside, or other bounds"
+                f"{where}: the value {value:g} {one.unit.si} is outside of {low:g} to {high:g} {one.unit.si}; change "
+                "the value or the bounds"
             )
         display, scale = self._shown_in(
             keys.value or keys.spread or keys.low or "", one.unit.si, one.unit.name
@@ -364,12 +356,12 @@ class _Maker:
         if not one.settable or one.type not in REALS or one.causality == "input":
             raise DiagnosisError(
                 f"{where}: {name} is {one.causality} ({one.variability}, {one.type}) in {self.fmu.path.name} and "
-                "cannot be set; right would be a real parameter or start value"
+                "cannot be set; use a real parameter or start value"
             )
         return one
 
     def _own(self, one: Variable) -> float | None:
-        """Return the value (SI) that a variable has unless the map gives it one."""
+        """Return the value (SI) of a variable without a value in the map."""
         own = None if one.start is None else one.unit.to_si(one.start)
         return self.preset.get(one.name, own)
 
@@ -383,46 +375,52 @@ class _Maker:
         else:
             spread = self._difference(text, one.unit.si, where)
         if not spread > 0.0:
-            raise DiagnosisError(f'{where} = "{text}" must be more than 0')
+            raise DiagnosisError(
+                f'{where} = "{text}" is not positive; give a standard deviation of more than 0'
+            )
         return spread
 
     def _bounds(self, one: Variable, low: str | None, high: str | None, where: str) -> tuple[float, float]:
-        """Return the range in SI: that of the map, inside of that of the FMU."""
+        """Return the range of the map in SI. DiagnosisError if it exceeds that of the FMU."""
         own = [one.unit.to_si(bound) for bound in (one.low, one.high)]
-        said = [
+        given = [
             otherwise if text is None else self._quantity(one, text, f"{where}.{key}")
             for text, key, otherwise in ((low, "low", own[0]), (high, "high", own[1]))
         ]
-        if said[0] < own[0] - 1e-12 * abs(own[0]) or said[1] > own[1] + 1e-12 * abs(own[1]):
+        if given[0] < own[0] - 1e-12 * abs(own[0]) or given[1] > own[1] + 1e-12 * abs(own[1]):
             raise DiagnosisError(
-                f"{where}: the range {said[0]:g} to {said[1]:g} {one.unit.si} is wider than that of the FMU, "
-                f"{own[0]:g} to {own[1]:g}"
+                f"{where}: the range {given[0]:g} to {given[1]:g} {one.unit.si} is wider than that of the FMU; use low "
+                f"and high within {own[0]:g} to {own[1]:g} {one.unit.si}"
             )
-        return max(said[0], own[0]), min(said[1], own[1])
+        return max(given[0], own[0]), min(given[1], own[1])
 
     def _effect(self, name: str, keys: EffectKeys) -> tuple[Hypothesis, OfVariable]:
         where = f"{self.where}: fmu.effects.{name}"
         if name in {*self.keys.base} or name.partition(".")[0] in KINDS:
-            raise DiagnosisError(f"{where}: there is another {name}; right would be another name")
+            raise DiagnosisError(f"{where}: the name {name} is in use; choose another name")
         one = self._settable(keys.variable, where)
         off = self._value(one, keys.off, f"{where}.off")
         if off is None:
-            raise DiagnosisError(f"{where}.off is missing: the value of {one.name} at which {name} is absent")
+            raise DiagnosisError(
+                f"{where}.off is missing: give the value of {one.name} at which {name} is absent"
+            )
         low, high = self._bounds(one, keys.low, keys.high, where)
         if not low <= off <= high:
             raise DiagnosisError(
-                f"{where}: off = {off:g} {one.unit.si} is outside of {low:g} to {high:g}; right would be a value at "
-                "which the effect is absent, inside of the range"
+                f"{where}: off = {off:g} {one.unit.si} is outside of {low:g} to {high:g}; give a value inside, "
+                "at which the effect is absent"
             )
         typical = self._difference(keys.typical, one.unit.si, f"{where}.typical")
         if not typical > 0.0:
-            raise DiagnosisError(f'{where}.typical = "{keys.typical}" must be more than 0: it is a size')
+            raise DiagnosisError(
+                f'{where}.typical = "{keys.typical}" is not positive; give a size of more than 0'
+            )
         display, scale = self._shown_in(keys.typical, one.unit.si)
         amplitude = Parameter(
             one.name, one.unit.si, 0.0, typical, low - off, high - off, display=display, scale=scale
         )
-        shapes = tuple(self._shape(name, shape, said) for shape, said in keys.shapes.items())
-        grid = _grid([self._tried(shape, said, where) for shape, said in keys.shapes.items()])
+        shapes = tuple(self._shape(name, shape, one) for shape, one in keys.shapes.items())
+        grid = tuple(product(*(self._tried(shape, one, where) for shape, one in keys.shapes.items())))
         hypothesis = Hypothesis(
             name,
             keys.family,
@@ -442,9 +440,7 @@ class _Maker:
     def _tried(self, shape: str, keys: ShapeKeys, where: str) -> list[float]:
         one = self._settable(shape, f"{where}.shapes.{shape}")
         if not keys.tried:
-            raise DiagnosisError(
-                f"{where}.shapes.{shape}.tried is empty; right would be some values to begin with"
-            )
+            raise DiagnosisError(f"{where}.shapes.{shape}.tried is empty; give start values")
         return [self._quantity(one, text, f"{where}.shapes.{shape}.tried") for text in keys.tried]
 
     def _shape(self, effect: str, shape: str, keys: ShapeKeys) -> Parameter:
@@ -456,7 +452,7 @@ class _Maker:
         spread = max(tried[-1] - tried[0], 0.5 * abs(middle)) or 1.0
         if not low <= tried[0] <= tried[-1] <= high:
             raise DiagnosisError(
-                f"{where}: not all that is tried lies inside of {low:g} to {high:g} {one.unit.si}"
+                f"{where}.tried: use values within {low:g} to {high:g} {one.unit.si}, not {tried[0]:g} to {tried[-1]:g}"
             )
         display, scale = self._shown_in(keys.tried[0], one.unit.si)
         return Parameter(
@@ -469,11 +465,11 @@ class _Maker:
         for name in (keys.signal, *keys.over):
             if name not in signals:
                 self.fmu.variable(name, where)
-                raise DiagnosisError(f"{where}: {name} has no column; right would be of {', '.join(signals)}")
+                raise DiagnosisError(f"{where}: {name} has no column; use one of {', '.join(signals)}")
         if len(keys.over) != 2 or keys.knots < 3:
             raise DiagnosisError(
-                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; right would be two signals and at "
-                "least 3 knots"
+                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; use two signals and at least 3 "
+                "knots"
             )
         axes = []
         for name, ends in keys.over.items():
@@ -481,7 +477,7 @@ class _Maker:
             low, high = (self._quantity(one, text, f"{where}: over.{name}") for text in ends)
             if not low < high:
                 raise DiagnosisError(
-                    f"{where}: over.{name} goes from {ends[0]} to {ends[1]}; right would be upwards"
+                    f"{where}: over.{name} goes from {ends[0]} to {ends[1]}; give the lower end first"
                 )
             display, scale = self._shown_in(ends[0], one.unit.si)
             axes.append(
@@ -501,19 +497,19 @@ class _Maker:
         )  # fmt: skip
 
     def _shown(self, unit: str, si: str) -> tuple[str, float]:
-        """Return a unit with SI per unit; ("", 1) where it is another one, or where differences are not in it."""
+        """Return a unit with its factor to SI; ("", 1) for a unit of another quantity or with an offset."""
         found = self.known.get(unit)
         right = found is not None and found.si == si and found.zero == 0.0
         return (unit, found.factor) if right and found is not None else ("", 1.0)
 
     def _shown_in(self, text: str, si: str, otherwise: str = "") -> tuple[str, float]:
-        """Return the unit in which a quantity was written, as `_shown` does; of a percentage it is another one."""
+        """Return the unit of a written quantity as `_shown` does; ``otherwise`` for a percentage."""
         unit = text.strip().partition(" ")[2].strip()
         return self._shown(unit if unit in self.known and self.known[unit].si == si else otherwise, si)
 
 
 def _stairs(one: Variable) -> bool:
-    """Return whether a variable keeps its value between the instants at which it changes."""
+    """Return whether a variable is piecewise constant."""
     return one.variability == "discrete" or one.type not in REALS
 
 
@@ -522,7 +518,7 @@ def _doubts(simulator: Simulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
 
 
 def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, float]:
-    """Return from where to where each signal goes in all runs (SI)."""
+    """Return the range of each signal in all runs (SI)."""
     names = [*runs[0].experiment.inputs, *outputs]
     every = [np.vstack([*run.experiment.inputs.values(), *run.outputs.T]) for run in runs]
     highest = np.max([np.nanmax(one, axis=1) for one in every], axis=0)
@@ -532,7 +528,3 @@ def _ranges(outputs: Sequence[str], runs: Sequence[MeasuredRun]) -> dict[str, fl
 
 def _of_measurement(name: str) -> bool:
     return name.partition(".")[0] in KINDS
-
-
-def _grid(tried: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
-    return tuple(product(*tried))

@@ -1,7 +1,7 @@
-"""What was found of an FMU, as files: parameters with their intervals for people, and a parameter set (SSV) for tools.
+"""Writes the result for an FMU: parameters with intervals (TOML), and a parameter set (SSV) for other tools.
 
-SSV is the format of System Structure Parameter Values 1.0 (Modelica Association, SSP): whatever simulates the FMU reads
-it. It has what variables of the FMU hold; what sensors do, and terms without a name, stand in the other file alone.
+SSV is the format System Structure Parameter Values 1.0 (Modelica Association, SSP), which simulation tools read. It
+contains variables of the FMU. Errors of sensors and unknown terms are only in the TOML file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None
 
 
 def write_identified(path: Path, found: Identification, simulator: Simulator, digest: str) -> None:
-    """Write what was identified of a simulator as TOML, and of an FMU as a parameter set beside it. Raises OSError."""
+    """Write the identified parameters of a simulator as TOML, for an FMU also as a parameter set. Raises OSError."""
     identity = simulator.identity if isinstance(simulator, FmuSimulator) else simulator.name
     rows = [
         f"# {identity}",
@@ -128,7 +128,7 @@ def _ssv(fmu: Fmu, values: Mapping[str, float]) -> bytes:
 def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
     """Return the values (SI) that a parameter set (SSV) gives variables of an FMU.
 
-    DiagnosisError for what is no such file, for variables that the FMU does not have, and for other units than its own.
+    DiagnosisError for another file format and for units that differ from the FMU's; FmuError for unknown variables.
     """
     require_fmpy()
     from fmpy.ssp.ssd import read_ssv
@@ -136,15 +136,17 @@ def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
     try:
         found: Any = read_ssv(str(path))
     except Exception as error:  # whatever the reader stumbles over
-        raise DiagnosisError(f"{where}: {path} is no parameter set (SSV) that can be read: {error}") from None
+        raise DiagnosisError(
+            f"{where}: {path} is no readable parameter set (SSV): {error}; export it again"
+        ) from None
     values = {}
     for parameter in found.parameters:
         one = fmu.variable(parameter.name, f"{where}: {path.name}")
         unit = getattr(parameter, "unit", None)
         if unit and one.unit.name and unit != one.unit.name:
             raise DiagnosisError(
-                f'{where}: {path.name} has {parameter.name} in "{unit}", and the FMU in "{one.unit.name}"; right would '
-                "be the unit of the FMU"
+                f'{where}: {path.name} has {parameter.name} in "{unit}", but the FMU in "{one.unit.name}"; write '
+                "it in the unit of the FMU"
             )
         text = str(parameter.value)
         values[parameter.name] = one.unit.to_si(
