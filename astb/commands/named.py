@@ -151,7 +151,7 @@ def _catalogue() -> "Mapping[str, Effect]":
 
 def _effect(name: str) -> Listed:
     effect = _catalogue().get(name) or misuse(f"there is no effect {name!r}; {meant(name, _catalogue())}")
-    places = f" ({' or '.join(f'{name}.{place}' for place in effect.places)})" if effect.places else ""
+    places = f"; {' or '.join(f'{name}.{place}' for place in effect.places)}" if effect.places else ""
     lines, parameters = [f"{effect.family}: {effect.title}{places}"], []
     for one in effect.parameters:
         span = {end: getattr(one, end) / one.scale for end in ("low", "high", "typical")}
