@@ -208,34 +208,20 @@ def test_a_reading(copy: Copy, tmp_path: Path) -> None:
     assert line["verdict"] == "fine", line
 
 
-HARDENING = '''"""The shell of the bellows stiffens the further it is deflected: F += k ζ (ζ/10 mm)²."""
-
-from collections.abc import Mapping
-from typing import Any, Final
-
-from bench_sim.model.effects.effect import Effect, EffectParameter
-
-
-def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
-    par.shell_hardening[:] += values["stiffness"]
-
-
-EFFECT: Final = Effect(
-    name="hardening",
-    family="rubber",
-    title="a shell that stiffens as it is deflected",
-    plain="the shell stiffens as it is deflected",
-    amplitude=EffectParameter(
-        "stiffness", "N/m", "kN/m", 1e3, nominal=0.0, typical=1e3, low=0.0, high=1e5
-    ),
-    change=_change,
-    touches=frozenset({"force"}),
-    confusers=("area_slope",),
-    equation="F_z += k ζ (ζ/10 mm)²",
-    source="a cubic spring",
-    separated_by="vertical sines of two amplitudes",
-)
-'''
+HARDENING = """    # The shell of the bellows stiffens the further it is deflected: F += k ζ (ζ/10 mm)².
+    Effect(
+        name="hardening",
+        family="gas",
+        title="a shell that stiffens as it is deflected",
+        plain="the shell stiffens as it is deflected",
+        amplitude=EffectParameter("stiffness", "N/m", "kN/m", 1e3, nominal=0.0, typical=1e3, low=0.0, high=1e5),
+        change=adds("shell_hardening", "stiffness"),
+        touches=frozenset({"force"}),
+        confusers=("area_slope",),
+        equation="F_z += k ζ (ζ/10 mm)²",
+        source="a cubic spring",
+        separated_by="vertical sines of two amplitudes",
+    ),"""
 
 PRESSED = """
 import numpy as np
@@ -263,7 +249,7 @@ assert "hardening" in AirSpring(sound, effects=CATALOGUE).catalogue
 
 @pytest.mark.slow
 def test_an_effect(copy: Copy) -> None:
-    """A term, a row of parameters and an `EFFECT`: nothing else is touched."""
+    """A term, a row of parameters and a row of effects: nothing else is touched."""
     copy.behind(
         "bench_sim/model/spring.py",
         "    branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)",
@@ -277,8 +263,8 @@ def test_an_effect(copy: Copy) -> None:
         "    # gas and flow beyond the above",
         '    *_off("N/m", "shell_hardening", low=0.0, high=1e6, shape=_SIDE),',
     )
-    (copy.folder / "bench_sim/model/effects/hardening.py").write_text(HARDENING, encoding="utf-8")
-    by_hand = {f"bench_sim/model/{name}.py" for name in ("spring", "quantities", "effects/hardening")}
+    copy.behind("bench_sim/model/effects/gas.py", "EFFECTS: Final = (", HARDENING)
+    by_hand = {f"bench_sim/model/{name}.py" for name in ("spring", "quantities", "effects/gas")}
     assert copy.changed == by_hand
     copy.run("-c", PRESSED)
     copy.run("-m", "tools.generate")

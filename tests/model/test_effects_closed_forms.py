@@ -6,8 +6,8 @@ import pytest
 from bench_protocol.units import kN, litre, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.effects import CATALOGUE
-from bench_sim.model.effects.fractional import TIMES, ladder
-from bench_sim.model.effects.leak import sonic_conductance
+from bench_sim.model.effects.gas import sonic_conductance
+from bench_sim.model.effects.rubber import TIMES, ladder
 from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, dynamic_stiffness, impose, isolate
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import AIR_VISCOSITY

@@ -7,7 +7,7 @@ import pytest
 from astb.diagnose import built_for
 from bench_records.record import read
 from bench_records.twin import TwinStory
-from bench_sim.model.effects.leak import sonic_conductance
+from bench_sim.model.effects.gas import sonic_conductance
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from diagnosis.twin.twin import Twin

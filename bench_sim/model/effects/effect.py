@@ -1,9 +1,12 @@
 """What an effect is: a named cause that changes the plant's parameters, by an amount that is zero when it is absent."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any, Final
+
+import numpy as np
 
 #: What an effect is in: the spring (rubber, gas, flow), what measures it (sensor, acquisition) or what moves it (rig).
 FAMILIES: Final = ("rubber", "gas", "flow", "sensor", "acquisition", "rig")
@@ -42,6 +45,63 @@ class EffectParameter:
 
 #: ``change(par, place, values)`` alters the parameter record in place; place is 0 or 1 (side), or None.
 Change = Callable[[Any, int | None, Mapping[str, float]], None]
+
+
+def adds(
+    quantity: str,
+    parameter: str,
+    sensors: Sequence[int] | None = None,
+    *,
+    by_place: Sequence[int | Sequence[int]] | None = None,
+) -> Change:
+    """Return a change that adds a parameter of the effect to a quantity of the plant.
+
+    A quantity of both springs changes on the side of the effect, or on both. One of sensors changes for ``sensors``, or
+    for those that ``by_place`` has for the place of the effect.
+    """
+    return partial(_add, quantity, parameter, sensors, by_place)
+
+
+def scales(quantity: str, parameter: str) -> Change:
+    """Return a change that makes a quantity of the plant larger by the share that a parameter of the effect has."""
+    return partial(_scale, quantity, parameter)
+
+
+def _add(
+    quantity: str,
+    parameter: str,
+    sensors: Sequence[int] | None,
+    by_place: Sequence[int | Sequence[int]] | None,
+    par: Any,
+    place: int | None,
+    values: Mapping[str, float],
+) -> None:
+    before = getattr(par, quantity)
+    if np.ndim(before) == 0:
+        setattr(par, quantity, before + values[parameter])
+        return
+    if by_place is not None:
+        assert place is not None
+        sensors = by_place[place]  # type: ignore[assignment]
+    before[springs(place) if sensors is None else sensors] += values[parameter]
+
+
+def _scale(quantity: str, parameter: str, par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    before, factor = getattr(par, quantity), 1.0 + values[parameter]
+    if np.ndim(before) == 0:
+        setattr(par, quantity, before * factor)
+    else:
+        before[springs(place)] *= factor
+
+
+def free_slots(amounts: Any, wanted: int, what: str) -> int:
+    """Return the index of the first free element; raise ValueError where fewer than ``wanted`` are free."""
+    used = int((amounts != 0.0).sum())
+    if used + wanted > len(amounts):
+        raise ValueError(
+            f"{what}: {used} of {len(amounts)} are taken and {wanted} more are asked for; leave out another effect"
+        )
+    return used
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,8 @@
 from typing import Any, Final
 
 from bench_protocol.words import ACTUATORS, SIDES
-from bench_sim.model.effects.blocked_orifice import EFFECT as BLOCKED
-from bench_sim.model.effects.leak import EFFECT as LEAK
-from bench_sim.model.effects.leak import sonic_conductance
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.effects.gas import sonic_conductance
 from bench_sim.model.layout import Input, Mode
 from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, Place, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
@@ -21,7 +20,8 @@ _NEVER: Final = 1e12
 def _leak(points: InsertionPoints, v: Values) -> Mend:
     side = SIDES.index(v["side"])
     return points.parameters.change(
-        ("leak_conductance",), lambda par: LEAK.change(par, side, {LEAK.amplitude.name: v["area"]})
+        ("leak_conductance",),
+        lambda par: CATALOGUE["leak"].change(par, side, {"area": v["area"]}),
     )
 
 
@@ -38,7 +38,9 @@ def _blocked(points: InsertionPoints, v: Values) -> Mend:
     side = SIDES.index(v["side"])
     return points.parameters.change(
         ("discharge_coefficient",),
-        lambda par: BLOCKED.change(par, side, {BLOCKED.amplitude.name: v["share"]}),
+        lambda par: CATALOGUE["blocked_orifice"].change(
+            par, side, {CATALOGUE["blocked_orifice"].amplitude.name: v["share"]}
+        ),
     )
 
 

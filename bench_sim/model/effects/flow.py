@@ -1,0 +1,193 @@
+"""Effects of the flow between the chambers and through the valves.
+
+Each comment has the equation of its effect in the notation of the model.
+"""
+
+from collections.abc import Mapping
+from math import pi
+from typing import Any, Final
+
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, ShownBy, adds, scales, springs
+from bench_sim.model.effects.gas import sonic_conductance
+
+
+def _blocked_orifice(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.discharge_coefficient[springs(place)] *= 1.0 - values["share"]
+
+
+def _pipe_inertia(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.flow_inertance[:] += values["length"] / (0.25 * pi * par.pipe_diameter[:] ** 2)
+
+
+def _dpv_leak(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.dpv_leak += sonic_conductance(values["area"], float(par.gas_constant))
+
+
+EFFECTS: Final = (
+    # The orifice passes more or less than its drawing says.
+    #
+    #     C_d ← (1 + e) C_d
+    #
+    # in both springs. Only C_d d² can be told from dynamics, never the two factors. Source: the base model's own
+    # coefficient, which is assumed.
+    Effect(
+        name="discharge",
+        family="flow",
+        title="discharge coefficient of the orifice",
+        plain="the orifice lets through more or less than assumed",
+        amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.05, low=-0.5, high=0.6),
+        change=scales("discharge_coefficient", "change"),
+        touches=frozenset({"flow"}),
+        confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),
+        richer=("discharge_reynolds", "asymmetric_orifice"),
+        phenomenon="another discharge of the orifice",
+        equation="C_d ← (1+e) C_d",
+        source="size assumed",
+        separated_by="sine around 1 Hz: frequency of the damping maximum, at two amplitudes",
+    ),
+    # The orifice passes less at small flows.
+    #
+    #     C_d = C_d∞/(1 + k/√Re),   Re = 4|G|/(π d μ)
+    #
+    # the customary C_d∞ (1 − k/√Re) where that is close to C_d∞, and positive where the flow turns. Re is that of
+    # the flow with C_d∞. It breaks the rule f_peak √a = const of the damping maximum. Source: boundary layer of
+    # nozzles and short holes (ISO 5167, Re^−½ of the nozzle); at 5 mm and 1.2 Hz Re is about 1.4e5, and k = 20
+    # takes 5 %. Sizes assumed.
+    Effect(
+        name="discharge_reynolds",
+        family="flow",
+        title="discharge that falls with the Reynolds number",
+        plain="the orifice lets through less at low Reynolds numbers",
+        amplitude=EffectParameter("k", "1", "1", 1.0, nominal=0.0, typical=20.0, low=0.0, high=300.0),
+        change=adds("orifice_reynolds", "k"),
+        touches=frozenset({"flow"}),
+        confusers=("discharge", "pipe_inertia"),
+        phenomenon="another discharge of the orifice",
+        equation="C_d = C_d∞/(1 + k/√Re)",
+        source="boundary layer of nozzles and short holes (ISO 5167); sizes assumed",
+        separated_by="sine at 1 Hz with amplitudes from 0.5 to 15 mm: f_peak √a",
+    ),
+    # Dirt blocks a part of the orifice of one spring.
+    #
+    #     C_d ← (1 − e) C_d
+    #
+    # on its side alone. With a fault it begins in the middle of a run (`astb rig fault`). Source: swarf and rubber
+    # crumbs in the pipe; sizes assumed.
+    Effect(
+        name="blocked_orifice",
+        family="flow",
+        title="partly blocked orifice of one spring",
+        plain="the orifice of the {side} spring is partly blocked",
+        amplitude=EffectParameter("share", "1", "%", 0.01, nominal=0.0, typical=0.1, low=0.0, high=0.99),
+        change=_blocked_orifice,
+        places=PLACES,
+        touches=frozenset({"flow"}),
+        confusers=("discharge", "asymmetric_orifice"),
+        equation="C_d ← (1 − e) C_d on one side",
+        source="swarf in the pipe; sizes assumed",
+        separated_by="sine around 1 Hz: the damping of the two springs parts",
+    ),
+    # The orifice passes more in one direction than in the other.
+    #
+    #     C_d ← (1 + e) C_d out of the bellows, (1 − e) C_d into it
+    #
+    # in both springs. Oscillating, the chambers part: as much mass must flow out as in, so the mean of p_b − p_a
+    # moves against e, in proportion to the square of the motion, and its even harmonics change. Source: one edge
+    # sharp, the other rounded or burred; sizes assumed.
+    Effect(
+        name="asymmetric_orifice",
+        family="flow",
+        title="orifice with a direction",
+        plain="the orifice lets air through better in one direction",
+        amplitude=EffectParameter("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
+        change=adds("orifice_asymmetry", "asymmetry"),
+        touches=frozenset({"flow"}),
+        confusers=("pressure_offset", "discharge"),
+        equation="C_d ← (1 ± e) C_d",
+        source="one edge sharp, one rounded; sizes assumed",
+        separated_by="sine of 10 to 15 mm at 1 to 2 Hz: mean of p_b − p_a, even harmonics",
+    ),
+    # The air between bellows and auxiliary chamber has inertia that the orifice alone does not show.
+    #
+    #     (L/A_p) dG/dt = p_b − p_a − Δp_orifice(G)
+    #
+    # A_p is the bore of the connection (``pipe_diameter`` of the parameter file). Solved so that a length of any
+    # smallness needs no shorter step: `bench_sim.model.inertance`. Where a pipe is fitted, L adds to its inertance.
+    # The flow lags behind the pressure; at the surge frequency, (c/2π)√((A_p/L)(1/V_b + 1/V_a)), the stiffness
+    # overshoots. Source: Berg, Veh. Syst. Dyn. 33 Suppl. (1999); Docquier et al. 2007; 1.5 m of 50 mm bore assumed.
+    Effect(
+        name="pipe_inertia",
+        family="flow",
+        title="inertia of the air in the connection",
+        plain="the air in the connection has inertia",
+        amplitude=EffectParameter("length", "m", "m", 1.0, nominal=0.0, typical=1.0, low=0.0, high=10.0),
+        change=_pipe_inertia,
+        touches=frozenset({"flow"}),
+        confusers=("pressure_lag", "discharge_reynolds"),
+        equation="(L/A_p) dG/dt = p_b − p_a − Δp_orifice(G)",
+        source="Berg 1999, Docquier et al. 2007; size assumed",
+        separated_by="small sine from 5 to 12 Hz: p_a swings more than p_b only with inertia",
+    ),
+    # The leveling valve opens earlier or later than it should.
+    #
+    #     δ ← δ + e
+    #
+    # in both valves; the hysteresis stays. While a valve stays open its opening, (|x| − δ + δ_h)/Δ, is smooth in e;
+    # whether and when it opens is not. Source: adjustment and wear; size assumed.
+    Effect(
+        name="leveling_deadband",
+        family="flow",
+        title="deadband of the leveling valves",
+        plain="the leveling valves have another deadband",
+        amplitude=EffectParameter(
+            "change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3
+        ),
+        change=adds("leveling_deadband", "change"),
+        touches=frozenset({"flow"}),
+        confusers=("leveling_delay", "leak"),
+        equation="δ ← δ + e",
+        source="adjustment and wear; size assumed",
+        separated_by="slow height ramp through both ends of the dead zone, valves connected",
+        shown_by=ShownBy.CONNECTED_VALVES,
+    ),
+    # The lever of the leveling valve follows the height later than it should.
+    #
+    #     dx_l/dt = (ζ − x_l)/(τ_LV + e)
+    #
+    # in both valves. Smooth in e while the valve stays open. Source: makers state 3 ± 1 s for the dash-pot; size
+    # assumed.
+    Effect(
+        name="leveling_delay",
+        family="flow",
+        title="delay of the leveling valves",
+        plain="the leveling valves act late",
+        amplitude=EffectParameter("time", "s", "s", 1.0, nominal=0.0, typical=1.0, low=-0.9, high=10.0),
+        change=adds("leveling_lag", "time"),
+        touches=frozenset({"flow", "timing"}),
+        confusers=("leveling_deadband",),
+        equation="dx_l/dt = (ζ − x_l)/(τ_LV + e)",
+        source="makers state 3 ± 1 s; size assumed",
+        separated_by="height step beyond the dead zone, valves connected: when the flow begins and how it grows",
+        shown_by=ShownBy.CONNECTED_VALVES,
+    ),
+    # The differential pressure valve does not close: its seat leaks.
+    #
+    #     G = C ρ₀ p₁ √(T₀/T₁) iso(p₂/p₁) between the auxiliary chambers, at any difference,   C = A ψ_c/(ρ₀ √(R T₀))
+    #
+    # while the valve is connected; A as in `bench_sim.model.effects.leak`. A difference between left and right
+    # decays to zero. Source: ISO 6358-1; sizes assumed.
+    Effect(
+        name="dpv_leak",
+        family="flow",
+        title="leaking differential pressure valve",
+        plain="the differential pressure valve leaks",
+        amplitude=EffectParameter("area", "m2", "mm2", 1e-6, nominal=0.0, typical=1e-6, low=0.0, high=50e-6),
+        change=_dpv_leak,
+        touches=frozenset({"gas", "flow"}),
+        confusers=("leak", "leak_laminar"),
+        equation="G = C ρ₀ p₁ √(T₀/T₁) iso(p₂/p₁) between the auxiliary chambers",
+        source="ISO 6358-1; sizes assumed",
+        separated_by="hold with unequal pressures, valve connected and isolated: one side loses what the other gains",
+        shown_by=ShownBy.CONNECTED_VALVES,
+    ),
+)

@@ -1,0 +1,166 @@
+"""Effects of the rig: actuators, frame, platform and load cells.
+
+Each comment has the equation of its effect in the notation of the model.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, ShownBy, adds, scales
+
+
+def _frame_compliance(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.frame_stiffness /= 1.0 + values["compliance"] * par.frame_stiffness
+
+
+_STATICS: Final = "balance of forces and moments on the platform"
+
+
+def _emergency_compliance(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.emergency_stiffness_vertical /= 1.0 + values["error"]
+    par.emergency_stiffness_lateral /= 1.0 + values["error"]
+
+
+EFFECTS: Final = (
+    # Actuator tracking: the actuators follow their commands with another natural frequency, ω = (1+e) ω₀.
+    #
+    # A replay of the measured motion starts from what the actuators did and not from their commands: it cannot show
+    # this.
+    Effect(
+        name="actuator_tracking",
+        family="rig",
+        title="actuators follow faster or slower than assumed",
+        plain="the actuators follow faster or slower than assumed",
+        amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=-0.3, low=-0.8, high=1.0),
+        change=scales("actuator_frequency", "error"),
+        touches=frozenset({"timing"}),
+        confusers=("frame_compliance",),
+        equation="q̈ = ω² (q_set − q) − 2ζω q̇,  ω = (1+e) ω₀",
+        source="servo valve and supply pressure set the bandwidth",
+        separated_by="command against displacement in a sweep",
+        shown_by=ShownBy.COMMANDS,
+    ),
+    # Frame compliance: frame and oil give way more than assumed, 1/k = 1/k₀ + c: piston minus bolster grows by c F.
+    Effect(
+        name="frame_compliance",
+        family="rig",
+        title="frame is softer than assumed",
+        plain="the frame is softer than assumed",
+        amplitude=EffectParameter(
+            "compliance", "m/N", "mm/kN", 1e-6, nominal=0.0, typical=1e-8, low=0.0, high=1e-6
+        ),
+        change=_frame_compliance,
+        touches=frozenset({"sensor"}),
+        confusers=("emergency_compliance",),
+        equation="d_piston − d_bolster = (1/k₀ + c) F",
+        source="bolted joints, oil column",
+        separated_by="laser across the spring against the transducer in the actuator",
+    ),
+    # Platen inertia: the load cells also accelerate what lies on them, F_m = F + m a_P, as the platform moves.
+    #
+    # A rig that compensates it, or whose platform rests, does not show it.
+    Effect(
+        name="platen_inertia",
+        family="rig",
+        title="load cells measure the platform's inertia",
+        plain="the load cells measure the platform's inertia",
+        amplitude=EffectParameter("mass", "kg", "kg", 1.0, nominal=0.0, typical=100.0, low=0.0, high=2000.0),
+        change=adds("platen_mass", "mass"),
+        touches=frozenset({"sensor"}),
+        confusers=("force_lag", "force_latency"),
+        equation="F_z,m = F_z + m z̈_P,  F_y,m = F_y + m ÿ_P",
+        source="Newton",
+        separated_by="the platform shaken without spring: force grows with ω²",
+    ),
+    # Cell loads: how the four upright and the two lateral load cells share what the platform carries.
+    #
+    # Off the middle lengthwise, a seat or a load brings a moment about the axis across. Of four supports one that
+    # gives way, or that does not lie in the plane of the others, leaves its load to its neighbours: no sum of cells
+    # tells that.
+    Effect(
+        name="seat_offset",
+        family="rig",
+        title="seat of a spring off the middle, lengthwise",
+        plain="the seat of the {side} spring stands off the middle, lengthwise",
+        amplitude=EffectParameter(
+            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
+        ),
+        change=adds("seat_ahead", "ahead"),
+        places=PLACES,
+        touches=frozenset({"sensor"}),
+        confusers=("load_offset",),
+        equation="Σ x_k F_k = x_s F_z,  l_x (F_5 − F_6) = x_s F_y",
+        source=_STATICS,
+        separated_by="roll, in which one spring carries more and the other less; shear, which only a seat turns",
+    ),
+    Effect(
+        name="load_offset",
+        family="rig",
+        title="vertical actuators off the middle, lengthwise",
+        plain="the vertical actuators press off the middle, lengthwise",
+        amplitude=EffectParameter(
+            "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
+        ),
+        change=adds("load_ahead", "ahead"),
+        touches=frozenset({"sensor"}),
+        confusers=("seat_offset",),
+        equation="Σ x_k F_k = x_l (F_a,L + F_a,R)",
+        source=f"{_STATICS}; a bolster that does not pitch",
+        separated_by="shear: the lateral cells stay equal, as they do not with a seat off the middle",
+    ),
+    Effect(
+        name="soft_support",
+        family="rig",
+        title="soft support of a load cell",
+        plain="the support of load cell {side} is softer than the others",
+        amplitude=EffectParameter("softer", "1", "%", 0.01, nominal=0.0, typical=0.2, low=0.0, high=10.0),
+        change=adds("support_softness", "softer"),
+        places=("1", "2", "3", "4"),
+        touches=frozenset({"sensor"}),
+        confusers=("twisted_seat",),
+        equation="a = −±_k δ F_k / (4 + δ) on cells 1 and 4, −a on 2 and 3",
+        source="least energy of a rigid platform on four elastic supports, of which one is 1 + δ times as compliant",
+        separated_by="loads that differ from corner to corner, as in roll or shear; for the twist, two load cases",
+    ),
+    Effect(
+        name="twisted_seat",
+        family="rig",
+        title="twisted seat of the platform",
+        plain="the seat of the platform on its four supports is twisted",
+        amplitude=EffectParameter("force", "N", "N", 1.0, nominal=0.0, typical=1000.0, low=-2e4, high=2e4),
+        change=adds("platform_twist", "force"),
+        touches=frozenset({"sensor"}),
+        confusers=("soft_support", "force_offset"),
+        equation="a = +w on cells 1 and 4, −w on 2 and 3; supports of stiffness k out of plane by s: w = k s / 4",
+        source=f"{_STATICS}; a rigid platform that is bolted down",
+        separated_by="two load cases: a twist does not grow with the load",
+    ),
+    # Coupling: the spring's roll couples more or less with its lateral force than assumed, K_yφ = (1+e) K_yφ,0.
+    Effect(
+        name="coupling",
+        family="rig",
+        title="lateral-roll coupling differs from the assumed one",
+        plain="the coupling between shear and roll is not the assumed one",
+        amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-1.0, high=2.0),
+        change=scales("coupling_sign", "error"),
+        touches=frozenset({"force"}),
+        confusers=("crosstalk",),
+        equation="F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M −= σ K_yφ y sech²(θ/φ_s)",
+        source="Facchinetti, Mazzola, Alfi and Bruni 2010: shear and roll of an air spring act on each other",
+        separated_by="lateral sweeps at fixed roll angles: odd in the angle, with a reciprocal moment",
+    ),
+    # Emergency-spring compliance: the rubber stack in series gives way more or less, 1/k = (1+e)/k₀ in both directions.
+    Effect(
+        name="emergency_compliance",
+        family="rig",
+        title="emergency springs are softer or harder than assumed",
+        plain="the emergency springs are softer or harder than assumed",
+        amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-0.8, high=4.0),
+        change=_emergency_compliance,
+        touches=frozenset({"force"}),
+        confusers=("frame_compliance", "bellows_volume"),
+        equation="ζ_b = ζ + (1+e) (F_z − P)/k₀,  y_b = y + (1+e) F_y/k₀",
+        source="layered rubber; static and dynamic stiffness differ by up to a half",
+        separated_by="laser across the spring: the frame's compliance is not seen there; both load cases",
+    ),
+)
