@@ -4,7 +4,7 @@ A plan compares it with the gap of the stop before anything moves.
 """
 
 from collections.abc import Mapping
-from math import pi, tau
+from math import inf, pi, tau
 from typing import Final
 
 import numpy as np
@@ -26,15 +26,12 @@ GUST: Final = "crosswind_gust.stiffness"
 ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"
 
 
-def blown(load: Load, rig: Rig, force: Samples, roll: float, pressure: float) -> Samples:
+def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
     """Return how far (m) the softest springs within their limits let the bolster go under a wind of ``force`` (N).
 
-    The track keeps the springs in motion, so friction does not hold them. ``roll`` (rad) is by unequal preload, and
-    ``pressure`` is the part of the load's own.
+    The track keeps the springs in motion, so friction does not hold them. ``pressure`` is the part of the load's own.
     """
-    places = list(load.limits.curve(ROLL_STIFFNESS, "kN*m/rad"))
-    place = float(np.clip(roll, min(places), max(places)))
-    stiffness, _ = load.limits.curve_at(ROLL_STIFFNESS, place, "kN*m/rad")
+    stiffness = load.limits.band(ROLL_STIFFNESS, "kN*m/rad").low or inf
     return np.asarray(
         _sheared(load, force, pressure, _friction(load))
         + rig["centre_height"] * force * CAR.pressure_height / stiffness
