@@ -117,6 +117,17 @@ def test_a_failure_is_a_fault_of_the_rig(tmp_path, bad, said):
     rig.springs.close()
 
 
+def test_in_the_process_of_the_rig_it_computes_the_same(strange, tmp_path):
+    values = []
+    for process in ("own", "rig"):
+        text = f'[simulation.spring_map]\nprocess = "{process}"\n{MAP}'
+        rig = build_rig(read(rig_file(tmp_path / "rig.toml", strange, text)).simulation)
+        rig.run(500)
+        values.append(rig.values.tobytes())
+        rig.springs.close()
+    assert values[0] == values[1]
+
+
 PATIENT = '[simulation.spring_map]\npatience = "0.3 s"\n[simulation.spring_map.inputs]'
 
 REFUSED = {

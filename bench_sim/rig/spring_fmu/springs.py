@@ -163,7 +163,7 @@ class SpringFmu:
         durations = worker.request(
             Order(coupling, self._runner.unpacked, path, feeds, steps),
             timeout=_START_TIMEOUT,
-            where=lambda: where(e, coupling) + (" of a trial before the start" if steps else ""),
+            where=lambda: where(e, coupling) + (", in a trial before the start" if steps else ""),
         )
         return worker, e, durations
 
