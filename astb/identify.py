@@ -132,8 +132,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
         if not isinstance(simulator, AirSpring):
             _refuse_springs(request, simulator.name)
             return _of_simulator(simulator, dataset, out, progress)
-        unknown = UnknownSpring(simulator.parameters, tuple(channel.name for channel in simulator.channels))
-        found = identify(dataset, unknown, progress=progress)
+        found, unknown = identify_springs(dataset, simulator, progress=progress)
         further: list[str] = []
         answer = found
         if ahead:
@@ -143,7 +142,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
             progress("looking for the run that would tell more", 0.9)
             further = list(_further(found, untold, unknown.parameters))
     if out is not None:
-        _write(out, found, dataset, unknown.parameters, request.model)
+        write_springs(out, found, dataset, unknown.parameters, request.model)
     return Answer(
         rows=_rows(answer),
         shapes=list(_shapes(found)),
@@ -152,6 +151,14 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
         further=further,
         after=ahead.name if ahead else "",
     )
+
+
+def identify_springs(
+    dataset: "Dataset", simulator: AirSpring, **options: Any
+) -> tuple[Identification, UnknownSpring]:
+    """Identify the springs of a dataset, and return the simulator with them; ``options`` are those of `identify`."""
+    unknown = UnknownSpring(simulator.parameters, tuple(channel.name for channel in simulator.channels))
+    return identify(dataset, unknown, **options), unknown
 
 
 def _refuse_springs(request: Request, name: str) -> None:
@@ -297,7 +304,7 @@ def _row(one: Identified, title: str) -> Row:
     )
 
 
-def _write(
+def write_springs(
     path: Path, found: Identification, dataset: "Dataset", parameters: "Parameters", based_on: str
 ) -> None:
     """Write the model that was identified, with the interval of each parameter above it. DiagnosisError."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -13,12 +14,18 @@ from astb.rig_file import RigFile, Simulation
 from astb.run import connected, describe
 from astb.session import build_rig, virtual_session
 from astb_studies.paper import combined
+from astb_studies.paper.sweeps.frequency import ALL_FREQUENCIES, DAMPING_FROM
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
 from bench_records.record import read
 from bench_records.result import Outcome, Result, read_result
+from bench_sim.model.wiring import sensor_of
+from bench_sim.parameters import load
+from test_plans.analysis import first_harmonic
+from test_plans.analysis.readings import HEIGHTS, VERTICAL_CELLS
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.steps.waves import COUNT_LATE, LEAD
 
 if TYPE_CHECKING:
     from bench_records.record import Record
@@ -37,6 +44,8 @@ PLANS: Final = (
     "roll_angle_aw3",
     "aw0",
 )
+#: The plan whose record is identified, on the first rig.
+IDENTIFICATION: Final = "identification"
 
 #: The phase of plan ``aw0`` in which the platform follows the paper's equation (24).
 TRACK_PHASE: Final = "unilateral cosine"
@@ -85,6 +94,16 @@ class Points:
 
 
 @dataclass(frozen=True, slots=True)
+class Harmonics:
+    """First harmonics of one vertical sine of ``frequency`` (Hz), means of both springs: height, force, pressure."""
+
+    frequency: float
+    height: complex
+    force: complex
+    pressure: complex
+
+
+@dataclass(frozen=True, slots=True)
 class BenchResults:
     """The results of the plans, one for each rig."""
 
@@ -94,6 +113,8 @@ class BenchResults:
     ]  #: of the first rig: phase, mean gauge pressure (Pa) in it
     track: tuple[Floats, Floats]  #: platform displacement (m) over time (s) while it followed the track
     combined: Mapping[str, Result] = field(default_factory=dict)  #: of the first rig, by `combined.name_of`
+    rides: Mapping[str, Result] = field(default_factory=dict)  #: of the first rig, by `combined.ride_name`
+    harmonics: Sequence[Harmonics] = ()  #: of the first rig's vertical sweep under AW0
 
     def points(self, plan: str, group: str, name: str, *, first: bool = False) -> Points:
         """Return one curve of a plan, of all rigs or of the ``first`` alone; NoBenchResult if it was not kept."""
@@ -133,6 +154,24 @@ class BenchResults:
             rows.append((combined.place(over, given, p), half, half - U, half + U))
         return Points(*(np.array(column, np.float64) for column in zip(*rows, strict=True)))
 
+    def swayed(self, load: str) -> tuple[Floats, Floats, Floats]:
+        """Return pressure, amplitude of the shear and the shear about which it swayed, of the points over pressure."""
+        rows = []
+        for given in combined.VARIED["pressure"]:
+            name = combined.name_of(load, given)
+            curves = self.combined[name].curves
+            amplitude = next(c.xs[0] for c in curves if c.group == f"{combined.STIFFNESS}, wind and track")
+            loop = next(c for c in curves if c.group == combined.LOOP)
+            rows.append((self.pressure(name, combined.PHASE), amplitude, np.median(np.array(loop.xs, float))))
+        pressure, amplitude, shear = np.array(rows).T
+        return pressure, amplitude, shear
+
+    def loss_without_gas(self, area: float) -> Points:
+        """Return K″ of F − p·A (N/m) over the frequency (Hz): the loss in which there is no gas."""
+        f = np.array([one.frequency for one in self.harmonics])
+        K = np.array([(one.pressure * area - one.force) / one.height for one in self.harmonics])
+        return Points(f, K.imag, K.imag, K.imag)
+
     def pressure(self, plan: str, phase: str, skip: int = 0, count: int | None = None) -> float:
         """Return the mean gauge pressure (Pa) in the bellows over the phases so named, ``skip`` of them left out.
 
@@ -144,11 +183,14 @@ class BenchResults:
         return float(np.mean(found[:count]))
 
 
-def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
+def gather(out: Path, seeds: Sequence[int], *, quick: bool) -> BenchResults:
     """Read what `measure` left; NoBenchResult, with the reason, if a plan was blocked."""
     results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
-    at_once = {name: read_result(directory_of(out, name, seeds[0])) for name, *_ in combined.cases()}
-    for plan, found in {**results, **{name: [one] for name, one in at_once.items()}}.items():
+    at_once, rode = (
+        {name: read_result(directory_of(out, name, seeds[0])) for name, *_ in cases}
+        for cases in (combined.cases(), combined.rides(quick))
+    )
+    for plan, found in {**results, **{name: [one] for name, one in {**at_once, **rode}.items()}}.items():
         for result in found:
             if result.verdict is Outcome.BLOCKED:
                 raise NoBenchResult(f"{plan} on rig {result.seed} was blocked: {result.reason}")
@@ -162,7 +204,34 @@ def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
         {plan: _pressures(record) for plan, record in records.items()},
         (times[inside] - phase.start, platform[inside] - platform[inside][0]),
         at_once,
+        rode,
+        harmonics(records["frequency_sweep_aw0"]),
     )
+
+
+def harmonics(record: "Record") -> list[Harmonics]:
+    """Return the first harmonics of the vertical sines with the orifice plate, each without the lag of its sensor."""
+    par = load("astb").record
+    phases = [phase for phase in record.phases if phase.name.startswith("vertical sine")]
+    found = []
+    for phase, f in zip(phases, ALL_FREQUENCIES, strict=False):
+        # Whole cycles that have swung in; the last one fades out.
+        end = phase.end - COUNT_LATE - 2.0 / f
+        begin = end - max(1, int((end - phase.start) * f) - max(1, ceil(LEAD * f))) / f
+
+        def of(*names: str, f: float = f, begin: float = begin, end: float = end) -> complex:
+            total = 0j
+            for name in names:
+                times, values = record.series(name)
+                inside = (times >= begin) & (times < end)
+                late = 1.0 + 2j * np.pi * f * float(par.sensor_lag[sensor_of(name)])
+                total += 0.5 * first_harmonic(times[inside], values[inside], f) * late
+            return total
+
+        if begin >= phase.start and f >= DAMPING_FROM:
+            pressures = (f"{side}.bellows_pressure" for side in SIDES)
+            found.append(Harmonics(f, of(*HEIGHTS), of(*VERTICAL_CELLS), of(*pressures)))
+    return found
 
 
 def _pressures(record: "Record") -> list[tuple[str, float]]:

@@ -1,4 +1,4 @@
-"""Wind, track and roll at once on the virtual bench: the cases beside figures 6, 8, 10 and 11, a run for each."""
+"""The bench's runs beside the sweeps: wind, track and roll at once (figures 6, 8, 10 and 11), and rides (the table)."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -17,6 +17,7 @@ DEFAULT: Final[Mapping[str, float]] = {"roll": 0.005, "frequency": 1.2}
 #: The phase in which all of it moves, and what is read of the result.
 PHASE: Final = "wind and track"
 STIFFNESS: Final = "lateral stiffness K'"
+LOOP: Final = "Wind and track: force over displacement"
 DAMPING: Final = "lateral damping c"
 
 
@@ -38,6 +39,25 @@ def cases() -> Iterator[tuple[str, str, Mapping[str, str]]]:
             if (name := name_of(load, given)) not in seen:
                 seen.add(name)
                 yield name, plan_of(load), given
+
+
+#: Mean winds (m/s) of the rides on the bench.
+RIDE_WINDS: Final = (10.0, 25.0)
+RIDE: Final = "ride"
+
+
+def ride_name(load: str, wind: float) -> str:
+    """Return the name of a ride."""
+    return f"{RIDE}_{load.lower()}-wind={wind:g}"
+
+
+def rides(quick: bool) -> Iterator[tuple[str, str, Mapping[str, str]]]:
+    """Yield name, plan and parameters of each ride; an index of comfort needs five minutes, a ``quick`` one has one."""
+    for load in LOADS:
+        for wind in RIDE_WINDS:
+            duration = "60 s" if quick else "300 s"
+            given = {"load": load, "wind": f"{wind:g} m/s", "duration": duration}
+            yield ride_name(load, wind), RIDE, given
 
 
 def place(over: str, given: Mapping[str, str], pressure: float) -> float:

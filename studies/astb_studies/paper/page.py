@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from astb_studies.paper.checks.evaluation import to_json
+from astb_studies.paper.closed_form import angular_frequency
 from astb_studies.paper.comfort import describe_mean_comfort
 from astb_studies.paper.comparisons.comparison import MINUS, beside
 from astb_studies.paper.comparisons.validation import deviations
@@ -81,8 +82,12 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
         identified=list(_identified(study)),
         deviations=[_deviation(one) for one in deviations(study)],
         rides=_ride_table(study),
+        omega=f"{_angular_frequency():.2f}",
         other_rides=_other_rides(study),
-        plans=[*study.bench.results.items(), *((name, [one]) for name, one in study.bench.combined.items())],
+        plans=[
+            *study.bench.results.items(),
+            *((name, [one]) for name, one in {**study.bench.combined, **study.bench.rides}.items()),
+        ],
         versions={name: version(name) for name in ("astb", "numpy", "scipy", "numba", "matplotlib")},
         identified_file=IDENTIFIED,
         mark=_mark,
@@ -176,6 +181,12 @@ def _ride_table(study: Study) -> list[dict[str, Any]]:
         }
         for (load, speed), one in plant.items()
     ]
+
+
+def _angular_frequency() -> float:
+    """Return ω = 2π V/λ of the track under the car of the table (rad/s)."""
+    car = Subject().vehicle.record
+    return float(angular_frequency(float(car.train_speed), float(car.track_wavelength)))
 
 
 def _other_rides(study: Study) -> list[tuple[str, str, str, str, str]]:

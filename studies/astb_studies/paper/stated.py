@@ -43,8 +43,6 @@ SIMULATION: Final = (
     "volume_growth",
     "auxiliary_volume",
     "column_height",
-    "torsional_stiffness",
-    "torsional_stiffness_slope",
     "rubber_shear_modulus",
     "rubber_area",
     "rubber_layers",

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
-from importlib.resources import files
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -12,12 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from astb_studies.paper import combined, sensitivity
-from astb_studies.paper.bench_results import PLANS, BenchResults, gather, measure
+from astb_studies.paper.bench_results import (
+    IDENTIFICATION,
+    PLANS,
+    BenchResults,
+    directory_of,
+    gather,
+    measure,
+)
 from astb_studies.paper.checks.catalogue import CHECKS, select
 from astb_studies.paper.checks.evaluation import entry
 from astb_studies.paper.experiments import OTHER_RIDES, paper_ride, plant_ride
-from astb_studies.paper.identification.parameter_file import write_parameters
-from astb_studies.paper.identification.spring import Identified, identify
+from astb_studies.paper.identified import Identified, identify_rig
 from astb_studies.paper.model_jobs import Curves, confusable, model_jobs
 from astb_studies.paper.sensitivity import Indices
 from astb_studies.paper.subject import Subject
@@ -35,7 +40,6 @@ BENCH, CHECKED, MODEL, SENSITIVITY, FIGURES = (
     "figures and page",
 )
 
-_BASE: Final = files("bench_sim.parameters") / "astb.toml"
 #: What `astb paper` writes beside the page.
 IDENTIFIED: Final = "identified.toml"
 
@@ -90,9 +94,11 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     tables = _sensitivity_tables(quick)
     # The rides are one long piece: they come first. Then the bench, for which the next stage waits.
     checked: list[Future[Any]] = [executor.submit(check_group, groups[0], quick)]
+    springs = executor.submit(_identified, seed, out)
     measured = [executor.submit(measure, plan, one, out) for plan in PLANS for one in seeds]
     measured += [
-        executor.submit(measure, plan, seed, out, name, given) for name, plan, given in combined.cases()
+        executor.submit(measure, plan, seed, out, name, given)
+        for name, plan, given in (*combined.rides(quick), *combined.cases())
     ]
     checked += [executor.submit(other_rides, name, quick) for name in OTHER_RIDES]
     checked += [executor.submit(check_group, ids, quick) for ids in groups[1:]]
@@ -101,13 +107,12 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
         for layer, (parts, _) in tables.items()
     }
     confused = executor.submit(confusable, quick)
-    _watch(BENCH, measured, progress)
+    _watch(BENCH, [springs, *measured], progress)
     _watch(CHECKED, checked, progress)
     _watch(SENSITIVITY, [future for futures in spread.values() for future in futures], progress)
     for future in measured:
         future.result()
-    bench = gather(out, seeds)
-    identified = _identify(bench, seeds, out)
+    bench, identified = gather(out, seeds, quick=quick), springs.result()
     fitted = {name: one.value for name, one in identified.parameters.items()}
     modelled = {
         name: executor.submit(job, fitted, *args) for name, job, args in model_jobs(bench, identified)
@@ -212,16 +217,10 @@ def _on_the_plant(subject: Subject, other: str = "") -> list[ComfortRow]:
 # -- identification ------------------------------------------------------------------------------------------------
 
 
-def _identify(bench: BenchResults, seeds: Sequence[int], out: Path) -> Identified:
-    """Identify from the first rig's curves and leave the parameter file."""
-    base = _BASE.read_text(encoding="utf-8")
-    curves = [
-        bench.results[plan][0].curves
-        for plan in ("lateral_offset", "lateral_pressure_aw0", "lateral_pressure_aw3")
-    ]
-    identified = identify(curves[0], curves[1], curves[2], base)
-    write_parameters(out / IDENTIFIED, base, identified.parameters, f"astb paper, bench/lateral_*-{seeds[0]}")
-    return identified
+def _identified(seed: int, out: Path) -> Identified:
+    """Measure what tells the springs of the first rig, identify them, and leave their parameter file."""
+    measure(IDENTIFICATION, seed, out)
+    return identify_rig(directory_of(out, IDENTIFICATION, seed), out / IDENTIFIED)
 
 
 # -- sensitivity ---------------------------------------------------------------------------------------------------

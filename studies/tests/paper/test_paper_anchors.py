@@ -17,7 +17,6 @@ from astb_studies.paper.closed_form import (
     peak_damping,
     peak_ratio,
     surge_frequencies,
-    torsional_stiffness,
 )
 from bench_protocol.units import kN, mm
 
@@ -66,11 +65,6 @@ def test_coupling_stiffness(aw0, aw3):
     for par, K_yy, expected in ((aw0, 111e3, 37.8e3), (aw3, 214e3, 93.9e3)):
         found = coupling_stiffness(K_yy, par.nominal_preload, par.column_height)
         assert found == pytest.approx(expected, abs=60.0)
-
-
-def test_torsional_stiffness(aw0, aw3):
-    assert torsional_stiffness(aw0.pressure, aw0) == pytest.approx(9.6e3, abs=50.0)
-    assert torsional_stiffness(aw3.pressure, aw3) == pytest.approx(12.5e3, abs=50.0)
 
 
 def test_emergency_spring_is_that_of_the_plant(aw0):

@@ -19,7 +19,6 @@ from astb_studies.paper.closed_form import (
     nozzle_slope,
     orifice_damping,
     pressure_gradient,
-    reaction_forces,
     stiffness_step,
     surge_frequencies,
     time_constant,
@@ -147,16 +146,6 @@ def test_surge_without_losses():
 def test_time_constant_falls_with_the_square_of_the_diameter():
     tau_13, tau_26 = time_constant(0.98, np.array([0.013, 0.026]), PAR)
     assert tau_13 == pytest.approx(4.0 * tau_26)
-
-
-def test_forces_add_up_to_the_complex_stiffness():
-    """(20) to (22) for a harmonic motion."""
-    omega, K_r, c, K_e = 7.5, 95e3, 4e3, 11e3
-    t = np.linspace(0.0, tau / omega, 400, endpoint=False)
-    y, y_rate = np.cos(omega * t), -omega * np.sin(omega * t)
-    force = sum(reaction_forces(y, y_rate, K_r, c, K_e))
-    K = 2.0 * np.mean(force * np.exp(-1j * omega * t))
-    assert abs(K - (K_r + K_e + 1j * omega * c)) < 1e-6
 
 
 @relaxed

@@ -10,13 +10,10 @@ from hypothesis import strategies as st
 
 from astb_studies.paper.closed_form import (
     combined,
-    coupled_reaction,
-    coupling_stiffness,
     damping_of,
     diaphragm_stiffness,
     dynamic_stiffness,
     equivalent_volume,
-    free_roll_stiffness,
     gas_stiffness,
     lateral_area,
     layered_stiffness,
@@ -24,7 +21,6 @@ from astb_studies.paper.closed_form import (
     peak_damping,
     peak_ratio,
     roll_factor,
-    torsional_stiffness,
 )
 from astb_studies.paper.parameters import load_paper
 from bench_protocol.units import bar, mm
@@ -163,31 +159,6 @@ def test_rise_with_roll_is_over_at_the_knee(aw0):
     assert at_rest == 1.0
     assert knee - 1.0 == pytest.approx(0.3436, abs=1e-4)
     assert 0.0 < beyond - knee < 0.1 * (knee - 1.0)
-
-
-def test_coupling_is_odd_in_roll_and_reciprocal(aw0):
-    """(11), (12): what helps against one sign of roll works for the other, so it is not T8."""
-    K = 100e3, coupling_stiffness(100e3, aw0.nominal_preload, aw0.column_height), 9.6e3
-    y = 20 * mm
-    force = {phi: coupled_reaction(y, phi, *K)[0] - K[0] * y for phi in (-0.05, 0.05)}
-    assert force[0.05] == pytest.approx(-force[-0.05]) == pytest.approx(0.05 * K[1])
-    moment = coupled_reaction(1.0, 0.0, *K)[1]
-    assert moment == coupled_reaction(0.0, 1.0, *K)[0] == K[1]
-
-
-def test_one_spring_alone_does_not_stand(aw0, aw3):
-    """K_yφ² > K_yy K_φφ: the top would tip over. The pair's roll stiffness, 570 and 1111 kN·m/rad, holds it."""
-    for par, restraint in ((aw0, 570e3), (aw3, 1111e3)):
-        K_yy = combined(diaphragm_stiffness(0.0, par.pressure, par), layered_stiffness(par), "series")
-        K_yphi = coupling_stiffness(K_yy, par.nominal_preload, par.column_height)
-        K_phiphi = torsional_stiffness(par.pressure, par)
-        assert free_roll_stiffness(K_yy, K_yphi, K_phiphi) < 0.0
-        held = free_roll_stiffness(K_yy, K_yphi, K_phiphi, restraint / 2.0)
-        assert 0.8 * K_yy < held < K_yy
-        y, phi = 10 * mm, -K_yphi * 10 * mm / (K_phiphi + restraint / 2.0)
-        force, moment = coupled_reaction(y, phi, K_yy, K_yphi, K_phiphi)
-        assert force == pytest.approx(held * y)
-        assert moment + restraint / 2.0 * phi == pytest.approx(0.0, abs=1e-9)
 
 
 @relaxed

@@ -5,7 +5,7 @@ mass, energy and virtual work instead. The numbers in brackets are the paper's e
 their place in that order where it does not. Every function broadcasts over arrays; values are SI, ``p`` is absolute.
 """
 
-from astb_studies.paper.closed_form.coupling import coupled_reaction, coupling_stiffness, free_roll_stiffness
+from astb_studies.paper.closed_form.coupling import coupling_stiffness
 from astb_studies.paper.closed_form.diaphragm import (
     diaphragm_stiffness,
     equivalent_volume,
@@ -16,7 +16,6 @@ from astb_studies.paper.closed_form.dynamic_stiffness import (
     damping_of,
     dynamic_stiffness,
     gas_stiffness,
-    reaction_forces,
     surge_frequencies,
 )
 from astb_studies.paper.closed_form.emergency_spring import combined, layered_stiffness
@@ -38,7 +37,7 @@ from astb_studies.paper.closed_form.orifice_damping import (
     time_constant,
 )
 from astb_studies.paper.closed_form.parameters import PaperParameters, Topology
-from astb_studies.paper.closed_form.torsion import roll_factor, torsional_stiffness
+from astb_studies.paper.closed_form.torsion import roll_factor
 from astb_studies.paper.closed_form.track import angular_frequency, unilateral_cosine
 
 __all__ = [
@@ -48,7 +47,6 @@ __all__ = [
     "amplitude_time_constant",
     "angular_frequency",
     "combined",
-    "coupled_reaction",
     "coupling_stiffness",
     "critical_ratio",
     "damping_of",
@@ -56,7 +54,6 @@ __all__ = [
     "dynamic_stiffness",
     "equivalent_volume",
     "flow_resistance",
-    "free_roll_stiffness",
     "gas_stiffness",
     "lateral_area",
     "layered_stiffness",
@@ -68,11 +65,9 @@ __all__ = [
     "peak_damping",
     "peak_ratio",
     "pressure_gradient",
-    "reaction_forces",
     "roll_factor",
     "stiffness_step",
     "surge_frequencies",
     "time_constant",
-    "torsional_stiffness",
     "unilateral_cosine",
 ]

@@ -1,4 +1,4 @@
-"""Total lateral dynamic stiffness: equations (20) to (23).
+"""Total lateral dynamic stiffness: equation (23).
 
 With the pipe's inertance the stiffness has a minimum and a peak and then comes back to that of the closed diaphragm;
 without it, it only rises from that of both chambers to that of the diaphragm alone.
@@ -11,14 +11,6 @@ from astb_studies.paper.closed_form.emergency_spring import combined, layered_st
 from astb_studies.paper.closed_form.orifice_damping import flow_resistance
 from astb_studies.paper.closed_form.parameters import Complex, PaperParameters, Real, Topology
 from astb_studies.paper.closed_form.torsion import roll_factor
-
-
-def reaction_forces(
-    y: Real, y_rate: Real, K_r: Real, c: Real, K_e: Real
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(20) F_r = K_r y, (21) F_d = c ẏ, (22) F_e = K_e y, each in N; stated in the paper, which adds them up."""
-    y, y_rate = np.asarray(y), np.asarray(y_rate)
-    return K_r * y, c * y_rate, K_e * y
 
 
 def gas_stiffness(

@@ -34,8 +34,6 @@ class PaperParameters:
     volume_growth: Annotated[Real, "1/m2"]
 
     column_height: Annotated[Real, "m"]
-    torsional_stiffness: Annotated[Real, "N*m/rad"]
-    torsional_stiffness_slope: Annotated[Real, "N*m/(rad*Pa)"]
     roll_hardening: Annotated[Real, "1"]
     roll_scale: Annotated[Real, "rad"]
 

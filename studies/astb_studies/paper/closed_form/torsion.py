@@ -1,16 +1,8 @@
-"""Torsional stiffness of the diaphragm, and what a roll angle does to the lateral stiffness: equations (13) to (15)."""
+"""What a roll angle does to the lateral stiffness: the last of equations (13) to (15)."""
 
 import numpy as np
 
 from astb_studies.paper.closed_form.parameters import PaperParameters, Real
-
-
-def torsional_stiffness(p: Real, par: PaperParameters) -> Real:
-    """K_φφ = K_φ0 + K_φp (p − p_a) in N·m/rad, ``p`` in Pa absolute.
-
-    Assumed, within reach of the Manchester benchmark's 10.5 kN·m/rad; the paper's own equation is lost.
-    """
-    return par.torsional_stiffness + par.torsional_stiffness_slope * (p - par.atmospheric_pressure)
 
 
 def roll_factor(phi: Real, par: PaperParameters) -> Real:

@@ -59,10 +59,10 @@ SECTIONS: Final = (
     Picture(
         "figure-07",
         "Figure 7. Identified effective area and equivalent volume",
-        "The chambers are shut off and the springs sheared step by step, so that the mass of gas in the"
-        " bellows stays: A = F<sub>z</sub>/p, V ∝ T/p. The fit takes both loads, the forces and the"
-        " zeros of the transducers at once. The paper's volume grows. That of a bellows cannot: it would"
-        " push itself off its centre.",
+        "Points: the chambers are shut off and the springs sheared step by step, so that the mass of gas in the"
+        " bellows stays: A = F<sub>z</sub>/p, V ∝ T/p. Line: <code>astb identify</code> of a run of the plan"
+        " <code>identification</code> on the first rig, the mean of both springs. It fits all parameters, loads and"
+        " zeros at once. The paper's volume grows. That of a bellows cannot: it would push itself off its centre.",
         figure_7,
     ),
     Picture(
@@ -78,7 +78,10 @@ SECTIONS: Final = (
         " pressure times area is taken off (f) the orifice leaves next to nothing: what stays there is"
         " rubber if it is flat, and lag if it rises with the frequency. A single frequency proves none"
         " of them."
-        " Crosses in (a, b): wind and track at once, as in figure 6; the model's lines are not of them.",
+        " Crosses in (a, b): wind and track at once, as in figure 6; the thin line through them is the model at the"
+        " same pressures, amplitudes and mean shear, held in roll and height."
+        " Points in (f): the same sweep on the bench, the pressure times the identified area taken off, each reading"
+        " without the lag of its sensor.",
         figure_8,
     ),
     Picture(

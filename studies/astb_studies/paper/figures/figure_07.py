@@ -1,7 +1,7 @@
 """Figure 7: effective area and volume over lateral displacement."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from astb_studies.paper.figures.style import (
     label_panel,
     panels_of,
 )
-from astb_studies.paper.identification.area_and_volume import shape
+from astb_studies.paper.identified import SHAPE, Identified, changes
 from astb_studies.paper.study import Study
 from astb_studies.paper.subject import LOADS, Subject
 from bench_protocol.units import litre, mm
@@ -41,7 +41,7 @@ class _Quantity:
     symbol: str
     group: str
     fit: Floats
-    fit_sigma: Floats
+    width: Floats  #: half the width of the 95 % interval
     plant: Floats
     paper: Floats
 
@@ -49,11 +49,9 @@ class _Quantity:
 def figure_7(study: Study) -> "Figure":
     """Effective area and volume over lateral displacement: bench, fit with its interval, plant, paper's law."""
     figure, ((a, b),) = panels_of(2)
-    fit = study.identified.area_and_volume
     y = np.linspace(-62, 62, 241) * mm
-    reach = _reach(fit, "effective_area")
-    for panel, letter, quantity in zip((a, b), "ab", _quantities(fit, y), strict=True):
-        _draw_quantity(study, panel, quantity, y, reach)
+    for panel, letter, quantity in zip((a, b), "ab", _quantities(study.identified, y), strict=True):
+        _draw_quantity(study, panel, quantity, y)
         label_panel(
             panel,
             letter,
@@ -63,10 +61,10 @@ def figure_7(study: Study) -> "Figure":
         )
     a.set_ylim(-3.4, 0.5)
     b.set_ylim(-4.0, 19.5)
-    area, volume = fit["effective_area"], fit["bellows_volume"] / litre
-    area_width, volume_width = (reach * fit.sigma(name) for name in ("effective_area", "bellows_volume"))
-    a.text(0.03, 0.06, f"A₀ = {area:.4f} ± {area_width:.4f} m²", transform=a.transAxes, fontsize=8)
-    told = f"V₀ = {volume:.2f} ± {volume_width / litre:.2f} litre"
+    area, volume = (study.identified.parameters[name] for name in ("effective_area", "bellows_volume"))
+    told = f"A₀ = {area.value:.5f} ± {area.high - area.value:.5f} m²"
+    a.text(0.03, 0.06, told, transform=a.transAxes, fontsize=8)
+    told = f"V₀ = {volume.value / litre:.2f} ± {(volume.high - volume.value) / litre:.2f} litre"
     b.text(0.5, 0.93, told, transform=b.transAxes, fontsize=8, ha="center")
     add_legend(b, loc="upper center", bbox_to_anchor=(0.5, 0.86))
     add_key(
@@ -78,42 +76,26 @@ def figure_7(study: Study) -> "Figure":
     return figure
 
 
-def _quantities(fit: Any, y: Floats) -> tuple[_Quantity, _Quantity]:
+def _quantities(identified: Identified, y: Floats) -> tuple[_Quantity, _Quantity]:
     """Area and volume at lateral displacements (m)."""
     plant, paper = Subject().parameters("AW0").record, Subject().spring("AW0")
-    Y = shape(y, float(plant.membrane_travel[0]))
-    A_0, V_0 = fit["effective_area"], fit["bellows_volume"]
-    k_0, k_1 = fit["membrane_length"], fit["membrane_length_slope"]
+    geometry = np.array([float(plant[name][0]) for name in SHAPE])
+    fits, widths = identified.changes(y)
+    true_area, true_volume = changes(geometry, y)
+    laws = (
+        np.asarray(lateral_area(y, paper)) / paper.lateral_area - 1.0,
+        np.asarray(equivalent_volume(y, paper)) / paper.bellows_volume - 1.0,
+    )
     return (
-        _Quantity(
-            "Effective area",
-            "A",
-            "Effective area",
-            -0.5 * k_1 * Y / A_0,
-            _sigma(fit, {"membrane_length_slope": -0.5 * Y / A_0, "effective_area": 0.5 * k_1 * Y / A_0**2}),
-            -0.5 * float(plant.membrane_length_slope[0]) * Y / float(plant.effective_area[0]),
-            np.asarray(lateral_area(y, paper)) / paper.lateral_area - 1.0,
-        ),
-        _Quantity(
-            "Equivalent volume",
-            "V",
-            "Volume",
-            -0.5 * k_0 * Y / V_0,
-            _sigma(fit, {"membrane_length": -0.5 * Y / V_0, "bellows_volume": 0.5 * k_0 * Y / V_0**2}),
-            -0.5 * float(plant.membrane_length[0]) * Y / float(plant.bellows_volume[0]),
-            np.asarray(equivalent_volume(y, paper)) / paper.bellows_volume - 1.0,
-        ),
+        _Quantity("Effective area", "A", "Effective area", fits[0], widths[0], true_area, laws[0]),
+        _Quantity("Equivalent volume", "V", "Volume", fits[1], widths[1], true_volume, laws[1]),
     )
 
 
-def _draw_quantity(study: Study, panel: "Axes", one: _Quantity, y: Floats, reach: float) -> None:
-    """Draw curves and points, in per cent; the band reaches ``reach`` standard deviations."""
+def _draw_quantity(study: Study, panel: "Axes", one: _Quantity, y: Floats) -> None:
+    """Draw curves and points, in per cent."""
     panel.fill_between(
-        y / mm,
-        100 * (one.fit - reach * one.fit_sigma),
-        100 * (one.fit + reach * one.fit_sigma),
-        color="#b9c4cc",
-        linewidth=0,
+        y / mm, 100 * (one.fit - one.width), 100 * (one.fit + one.width), color="#b9c4cc", linewidth=0
     )
     draw_line(panel, y / mm, 100 * one.fit, INK)
     draw_line(panel, y / mm, 100 * one.plant, PALETTE[2], DOTTED, linewidth=1.6)
@@ -124,16 +106,3 @@ def _draw_quantity(study: Study, panel: "Axes", one: _Quantity, y: Floats, reach
         change = 100 * (measured.y / centre - 1)
         points = Points(measured.x, change, change, change)
         draw_points(panel, points, mm, 1.0, COLOUR[load], MARKER[load], label=f"bench, {load}")
-
-
-def _reach(fit: Any, name: str) -> float:
-    """Return half the width of the 95 % interval of a fitted value, in its standard deviations."""
-    low, high = fit.interval(name)
-    return float(0.5 * (high - low) / fit.sigma(name))
-
-
-def _sigma(fit: Any, gradient: dict[str, Floats]) -> Floats:
-    """Standard deviation of a function of fitted values out of its gradient."""
-    places = [fit.names.index(name) for name in gradient]
-    G = np.array(list(gradient.values()))
-    return np.sqrt(np.einsum("in,ij,jn->n", G, fit.covariance[np.ix_(places, places)], G))

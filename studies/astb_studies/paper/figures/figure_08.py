@@ -73,6 +73,8 @@ def _model_against_bench(study: Study, top: Any) -> None:
         p = study.bench.lateral_stiffness(load, 5 * mm, first=True).x
         for row, colour in zip(study.model[f"lateral {load}"]["K"], ORDERED, strict=False):
             draw_line(panel, p / bar, row.real / KN_M, colour)
+        at_once = study.model[f"wind and track {load}"]
+        draw_line(panel, at_once["p"] / bar, at_once["K"].real / KN_M, INK, linewidth=1.0)
         draw_line(panel, p / bar, closed_stiffness(load, p, lateral_area=area) / KN_M, SOFT, DASHED)
         label_panel(panel, letter, f"Lateral stiffness, {load}", "pressure (gauge), bar", "K′, kN/m")
         add_legend(panel, title="amplitude", title_fontsize=7.5, loc="lower right", ncols=3)
@@ -124,6 +126,8 @@ def _lookalikes(study: Study, below: Any) -> None:
         draw_line(below[2], shown["f"], shown[f"{name} left"].imag / KN_M, colour, dash, linewidth=1.5)
     below[2].set_xscale("log")
     below[2].set_ylim(-5, 60)
+    measured = study.bench.loss_without_gas(study.fitted["effective_area"])
+    draw_points(below[2], measured[measured.x <= 10.5], 1.0, KN_M, INK, "o")
     label_panel(below[2], "f", "Loss in F − p·A, 5 mm: no gas in it", "frequency, Hz", "K″, kN/m")
     for panel in (below[0], below[2]):
         plain_log_ticks(panel, (0.3, 1, 3, 10))

@@ -19,13 +19,9 @@ from test_plans.steps.tables import (
     AREA,
     BELLOWS_SHEAR,
     DAMPING,
-    HEIGHT,
-    PRESSURE,
     SECANT,
     SHEAR,
-    STEP,
     STORAGE,
-    TEMPERATURE,
     VOLUME,
     keep,
 )
@@ -110,7 +106,7 @@ class LateralOffset:
         return read_pose(run)
 
     def keep(self, run: Run, load: Load) -> None:
-        """Keep tangents and secants for the report, and what the identification needs, as read."""
+        """Keep tangents, secants, area and volume for the report."""
         name = load.name
         keep(
             run,
@@ -146,24 +142,6 @@ class LateralOffset:
             areas,
         )
         keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, volumes)
-        for what, looks in (("sheared", self.stairs), ("lifted", self.lifts)):
-            for quantity, ys in (
-                (HEIGHT, [one.height for one in looks]),
-                (SHEAR, [one.shear for one in looks]),
-                (PRESSURE, [one.pressure for one in looks]),
-                (TEMPERATURE, [one.temperature for one in looks]),
-                (("vertical force", "kN"), [one.vertical for one in looks]),
-                (("lateral force", "kN"), [one.lateral for one in looks]),
-            ):
-                keep(
-                    run,
-                    name,
-                    f"Isolated bellows {what}: {quantity[0]}",
-                    STEP,
-                    quantity,
-                    range(len(looks)),
-                    ys,
-                )
 
     def tangent_left(self, run: Run) -> Measured:
         """Return K' of the dither at ±60 mm over that at the centre."""

@@ -68,7 +68,7 @@ class LateralPressure:
             self.known[amplitude].append(know(run, times, values, SLOW, lateral_stiffness))
 
     def keep(self, run: Run, load: Load) -> None:
-        """Keep stiffness, damping and amplitude over pressure, for the report and for the identification."""
+        """Keep stiffness, damping and amplitude over pressure, for the report."""
         for amplitude in sorted(AMPLITUDES):
             one, known, at = self.found[amplitude], self.known[amplitude], self.pressures[amplitude]
             name = f"{amplitude / mm:g} mm"
