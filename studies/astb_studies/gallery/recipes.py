@@ -84,7 +84,7 @@ RECIPES: Final = (
         "figure-08.svg",
         "The paper's figure, measured anew",
         "Lateral stiffness and damping. Points are measurements on the virtual bench with the errors of its sensors, "
-        "solid lines the plant's model with parameters identified from them, dashed lines the paper's closed forms.",
+        "solid lines the plant's model with parameters identified on that rig, dashed lines the paper's closed forms.",
         _paper,
         (f"astb paper --out {RUNS}/paper",),
     ),

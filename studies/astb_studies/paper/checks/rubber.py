@@ -14,7 +14,7 @@ from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
     "A22",
     "Rubber and friction add about 5 % to the damping of the orifice",
     "the paper, figure 8(c): a deviation of about 5 %",
-).on("plant", "(5 ± 3) % at 1.2 Hz, 5 mm, mean of both loads")
+).on("plant", "(5 ± 3) % under AW0, 1.2 Hz, 5 mm")
 def rubber_share(subject: Subject) -> CheckOutcome:
     """What rubber and friction add to the vertical damping of the whole spring at 1.2 Hz and 5 mm, as a share."""
     shares = []
@@ -22,11 +22,11 @@ def rubber_share(subject: Subject) -> CheckOutcome:
         whole = damping(subject, load, 5 * mm, 1.2, cycles=30)
         orifice = damping(subject, load, 5 * mm, 1.2, "rubber", cycles=30)
         shares.append(whole / orifice - 1.0)
-    mean = float(np.mean(shares))
     return CheckOutcome(
-        f"AW0 {100 * shares[0]:.1f} %, AW3 {100 * shares[1]:.1f} %, mean {100 * mean:.1f} %",
-        abs(mean - 0.05) <= 0.03,
-        {"mean": mean, "AW0": shares[0], "AW3": shares[1]},
+        f"AW0 {100 * shares[0]:.1f} %, AW3 {100 * shares[1]:.1f} %",
+        abs(shares[0] - 0.05) <= 0.03,
+        {"AW0": shares[0], "AW3": shares[1]},
+        "Of the whole spring, as a bench can measure it: the emergency spring in series takes a part of both.",
     )
 
 
