@@ -42,6 +42,8 @@ from diagnosis.systems.motion import (
 from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_rounded
 
 REPLAY: Final = "replay "
+#: What is replayed: stretches of a programme, and wind, track and roll at once, which begins with a rest as well.
+REPLAYED: Final = (REPLAY, "wind and track")
 CONDITION: Final = "condition"
 REST: Final = "rest"
 #: Sampling interval of what travels on CAN at its full rate.
@@ -72,7 +74,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
         if not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
-                "plans `screening` and `identification` make such records"
+                "plans `screening`, `identification` and `crosswind_and_track_…` make such records"
             )
         runs += [(Path(directory), run) for run in found]
     told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
@@ -112,7 +114,7 @@ def run_between(
 
 
 def _phases(record: Record) -> Iterable[Phase]:
-    return (phase for phase in record.phases if phase.name.startswith(REPLAY))
+    return (phase for phase in record.phases if phase.name.startswith(REPLAYED))
 
 
 def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:

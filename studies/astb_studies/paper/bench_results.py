@@ -15,7 +15,7 @@ from astb.run import connected, describe
 from astb.session import build_rig, virtual_session
 from astb_studies.paper import combined
 from astb_studies.paper.sweeps.frequency import ALL_FREQUENCIES, DAMPING_FROM
-from bench_protocol.units import mm
+from bench_protocol.units import mm, ms
 from bench_protocol.words import SIDES
 from bench_records.record import read
 from bench_records.result import Outcome, Result, read_result
@@ -47,6 +47,8 @@ PLANS: Final = (
 #: The plan whose record is identified, on the first rig.
 IDENTIFICATION: Final = "identification"
 
+#: Of samples on CAN (s): whole cycles take one more.
+PERIOD: Final = 5 * ms
 #: The phase of plan ``aw0`` in which the platform follows the paper's equation (24).
 TRACK_PHASE: Final = "unilateral cosine"
 
@@ -216,8 +218,8 @@ def harmonics(record: "Record") -> list[Harmonics]:
     found = []
     for phase, f in zip(phases, ALL_FREQUENCIES, strict=False):
         # Whole cycles that have swung in; the last one fades out.
-        end = phase.end - COUNT_LATE - 2.0 / f
-        begin = end - max(1, int((end - phase.start) * f) - max(1, ceil(LEAD * f))) / f
+        end = phase.end - COUNT_LATE - 1.0 / f
+        begin = end - max(1, round((end - phase.start) * f) - max(1, ceil(LEAD * f))) / f - PERIOD
 
         def of(*names: str, f: float = f, begin: float = begin, end: float = end) -> complex:
             total = 0j
@@ -228,7 +230,7 @@ def harmonics(record: "Record") -> list[Harmonics]:
                 total += 0.5 * first_harmonic(times[inside], values[inside], f) * late
             return total
 
-        if begin >= phase.start and f >= DAMPING_FROM:
+        if f >= DAMPING_FROM:
             pressures = (f"{side}.bellows_pressure" for side in SIDES)
             found.append(Harmonics(f, of(*HEIGHTS), of(*VERTICAL_CELLS), of(*pressures)))
     return found
