@@ -156,18 +156,6 @@ class BenchResults:
             rows.append((combined.place(over, given, p), half, half - U, half + U))
         return Points(*(np.array(column, np.float64) for column in zip(*rows, strict=True)))
 
-    def swayed(self, load: str) -> tuple[Floats, Floats, Floats]:
-        """Return pressure, amplitude of the shear and the shear about which it swayed, of the points over pressure."""
-        rows = []
-        for given in combined.VARIED["pressure"]:
-            name = combined.name_of(load, given)
-            curves = self.combined[name].curves
-            amplitude = next(c.xs[0] for c in curves if c.group == f"{combined.STIFFNESS}, wind and track")
-            loop = next(c for c in curves if c.group == combined.LOOP)
-            rows.append((self.pressure(name, combined.PHASE), amplitude, np.median(np.array(loop.xs, float))))
-        pressure, amplitude, shear = np.array(rows).T
-        return pressure, amplitude, shear
-
     def loss_without_gas(self, area: float) -> Points:
         """Return K″ of F − p·A (N/m) over the frequency (Hz): the loss in which there is no gas."""
         f = np.array([one.frequency for one in self.harmonics])

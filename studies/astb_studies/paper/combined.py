@@ -17,7 +17,6 @@ DEFAULT: Final[Mapping[str, float]] = {"roll": 0.005, "frequency": 1.2}
 #: The phase in which all of it moves, and what is read of the result.
 PHASE: Final = "wind and track"
 STIFFNESS: Final = "lateral stiffness K'"
-LOOP: Final = "Wind and track: force over displacement"
 DAMPING: Final = "lateral damping c"
 
 

@@ -52,8 +52,6 @@ def model_jobs(bench: BenchResults, identified: Identified) -> Iterator[Job]:
             for a in sorted(AMPLITUDES)
         ]
         yield f"lateral {load}", lateral, ([one.x - zero for one in found], [one.y for one in found])
-        pressure, amplitude, shear = bench.swayed(load)
-        yield f"wind and track {load}", swayed, (load, pressure - zero, amplitude, shear)
         rolls = bench.points(
             f"roll_angle_{load.lower()}",
             "Lateral secant F/y at +20 mm per spring",
@@ -82,17 +80,6 @@ def model_jobs(bench: BenchResults, identified: Identified) -> Iterator[Job]:
 def lateral(fitted: dict[str, float], pressure: Sequence[Floats], amplitude: Sequence[Floats]) -> Curves:
     """Lateral stiffness at the bench's pressures (Pa) and amplitudes (m), rows by amplitude."""
     return {"K": plant_curves.lateral(Subject(fitted), np.array(pressure), np.array(amplitude))}
-
-
-def swayed(fitted: dict[str, float], load: str, pressure: Floats, amplitude: Floats, shear: Floats) -> Curves:
-    """Lateral stiffness at the track's frequency about the shear that the wind makes, at pressures (Pa)."""
-    subject = Subject(fitted)
-    area = fitted["effective_area"]
-    K = [
-        plant_curves.tangent(subject, load, np.array([y]), float(a), NATURAL, nominal_preload=p * area)[0]
-        for p, a, y in zip(pressure, amplitude, shear, strict=True)
-    ]
-    return {"p": pressure, "K": np.array(K)}
 
 
 def rolled(fitted: dict[str, float], load: str, roll: Floats) -> Curves:

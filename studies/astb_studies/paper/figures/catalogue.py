@@ -68,7 +68,7 @@ SECTIONS: Final = (
     Picture(
         "figure-08",
         "Figure 8. Model against experiment, and what a deviation proves",
-        "(a, b, c) The plant's model with the parameters that were identified from these records, put"
+        "(a, b, c) The plant's model with the parameters that were identified on the same rig, put"
         " to the pressures and amplitudes that the bench reached. Dotted in (c): the same with the"
         " orifice alone, as in the paper; it lies below the bench by the few per cent that the rubber"
         " adds. (d, e, f) At 1.2 Hz and 5 mm three things look alike: the rubber, 5 ms between the"
@@ -78,8 +78,7 @@ SECTIONS: Final = (
         " pressure times area is taken off (f) the orifice leaves next to nothing: what stays there is"
         " rubber if it is flat, and lag if it rises with the frequency. A single frequency proves none"
         " of them."
-        " Crosses in (a, b): wind and track at once, as in figure 6; the thin line through them is the model at the"
-        " same pressures, amplitudes and mean shear, held in roll and height."
+        " Crosses in (a, b): wind and track at once, as in figure 6; the model's lines are not of them."
         " Points in (f): the same sweep on the bench, the pressure times the identified area taken off, each reading"
         " without the lag of its sensor.",
         figure_8,

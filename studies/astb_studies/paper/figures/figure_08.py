@@ -73,8 +73,6 @@ def _model_against_bench(study: Study, top: Any) -> None:
         p = study.bench.lateral_stiffness(load, 5 * mm, first=True).x
         for row, colour in zip(study.model[f"lateral {load}"]["K"], ORDERED, strict=False):
             draw_line(panel, p / bar, row.real / KN_M, colour)
-        at_once = study.model[f"wind and track {load}"]
-        draw_line(panel, at_once["p"] / bar, at_once["K"].real / KN_M, INK, linewidth=1.0)
         draw_line(panel, p / bar, closed_stiffness(load, p, lateral_area=area) / KN_M, SOFT, DASHED)
         label_panel(panel, letter, f"Lateral stiffness, {load}", "pressure (gauge), bar", "K′, kN/m")
         add_legend(panel, title="amplitude", title_fontsize=7.5, loc="lower right", ncols=3)
