@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Final
 from astb.extend import write_extended
 from astb.frames_columns import columns_of_frames
 from astb.menu import experiments
+from astb.stiffness import StiffnessChecks
+from astb.tables import open_table
 from bench_protocol.dimensions import ordinary
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.dimensions import built_as, dimensions_of
-from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
+from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Role, Simulator
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.estimates import decimals
-from diagnosis.finding import Cause, Estimate, Finding, Provenance
+from diagnosis.finding import Cause, CheckPrediction, Estimate, Finding, Provenance
 from diagnosis.report.page import first_screen, headline, write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.fmu.simulator import FmuSimulator
@@ -32,6 +34,7 @@ from test_plans.plans.separating import MENU
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from bench_records.record import Record
     from bench_sim.parameters import Parameters
@@ -96,11 +99,14 @@ def conclude(
 ) -> Finding:
     """Diagnose, and write finding and report into ``out``; of the bench the extended ``model``, of an FMU its values.
 
-    Of a bench the finding ranks the menu of separating runs.
+    Of a bench the finding ranks the menu of separating runs, and predicts stiffness and damping of other plans.
     """
-    bench = isinstance(simulator, AirSpring)
-    further = experiments(MENU, rig=rig_of(simulator.parameters)) if isinstance(simulator, AirSpring) else ()
-    finding = diagnose(dataset, simulator, config, progress, further)
+    further: tuple[Experiment, ...] = ()
+    checks: StiffnessChecks | None = None
+    if bench := isinstance(simulator, AirSpring):
+        rig = rig_of(simulator.parameters)
+        further, checks = experiments(MENU, rig=rig), StiffnessChecks(rig)
+    finding = diagnose(dataset, simulator, config, progress, further, checks)
     (out / FINDING).write_bytes(finding.to_json())
     write_report(finding, out / REPORT)
     if bench and finding.models.effects:
@@ -276,11 +282,28 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
     for suspect in finding.suspects:
         line(f"  candidate, but not accepted: {suspect.effect}")
+    if finding.checks:
+        console.print(_checks(finding.checks))
     for run in finding.next_runs[:1]:
         line(f"  the run that would decide: astb run {run.experiment.partition(' ')[0]}")
     if (out / VALUES).exists():
         line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")
+
+
+def _checks(rows: Sequence[CheckPrediction]) -> "Table":
+    """Return what plans measure, as the models predict it, each number as fine as the prediction is certain."""
+    columns = ("check", "stock", "tuned", "extended", "±", "measured", "unit")
+    table = open_table(
+        "Statistics: stiffness and damping at the checks' frequencies", *columns, whole=columns[:1]
+    )
+    for one in rows:
+        places = decimals(-(one.uncertainty or 0.0), one.uncertainty or 0.0)
+        values = (one.stock, one.tuned, one.extended, one.uncertainty, one.measured)
+        table.add_row(
+            one.name, *("" if value is None else f"{value:.{places}f}" for value in values), one.unit
+        )
+    return table
 
 
 def _roles(of: Provenance) -> str:

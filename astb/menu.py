@@ -60,12 +60,13 @@ def _runs(programme: Programme, spring: Specimen, rig: Description) -> Iterator[
     runs = [(part.load, stretch) for part in programme.parts for stretch in part.stretches]
     share = lasts(programme) / minutes / len(runs)
     for number, (load, stretch) in enumerate(runs, 1):
-        yield _experiment(f"{programme.name} {number} {load}", spring, rig, load, stretch, share)
+        yield planned(f"{programme.name} {number} {load}", spring, rig, load, stretch, share)
 
 
-def _experiment(
+def planned(
     name: str, spring: Specimen, rig: Description, load: str, stretch: Stretch, cost: float
 ) -> Experiment:
+    """Return a stretch under a load as an experiment that costs so many minutes."""
     asked = trajectory(stretch, rig)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}

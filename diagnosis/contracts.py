@@ -194,7 +194,7 @@ class Dataset:
 
     ``quality`` is what checks of the data found; its doubtful rows are among the ``doubts``. ``doubts`` are sentences
     on what of the data cannot be right: they are told before the verdict. ``readings`` are sentences on how files were
-    taken and what was left out of them.
+    taken and what was left out of them. ``beside`` are runs of which only figures are compared (`CheckFigures`).
     """
 
     channels: tuple[Channel, ...]
@@ -204,10 +204,28 @@ class Dataset:
     doubts: tuple[str, ...] = ()
     readings: tuple[str, ...] = ()
     quality: tuple[DataQuality, ...] = ()
+    beside: tuple[MeasuredRun, ...] = ()
 
     def of(self, *roles: Role) -> tuple[MeasuredRun, ...]:
         """Return the runs that have one of the roles."""
         return tuple(run for run in self.runs if run.role in roles)
+
+
+#: Figures of checks by name and unit.
+Figures = Mapping[tuple[str, str], float]
+
+
+class CheckFigures(Protocol):
+    """What plans measure on the rig, of which none was fitted: ``experiments`` are such plans as they are planned."""
+
+    @property
+    def experiments(self) -> Sequence[Experiment]: ...
+
+    def states(self, nuisance: str) -> bool:
+        """Return whether a planned experiment is given without the error that this nuisance stands for."""
+
+    def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
+        """Return the figures that an experiment holds, of its ``outputs`` (n,) by channel; none if it holds none."""
 
 
 #: Values of effects (and surfaces) by effect name and parameter name. What is not named is absent.

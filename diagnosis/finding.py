@@ -138,6 +138,30 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     fraction_high: float | None
 
 
+class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
+    """A figure of a check as the stock, the tuned and the extended model predict it, and as an unseen run shows it.
+
+    The ``stock`` model has its nominal parameters, the ``tuned`` one is the base model at its best. ``uncertainty`` is
+    half of the 95 % interval of ``extended``. Without a ``run`` the figure is of a planned experiment.
+    """
+
+    name: str
+    unit: str
+    stock: float | None
+    tuned: float | None
+    extended: float | None
+    uncertainty: float | None
+    measured: float | None = None
+    run: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether the tuned and the extended model differ by more than the uncertainty of the prediction."""
+        if self.tuned is None or self.extended is None or self.uncertainty is None:
+            return False
+        return abs(self.extended - self.tuned) > self.uncertainty
+
+
 class Coverage(msgspec.Struct, frozen=True, kw_only=True):
     """How many samples of the report runs lie within the noise around the prediction, at a nominal level."""
 
@@ -372,8 +396,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
     ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
-    ``imitations``, the farthest first, are parameters by which the base model imitates the causes. ``summary`` is None
-    in findings of earlier versions.
+    ``imitations``, the farthest first, are parameters by which the base model imitates the causes. ``checks`` are what
+    plans would measure. ``summary`` is None in findings of earlier versions.
     """
 
     verdict: Verdict
@@ -401,6 +425,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     readings: list[str] = []
     quality: list[DataQuality] = []
     imitations: list[Imitation] = []
+    checks: list[CheckPrediction] = []
     summary: Summary | None = None
 
     def __post_init__(self) -> None:

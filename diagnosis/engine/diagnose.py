@@ -29,10 +29,19 @@ from dataclasses import asdict
 from importlib.metadata import version
 from itertools import combinations
 
-from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
+from diagnosis.contracts import (
+    Array,
+    CheckFigures,
+    Dataset,
+    DiagnosisError,
+    Experiment,
+    Hypothesis,
+    Simulator,
+)
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted, imitations
+from diagnosis.engine.checked import confirmed, predicted_checks
 from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
 from diagnosis.engine.confusability import Company, confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
@@ -58,7 +67,17 @@ from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, laws, rivals, scores
-from diagnosis.finding import Cause, Finding, NextRun, NextSensor, Provenance, Suspect, Unseen, Verdict
+from diagnosis.finding import (
+    Cause,
+    CheckPrediction,
+    Finding,
+    NextRun,
+    NextSensor,
+    Provenance,
+    Suspect,
+    Unseen,
+    Verdict,
+)
 
 
 @algebra_on_one_core
@@ -68,11 +87,14 @@ def diagnose(
     config: Config | None = None,
     progress: Progress | None = None,
     menu: Sequence[Experiment] = (),
+    checks: CheckFigures | None = None,
 ) -> Finding:
     """Say what the data tell of the simulator: what it lacks, how sure that is, and what adding it gains.
 
     Runs that all have the same role are split by ``split``. ``menu`` holds the runs that the rig could do next, each
-    with its minutes. Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
+    with its minutes; ``checks`` say what the models predict of plans.
+
+    Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
     share_heap()
     give_back()  # Whoever read the data left room.
@@ -94,7 +116,7 @@ def diagnose(
     judgement = without_understudies(problem, judge(problem, found))  # steps 7 and 8
     del found  # The columns of all candidates are large, and no more is asked of them.
     tell("measuring the gain", 0.92)
-    return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9
+    return _finding(data, judgement, hypotheses, config, menu, checks)  # steps 1 and 9
 
 
 def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hypothesis]:
@@ -113,6 +135,7 @@ def _finding(
     hypotheses: Mapping[str, Hypothesis],
     config: Config,
     menu: Sequence[Experiment],
+    checks: CheckFigures | None,
 ) -> Finding:
     """Compare both models and put everything that was concluded into the finding."""
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
@@ -138,6 +161,11 @@ def _finding(
     nearest: list[Suspect] = []
     if verdict is Verdict.UNRESOLVED:
         nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
+    spread = covariance if extended is named else widened(extended, ())
+    predicted: list[CheckPrediction] = []
+    if checks is not None:
+        predicted = predicted_checks(checks, data.beside, best, extended, spread, seed=config.seed)
+        causes = confirmed(causes, predicted)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
     finding = Finding(
         verdict=verdict,
@@ -155,7 +183,7 @@ def _finding(
         not_seen=_not_seen(judgement, left, config),
         next_runs=next_runs,
         next_sensors=next_sensors,
-        shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),
+        shifts=shifts(best, extended, spread),
         panel=watching(),
         confusability=confusability(screening),
         unknowns=list(judgement.unknowns),
@@ -165,6 +193,7 @@ def _finding(
         readings=list(data.readings),
         quality=list(data.quality),
         imitations=imitations(best, extended) if causes else [],
+        checks=predicted,
     )
     return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond)))
 

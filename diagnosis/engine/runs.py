@@ -75,8 +75,11 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
     if not keep:
         raise DiagnosisError("no run holds a single measured and scored sample: there is nothing to diagnose")
     channels = tuple(dataset.channels[i] for i in keep)
-    runs = tuple(replace(run, outputs=run.outputs[:, keep]) for run in dataset.runs)
-    data = replace(dataset, channels=channels, runs=runs)
+    runs, beside = (
+        tuple(replace(run, outputs=run.outputs[:, keep]) for run in some)
+        for some in (dataset.runs, dataset.beside)
+    )
+    data = replace(dataset, channels=channels, runs=runs, beside=beside)
     if channels == simulator.channels:
         return data, simulator
     return data, MeasuredChannels(simulator, channels)

@@ -96,7 +96,7 @@ def summarised(finding: Finding, beside: Conclusions) -> Finding:
         summary=Summary(
             wrong=wrong,
             sure=sure,
-            evidence=_sentences([error, _shown_by(finding)]),
+            evidence=_sentences([error, _shown_by(finding), _in_checks(finding)]),
             next=_next(finding, beside),
         ),
     )
@@ -276,6 +276,23 @@ def _shown_by(found: Finding) -> str:
     number = found.imitations[0]
     before, after = (_with_unit(value, number.unit, 4) for value in (number.before, number.after))
     return f"{number.name} is {before} without the cause and {after} with it; {_prior(number)} is expected."
+
+
+def _in_checks(found: Finding) -> str:
+    """Return the figure of a plan in which tuned and extended model differ most; "" if none differs clearly."""
+    differing = [one for one in found.checks if one.differs]
+    if not differing or not found.models.effects:
+        return ""
+    measured = [one for one in differing if one.measured is not None]
+    one = max(measured or differing, key=lambda each: abs((each.extended or 0.0) / (each.tuned or 1.0) - 1.0))
+    numbers = [value or 0.0 for value in (one.extended, one.uncertainty, one.tuned, one.stock, one.measured)]
+    places = decimals(-numbers[1], numbers[1])
+    extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
+    seen = f"; {read} was measured in {one.run}" if one.measured is not None else ""
+    return (
+        f"Of what plans measure, {one.name} shows it best: {extended} ± {half} {one.unit} with the cause, {tuned} "
+        f"without it, {stock} with the parameters as shipped{seen}."
+    )
 
 
 def _next(found: Finding, beside: Conclusions) -> str:

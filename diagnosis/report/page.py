@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from bench_records.twin import PARTS
+from bench_records.typography import primed
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
@@ -87,6 +88,7 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
         "prose": prose,
         "typeset": typeset,
         "unit": unit,
+        "primes": primed,
         "pair": pair,
         "percent": percent,
         "percents": percents,

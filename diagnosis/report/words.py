@@ -71,7 +71,7 @@ def unit(name: str) -> str:
 def _raised(text: str) -> str:
     """A text with the powers of its units set: mm², g/(min·bar²)."""
     powers = re.sub(r"\b(m|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
-    return powers.replace("min*bar", "min·bar")
+    return re.sub(r"\b(min|kN)\*", r"\1·", powers)
 
 
 def typeset(text: str) -> str:

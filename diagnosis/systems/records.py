@@ -50,6 +50,8 @@ REST: Final = "rest"
 STEP: Final = 1.0 / FAST_RATE
 #: So many samples in a row that an accelerometer lost are bridged well enough.
 _BRIDGED: Final = 2
+#: Of plans that are no programmes, how the phases begin in which springs are moved vertically.
+_VERTICAL: Final = "vertical "
 #: The state at the beginning of a run is read from so much of its first rest (s).
 _FIRST: Final = 1.0
 
@@ -62,21 +64,30 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
 def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator: AirSpring) -> Dataset:
     """Return every run in ``records`` of these directories, in SI on the grid of their samples; all of role ``fit``.
 
+    What other plans shook, such as `aw0`, stands beside them.
     Raises DiagnosisError where a record holds nothing to be replayed.
     """
     digest = hashlib.sha256()
     runs: list[tuple[Path, MeasuredRun]] = []
+    beside: list[MeasuredRun] = []
     channels = _as_read(simulator.channels, records)
     for directory, record in zip(directories, records, strict=True):
         digest.update(record.path.read_bytes())
         twice = _twice_rounded(record, simulator)
         found = [_run(record, phase, simulator, channels, twice) for phase in _phases(record)]
-        if not found:
+        if not found and (sines := _sines(record)) is not None:
+            beside.append(_run(record, sines, simulator, channels, twice))
+        elif not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
                 "plans `screening`, `identification` and `crosswind_and_track_…` make such records"
             )
         runs += [(Path(directory), run) for run in found]
+    if not runs:
+        raise DiagnosisError(
+            f"{directories[0]} holds sines of a plan, but no record holds runs to fit the model to; add a record of "
+            "the plan `screening`"
+        )
     told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
     quality = tuple(DataQuality(**row) for row in told)  # of what was imported
     return Dataset(
@@ -88,6 +99,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
             f"{row.file}, {row.column}: {row.found}; {row.consequence}" for row in quality if row.doubt
         ),
         quality=quality,
+        beside=tuple(beside),
     )
 
 
@@ -115,6 +127,18 @@ def run_between(
 
 def _phases(record: Record) -> Iterable[Phase]:
     return (phase for phase in record.phases if phase.name.startswith(REPLAYED))
+
+
+def _sines(record: Record) -> Phase | None:
+    """Return the stretch of a plan in which it shakes the springs vertically at known frequencies; None if none does.
+
+    It begins with the rest before the first vertical motion.
+    """
+    phases = [phase for phase in record.phases if phase.name.startswith(_VERTICAL)]
+    sines = [phase for phase in phases if phase.name.startswith(f"{_VERTICAL}sine ")]
+    if not sines:
+        return None
+    return Phase(f"{record.meta.get('plan', 'a plan')} sines", phases[0].start - _FIRST, sines[-1].end)
 
 
 def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:

@@ -1,0 +1,146 @@
+"""Step 9, checks: what plans would measure on the rig, as three models predict it.
+
+Theory of operation
+-------------------
+Where the base model imitates a cause, unseen runs of the plan that it was fitted to may gain nothing by the cause. The
+difference shows in other plans. So the figures of their checks are predicted by the stock model (nominal parameters),
+the tuned one (the base model at its best) and the extended one. The uncertainty of the extended one is the scatter of
+its predictions over draws from the covariance of its numbers.
+
+A planned experiment states how it begins: errors of the sensors that a record would show that by stay nominal there.
+Where a run beside the data holds a figure, the row is of this run: all models are replayed through its own motion, and
+the uncertainty includes what its own nuisances and the noise of its sensors add. No number is fitted to it. If it
+shows an error of the tuned model, and the extended one has much less of it, the cause has gained on unseen data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from diagnosis.contracts import Array, CheckFigures, Effects, Experiment, Figures, Job, MeasuredRun
+from diagnosis.engine.config import RELATIVE
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.simulation import simulate_many
+from diagnosis.estimates import Z95, number
+from diagnosis.finding import NAMED, SUSPECTED, Cause, CheckPrediction
+
+#: Draws from the covariance: so many tell a standard deviation to a sixth.
+DRAWS: Final = 20
+
+Models = Sequence[tuple[Mapping[str, float], Effects]]
+
+
+def predicted_checks(
+    checks: CheckFigures,
+    beside: Sequence[MeasuredRun],
+    before: FittedModel,
+    after: FittedModel,
+    covariance: Array,
+    *,
+    seed: int,
+) -> list[CheckPrediction]:
+    """Return the figures of the planned experiments, and instead of them those that runs ``beside`` the data hold.
+
+    ``covariance`` (k, k) is that of the numbers of ``after``.
+    """
+    rng = np.random.default_rng(seed)
+    drawn = rng.multivariate_normal(after.point.numbers, covariance, DRAWS, method="eigh")
+    points = [before.point, after.point, *(after.point.at(numbers) for numbers in drawn)]
+    rows: dict[str, CheckPrediction] = {}
+    for experiment in checks.experiments:
+        models = [(_planned(checks, point), point.effects()) for point in points]
+        figures = _figures(checks, after, experiment, models)
+        rows |= {row.name: row for row in _rows(figures)}
+    for run in beside:
+        own = [_begun(point, run, rng if k > 1 else None) for k, point in enumerate(points)]
+        figures = _figures(checks, after, run.experiment, own, rng)
+        seen = checks.figures(run.experiment, _named(after, run.outputs))
+        measured = {name: value for (name, _), value in seen.items()}
+        rows |= {
+            row.name: replace(row, measured=measured[row.name], run=run.experiment.name)
+            for row in _rows(figures)
+            if row.name in measured
+        }
+    return list(rows.values())
+
+
+def gained(rows: Sequence[CheckPrediction]) -> bool:
+    """Return whether measured figures show an error of the tuned model, and the extended one has much less of it."""
+    arms = [
+        (one.measured - one.tuned, one.measured - one.extended, one.uncertainty / Z95)
+        for one in rows
+        if one.measured is not None and one.tuned is not None and one.extended is not None and one.uncertainty
+    ]
+    if not arms:
+        return False
+    tuned, extended, sigma = np.array(arms).T
+    before, after = (float(np.mean((error / sigma) ** 2)) for error in (tuned, extended))
+    return before > Z95**2 and max(after - 1.0, 0.0) < RELATIVE**2 * (before - 1.0)
+
+
+def confirmed(causes: Sequence[Cause], rows: Sequence[CheckPrediction]) -> list[Cause]:
+    """Return the causes, a suspected one named if figures of other plans confirm it: if it is the only one."""
+    alone = len(causes) == 1 and causes[0].status == SUSPECTED
+    return [replace(causes[0], status=NAMED)] if alone and gained(rows) else list(causes)
+
+
+def _rows(figures: Sequence[Figures]) -> list[CheckPrediction]:
+    """Return a row for each figure of the stock, tuned and extended model and of all draws."""
+    stock, tuned, extended, *others = figures
+    return [
+        CheckPrediction(
+            name=name,
+            unit=unit,
+            stock=number(stock[name, unit]),
+            tuned=number(tuned[name, unit]),
+            extended=number(value),
+            uncertainty=number(Z95 * float(np.std([one[name, unit] for one in others], ddof=1))),
+        )
+        for (name, unit), value in extended.items()
+    ]
+
+
+def _figures(
+    checks: CheckFigures,
+    model: FittedModel,
+    experiment: Experiment,
+    models: Models,
+    rng: np.random.Generator | None = None,
+) -> list[Figures]:
+    """Return the figures of an experiment by the stock model and by all ``models``; ``rng``: draws are noisy."""
+    simulator = model.replay.simulator
+    noise = np.array([channel.noise for channel in simulator.channels])
+    jobs = [Job(experiment, parameters, effects) for parameters, effects in (({}, {}), *models)]
+    found = []
+    for k, outputs in enumerate(simulate_many(simulator, jobs)):
+        read = outputs + noise * rng.standard_normal(outputs.shape) if rng is not None and k > 2 else outputs
+        found.append(checks.figures(experiment, _named(model, read)))
+    return found
+
+
+def _named(model: FittedModel, outputs: Array) -> dict[str, Array]:
+    names = [channel.name for channel in model.replay.simulator.channels]
+    return dict(zip(names, outputs.T, strict=True))
+
+
+def _planned(checks: CheckFigures, point: Point) -> dict[str, float]:
+    """Return the shared parameters of a model but for those that a planned experiment states."""
+    return {name: value for name, value in point.parameters("").items() if not checks.states(name)}
+
+
+def _begun(
+    point: Point, run: MeasuredRun, rng: np.random.Generator | None
+) -> tuple[dict[str, float], Effects]:
+    """Return a model for a run that it was not fitted to, whose own nuisances are nominal, or drawn."""
+    record = run.experiment.record
+    there = point.with_records([record])
+    if rng is not None:
+        own = there.numbers.copy()
+        own[len(point.numbers) :] = rng.standard_normal(len(own) - len(point.numbers))
+        there = there.at(own)
+    return there.parameters(record), there.effects()
