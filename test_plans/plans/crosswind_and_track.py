@@ -393,7 +393,9 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
     if unstated := _unstated(load, K):
         run.lack([STIFF, DAMPED], unstated)
     else:
-        low, high = _limits(load, "stiffness", K)
+        rolls = load.limits.curves.get("crosswind_and_track.stiffness_by_roll", {0.0: Band(1.0, 1.0)})
+        stiffer = float(np.interp(abs(rolled), list(rolls), [middle(band) for band in rolls.values()]))
+        low, high = (stiffer * end for end in _limits(load, "stiffness", K))
         more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
         run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
