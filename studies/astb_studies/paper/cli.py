@@ -12,7 +12,7 @@ from bench_records.layout import RecordError
 
 @click.command("paper")
 @click.option(
-    "--quick", is_flag=True, help="Use one rig and one wind history only; this takes two to three minutes."
+    "--quick", is_flag=True, help="Use one rig and one wind history only: four minutes of processor time."
 )
 @click.option(
     "--seed", type=SEED, default=0, show_default=True, help="Random seed of the sensors of the first rig."

@@ -54,7 +54,7 @@ def rides(quick: bool) -> Iterator[tuple[str, str, Mapping[str, str]]]:
     """Yield name, plan and parameters of each ride; an index of comfort needs five minutes, a ``quick`` one has one."""
     for load in LOADS:
         for wind in RIDE_WINDS:
-            duration = "60 s" if quick else "300 s"
+            duration = "30 s" if quick else "300 s"
             given = {"load": load, "wind": f"{wind:g} m/s", "duration": duration}
             yield ride_name(load, wind), RIDE, given
 
