@@ -3,7 +3,6 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +12,7 @@ from astb.menu import experiments
 from astb.stiffness import StiffnessChecks
 from astb.tables import open_table
 from bench_protocol.dimensions import ordinary
+from bench_protocol.suggestion import did_you_mean
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import ParameterError, load
@@ -246,8 +246,7 @@ def chosen_effects(
                 "model does not have are looked for"
             )
         if not found:
-            near = get_close_matches(name, simulator.catalogue, n=1)
-            right = f"{near[0]} would be one" if near else f"there are {', '.join(simulator.catalogue)}"
+            right = did_you_mean(name, simulator.catalogue)
             raise DiagnosisError(f"--effects: {name!r} is no effect of {simulator.name}; {right}")
         chosen |= dict.fromkeys(found)
     return tuple(chosen)

@@ -1,7 +1,6 @@
 """A rig file: the TOML that says where a rig is, and, if it is a simulated one, what it simulates."""
 
 import re
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -12,7 +11,7 @@ from msgspec.structs import replace
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import OF_A_RIG, ORDINARY_RIG, earlier, named_files, place_of
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from drivers.wiring.astb.keys import Can, Modbus
 
@@ -118,7 +117,7 @@ def _rig_path(rig: str, home: Path, where: str = "") -> Path:
     if rig in (known := rigs()):
         return known[rig]
     raise RigFileError(
-        f"{where}there is no rig {rig!r}; {meant(rig, known)} Or use the path of a rig file or of its folder."
+        f"{where}there is no rig {rig!r}; {did_you_mean(rig, known)} (or give the path of its file or folder)"
     )
 
 
@@ -217,9 +216,7 @@ def _in_words(error: Exception, content: dict[str, Any]) -> str:
     table = next((tables[".".join(path[:n])] for n in (2, 1) if ".".join(path[:n]) in tables), RigFile)
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(table)}
     if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
-        near = get_close_matches(unknown[1], fields, n=1)
-        right = f"{near[0]} would be one" if near else f"there are {', '.join(fields)}"
-        return f"{'.'.join([*keys, unknown[1]])} is no key of a rig file; {right}"
+        return f"{'.'.join([*keys, unknown[1]])} is no key of a rig file; {did_you_mean(unknown[1], fields)}"
     if missing := re.fullmatch("Object missing required field `(.*)`", said):
         return f"the key {'.'.join([*keys, missing[1]])} is missing"
     return misfit(error, content, RigFile)

@@ -5,19 +5,21 @@ A dimension that a file does not state is not known: what needs it cannot be mea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import hypot, isfinite
+from math import hypot
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from bench_protocol.entries import EntryError, as_table, read_entry, refuse_unknown
 from bench_protocol.named_files import ORDINARY_RIG, label, read_named
 from bench_protocol.signals import Group
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table_signals import BY_GROUP, FURTHER
 from bench_protocol.units import UNITS
-from bench_protocol.words import PROVENANCES, SIDES
+from bench_protocol.words import SIDES
 
 #: The kind of its named files.
 PACKAGE: Final = "dimensions"
@@ -83,7 +85,7 @@ LAGS: Final = (
     ),
     *LOAD_CELLS,
 )
-_ENTRY: Final = ("value", "uncertainty", "unit", "provenance", "source")
+_SHAPES: Final = (("value",), ("value", "uncertainty"))
 
 
 class DimensionsError(ValueError):
@@ -197,116 +199,87 @@ def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
 
 
 def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:
-    """Return what a file states, by name; ``wrong`` gets everything that cannot be, not the first of it alone."""
+    """Return the dimensions of a file by name; ``wrong`` gets all errors, not only the first one."""
     tables = {
         "dimension": {name: (name, span) for name, span in SPANS.items()},
         "across": {one: (across(one), _ACROSS) for one in ACROSS},
         "lag": {signal: (lag(signal), _LAG) for signal in LAGS},
     }
     known: dict[str, Dimension] = {}
-    wrong += [
-        f"{key} is no key of a file of dimensions; {meant(key, (*tables, CELLS))}"
-        for key in content
-        if key not in (*tables, CELLS)
-    ]
-    known |= _known_cells(content.get(CELLS, {}), wrong)
-    for table, names in tables.items():
-        entries = content.get(table, {})
-        if not isinstance(entries, dict):
-            wrong.append(f"{table} = {entries!r} is not a table")
-            continue
-        for key, entry in entries.items():
-            where = f"{table}.{key}" if "." not in key else f'{table}."{key}"'
-            if key not in names:
-                wrong.append(f"{where} is no dimension of a rig; {meant(key, names)}")
-                continue
-            name, span = names[key]
-            told = _misfit(where, entry, span)
-            if told:
-                wrong.append(told)
-            else:
-                known[name] = _dimension(entry)
+    with _gather(wrong):
+        refuse_unknown("", content, (*tables, CELLS), "a file of dimensions")
+    _known_cells(content.get(CELLS, {}), known, wrong)
+    for name, names in tables.items():
+        with _gather(wrong):
+            for key, raw in as_table(name, content.get(name, {})).items():
+                where = f"{name}.{key}" if "." not in key else f'{name}."{key}"'
+                with _gather(wrong):
+                    if key not in names:
+                        raise EntryError(f"{where} is no dimension of a rig; {did_you_mean(key, names)}")
+                    known[names[key][0]] = _dimension(where, raw, names[key][1])
     for side, what in zip(SIDES * 2, ACROSS, strict=True):
         if (one := known.get(across(what))) and (one.value > 0.0) is not (side == "left"):
             wrong.append(f"across.{what} = {one.value:g} m is not on the {side}: the left is positive")
     return known
 
 
-def _known_cells(cells: Any, wrong: list[str]) -> dict[str, Dimension]:
-    """Return places and directions of the load cells that a file states, by name."""
-    known: dict[str, Dimension] = {}
-    if not isinstance(cells, dict):
-        wrong.append(f"{CELLS} = {cells!r} is not a table")
-        return known
-    for key, entries in cells.items():
-        cell = f"{CELLS}.{key}"
-        if cell not in LOAD_CELLS or not isinstance(entries, dict):
-            wrong.append(f"{cell} is no table of a load cell; {meant(cell, LOAD_CELLS)}")
-            continue
-        for what, entry in entries.items():
-            if what not in _OF_A_CELL:
-                wrong.append(f"{cell}.{what} is nothing of a load cell; {meant(what, _OF_A_CELL)}")
-                continue
-            names, span = _OF_A_CELL[what]
-            told = _three(f"{cell}.{what}", entry, span)
-            if told:
-                wrong.append(told)
-                continue
-            three = [_dimension({**entry, "value": value}) for value in entry["value"]]
-            size = hypot(*(one.value for one in three)) if names is direction else 1.0
-            for name, one in zip(names(cell), three, strict=True):
-                known[name] = replace(one, value=one.value / size, uncertainty=one.uncertainty / size)
-    return known
+def _known_cells(cells: Any, known: dict[str, Dimension], wrong: list[str]) -> None:
+    """Add places and directions of the load cells of a file to what is ``known``."""
+    with _gather(wrong):
+        for key, raw in as_table(CELLS, cells).items():
+            with _gather(wrong):
+                cell = f"{CELLS}.{key}"
+                if cell not in LOAD_CELLS:
+                    raise EntryError(f"{cell} is no load cell; {did_you_mean(cell, LOAD_CELLS)}")
+                refuse_unknown(f"{cell}.", as_table(cell, raw), _OF_A_CELL, "a load cell")
+                for what, entry in raw.items():
+                    names, span = _OF_A_CELL[what]
+                    known |= zip(names(cell), _three(f"{cell}.{what}", entry, span), strict=True)
 
 
-def _three(where: str, entry: Any, span: Span) -> str:
-    """Return what is wrong with an entry of three numbers, "" for nothing."""
-    values = entry.get("value") if isinstance(entry, dict) else None
+@contextmanager
+def _gather(wrong: list[str]) -> Iterator[None]:
+    try:
+        yield
+    except EntryError as error:
+        wrong.append(str(error))
+
+
+def _three(where: str, raw: Any, span: Span) -> list[Dimension]:
+    """Return the three dimensions of one entry; a direction becomes a unit vector."""
+    values = as_table(where, raw).get("value")
     if not isinstance(values, list) or len(values) != len(WAYS):
-        return f"{where} = {entry!r}; its value is three numbers: ahead, to the left and up"
-    told = (_misfit(where, {**entry, "value": value}, span) for value in values)
-    if misfit := next(filter(None, told), ""):
-        return misfit
-    return f"{where} = {values} points nowhere" if span.si == "1" and not any(values) else ""
+        raise EntryError(f"{where}.value = {values!r} is not three numbers; write [ahead, left, up]")
+    three = [_dimension(where, {**raw, "value": value}, span) for value in values]
+    if span is not _DIRECTION:
+        return three
+    size = hypot(*(one.value for one in three))
+    if not size:
+        raise EntryError(f"{where} = {values} has no direction; write at least one number that is not 0")
+    return [replace(one, value=one.value / size, uncertainty=one.uncertainty / size) for one in three]
 
 
-def _dimension(entry: Mapping[str, Any]) -> Dimension:
-    factor = UNITS[entry["unit"]].factor
-    return Dimension(
-        entry["value"] * factor,
-        entry.get("uncertainty", 0.0) * factor,
-        entry["provenance"],
-        entry["source"],
-    )
-
-
-def _misfit(where: str, entry: Any, span: Span) -> str:
-    """Return what is wrong with an entry, "" for nothing."""
-    si, low, high = span
-    if not isinstance(entry, dict) or not {*_ENTRY} - {"uncertainty"} <= set(entry) <= set(_ENTRY):
-        return f"{where} = {entry!r}; it needs value, unit, provenance and source, and takes an uncertainty"
-    value, unit = entry["value"], UNITS.get(str(entry["unit"]))
-    if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
-        return f"{where} = {value} {entry['unit']} is not in {fitting}"
-    for name, number in (("value", value), ("uncertainty", entry.get("uncertainty", 0.0))):
-        if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
-            return f"{where}.{name} = {number!r} is no number"
-    if not low <= value * unit.factor <= high:
-        return f"{where} = {value:g} {entry['unit']} is not plausible: {_plausible(value, span)}"
-    if not 0 <= (off := entry.get("uncertainty", 0.0)) * unit.factor <= 0.5 * (high - low):
-        return f"{where}.uncertainty = {off:g} {entry['unit']} is not plausible: 0 to {0.5 * (high - low):g} {si} is"
-    if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
-        return f"{where} needs a provenance, one of {', '.join(PROVENANCES)}, and a source"
-    return ""
+def _dimension(where: str, raw: Any, span: Span) -> Dimension:
+    entry = read_entry(where, raw, span.si, _SHAPES)
+    value = entry.si()
+    if not span.low <= value <= span.high:
+        value_, unit = entry.parts["value"], entry.unit
+        raise EntryError(f"{where} = {value_:g} {unit} is not plausible: {_plausible(value_, span)}")
+    off = entry.si("uncertainty") if "uncertainty" in entry.parts else 0.0
+    if not 0.0 <= off <= 0.5 * (span.high - span.low):
+        raise EntryError(
+            f"{where}.uncertainty = {entry.parts['uncertainty']:g} {entry.unit} is not plausible: 0 to "
+            f"{0.5 * (span.high - span.low):g} {span.si} is"
+        )
+    return Dimension(value, off, entry.provenance, entry.source)
 
 
 def _plausible(value: float, span: Span) -> str:
     """Return the span in words, and in which other unit the ``value`` would lie in it."""
-    meant_in = [
+    fitting = [
         name
         for name, unit in UNITS.items()
         if unit.si == span.si and span.low <= value * unit.factor <= span.high
     ]
-    hint = f"; {value:g} {meant_in[0]} would be, if that is meant" if meant_in else ""
+    hint = f"; {value:g} {fitting[0]} would be" if fitting else ""
     return f"{span.low:g} to {span.high:g} {span.si} is{hint}"

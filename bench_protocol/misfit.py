@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get
 
 import msgspec
 
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 
 _KINDS: Final = {
     "int": "a whole number",
@@ -83,7 +83,7 @@ def misfit(error: Exception, content: object, kind: Any) -> str:
         whole = f"{name}.{found[2]}" if name else found[2]
         if found[1] == "missing required":
             return f"the key {whole} is missing"
-        return f"{whole} is no key here; {meant(found[2], _fields(form))}"
+        return f"{whole} is no key here; {did_you_mean(found[2], _fields(form))}"
     if found := re.match(r"(?:Expected|Invalid) ", said):
         return (
             f"{name} = {value!r}; {_right(said, form)} would be right"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 
 #: The folder of these files, in a checkout as well as installed. It holds no module, so it is read without an import
 #: of the package above.
@@ -101,7 +101,7 @@ def read_named(
     except OSError as error:
         raise refused(
             f"{kind} {path} cannot be read: {error.strerror}; use a path that ends in .toml, or a name: "
-            f"{meant(str(name), named_files(kind))}"
+            f"{did_you_mean(str(name), named_files(kind))}"
         ) from None
     except Unfit as error:
         raise refused(f"{kind} {path} {error}") from None

@@ -1,15 +1,21 @@
-"""What somebody may have meant by a name that there is not."""
+"""Suggests the name that a user may have meant."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Final
+
+#: More names than these are counted instead of listed.
+_LISTED: Final = 40
 
 
-def meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Return, as the end of a message, which of ``known`` is nearest to ``name``; ``otherwise`` if none is near.
+def did_you_mean(name: object, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the end of an error message: the name of ``known`` that is nearest to ``name``.
 
-    Without ``otherwise`` it lists them all.
+    If none is near: ``otherwise``, else the names themselves or, of many, their number.
     """
     names = list(known)
-    if near := get_close_matches(name, names, n=1):
+    if near := get_close_matches(str(name), names, n=1):
         return f"did you mean {near[0]!r}?"
-    return otherwise or f"there are {', '.join(names)}"
+    if otherwise or not names:
+        return otherwise or "there is none"
+    return f"there are {', '.join(names) if len(names) <= _LISTED else f'{len(names)} others'}"

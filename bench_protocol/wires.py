@@ -11,7 +11,7 @@ from bench_protocol.canopen import SERVICE_RATE_MAX
 from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.registers import OWN_NAMES, Register, reading_number
 from bench_protocol.signals import Kind, Signal
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 
 CAN_BIT_RATE: Final = 500_000
 #: A full classic frame with an 11-bit identifier and every possible stuff bit.
@@ -23,7 +23,9 @@ class _Rows(dict[str, int]):
     """Rows by name; what is missing is told with the name that is nearest."""
 
     def __missing__(self, name: str) -> int:
-        raise KeyError(f"there is no signal {name!r}; {meant(name, self, '`astb rig signals` lists them')}")
+        raise KeyError(
+            f"there is no signal {name!r}; {did_you_mean(name, self, '`astb rig signals` lists them')}"
+        )
 
 
 @dataclass(frozen=True)

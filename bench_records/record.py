@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from bench_protocol.suggestion import did_you_mean
 from bench_records.layout import (
     FORMAT,
     PARQUET,
@@ -207,7 +208,4 @@ def _resample(
 
 
 def _nearest(name: str, names: Sequence[str] | dict[str, SignalInfo]) -> str:
-    from difflib import get_close_matches
-
-    close = get_close_matches(name, list(names), 1)
-    return f"; did you mean {close[0]!r}?" if close else f"; it has {len(names)} others"
+    return f"; {did_you_mean(name, names)}"

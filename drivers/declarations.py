@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NoReturn, Self, TypeVar, overload
 
 from bench_protocol.signals import MEASURED, Kind
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from drivers.link import Link
 from drivers.reading import Sample
 
@@ -57,7 +57,7 @@ class Device:
     def __setattr__(self, name: str, value: object) -> None:
         if not hasattr(type(self), name):
             known = [line.attribute for line in self.declarations()]
-            raise AttributeError(f"{self._name} has no {name!r} to set; {meant(name, known)}")
+            raise AttributeError(f"{self._name} has no {name!r} to set; {did_you_mean(name, known)}")
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
@@ -79,7 +79,7 @@ def no_such_attribute(thing: object, name: str, called: str) -> AttributeError:
         return AttributeError(name)
     known = [one for one in dir(type(thing)) if not one.startswith("_")]
     # With a name and an object of its own Python would add what it thinks was meant, and say it twice.
-    return AttributeError(f"{called} has no {name!r}; {meant(name, known)}", name="", obj=None)
+    return AttributeError(f"{called} has no {name!r}; {did_you_mean(name, known)}", name="", obj=None)
 
 
 T = TypeVar("T")

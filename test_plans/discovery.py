@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Final, NamedTuple
 
 import test_plans.plans as inside
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from test_plans.plan import Plan
 from test_plans.run import PlanError
 
@@ -46,8 +46,8 @@ def unusable() -> list[str]:
 
 
 def unknown(name: str, otherwise: str = "") -> str:
-    """Return in words that there is no plan ``name``: what is near, and what cannot be used. See `meant`."""
-    return "; ".join([f"there is no plan {name!r}", meant(name, plans(), otherwise), *unusable()])
+    """Return in words that there is no plan ``name``: what is near, and what cannot be used. See `did_you_mean`."""
+    return "; ".join([f"there is no plan {name!r}", did_you_mean(name, plans(), otherwise), *unusable()])
 
 
 @cache

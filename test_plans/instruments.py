@@ -10,15 +10,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from functools import cache
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.entries import EntryError, as_table, read_entry, refuse_unknown
 from bench_protocol.named_files import ORDINARY_RIG, label, read_named
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
-from bench_protocol.units import UNITS
-from bench_protocol.words import PROVENANCES
 
 #: The kind of its named files.
 PACKAGE: Final = "instruments"
@@ -34,7 +32,8 @@ PROPERTIES: Final = {
     "resolution": "signal",
     "noise": "signal",
 }
-_ENTRY: Final = ("value", "unit", "provenance", "source")
+#: What errors call the file.
+_FILE: Final = "a file of instruments"
 _PIECE: Final = ("instrument", "serial_number", "certificate", "calibrated", "due")
 
 
@@ -155,30 +154,28 @@ def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
     path, sha256, content = read_named(PACKAGE, name, home, InstrumentsError)
     try:
         return Instruments(label(path), sha256, _pieces(content))
-    except _Unfit as error:
+    except EntryError as error:
         raise InstrumentsError(f"instruments {path}: {error}") from None
 
 
-class _Unfit(ValueError):
-    """What is wrong in a file, without saying in which."""
-
-
 def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
-    _refuse_unknown("", content, ("instrument", "signal"))
-    for table in ("instrument", "signal"):
-        _refuse_no_table(table, content.get(table, {}))
-    kinds, pieces = content.get("instrument", {}), {}
-    for signal, entry in content.get("signal", {}).items():
+    refuse_unknown("", content, ("instrument", "signal"), _FILE)
+    kinds, pieces = as_table("instrument", content.get("instrument", {})), {}
+    for signal, entry in as_table("signal", content.get("signal", {})).items():
         key = f'signal."{signal}"'
         if signal not in TABLE.index:
-            raise _Unfit(f"{key} is no signal; {meant(signal, TABLE.index)}")
-        _refuse_unknown(f"{key}.", entry, _PIECE)
+            raise EntryError(f"{key} is no signal; {did_you_mean(signal, TABLE.index)}")
+        refuse_unknown(f"{key}.", as_table(key, entry), _PIECE, _FILE)
         name = entry.get("instrument")
         if name not in kinds:
-            raise _Unfit(f"{key}.instrument = {name!r} is not described; {meant(str(name), kinds)}")
+            raise EntryError(
+                f"{key}.instrument = {name!r} is not described; {did_you_mean(str(name), kinds)}"
+            )
         for day in ("calibrated", "due"):
             if day in entry and type(entry[day]) is not date:  # a time of day is a date to Python, too
-                raise _Unfit(f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be")
+                raise EntryError(
+                    f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be"
+                )
         instrument = _instrument(name, kinds[name], TABLE[signal].si)
         rest = {one: entry[one] for one in _PIECE[2:] if one in entry}
         pieces[signal] = Piece(signal, instrument, str(entry.get("serial_number", "")), **rest)
@@ -187,7 +184,7 @@ def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
 
 def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
     key = f"instrument.{name}"
-    _refuse_unknown(f"{key}.", entry, ("type", *PROPERTIES))
+    refuse_unknown(f"{key}.", as_table(key, entry), ("type", *PROPERTIES), _FILE)
     values = {
         one: _value(f"{key}.{one}", entry[one], si if unit == "signal" else unit)
         for one, unit in PROPERTIES.items()
@@ -196,27 +193,8 @@ def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
     return Instrument(name, str(entry.get("type", name)), **values)
 
 
-def _value(key: str, entry: Any, si: str) -> float:
-    if not isinstance(entry, dict) or set(entry) != set(_ENTRY):
-        raise _Unfit(f"{key} = {entry!r}; it needs {', '.join(_ENTRY)}")
-    value, unit = entry["value"], UNITS.get(str(entry["unit"]))
-    if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
-        raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
-    if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
-        raise _Unfit(f"{key} needs a provenance, one of {', '.join(PROVENANCES)}, and a source")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0:
-        raise _Unfit(f"{key} = {value!r} {entry['unit']} is no half-width; it is 0 or more")
-    return float(value) * unit.factor
-
-
-def _refuse_no_table(where: str, table: Any) -> None:
-    if not isinstance(table, dict):
-        raise _Unfit(f"{where.rstrip('.')} = {table!r} is not a table")
-
-
-def _refuse_unknown(where: str, table: Any, known: Collection[str]) -> None:
-    _refuse_no_table(where, table)
-    for key in table:
-        if key not in known:
-            raise _Unfit(f"{where}{key} is no key of a file of instruments; {meant(key, known)}")
+def _value(key: str, raw: Any, si: str) -> float:
+    entry = read_entry(key, raw, si)
+    if (value := entry.si()) < 0.0:
+        raise EntryError(f"{key} = {entry.parts['value']:g} {entry.unit} is no half-width; it is 0 or more")
+    return value

@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.written_values import NotAValue, read_written
 
@@ -145,9 +145,7 @@ def read_all(plan: str, known: tuple[Parameter, ...], given: Mapping[str, Any]) 
     by_name = {one.name: one for one in known}
     for name in given:
         if name not in by_name:
-            near = get_close_matches(name, by_name, n=1)
-            right = f"{near[0]} would be one" if near else f"it has {', '.join(by_name) or 'none'}"
-            raise ParameterRefused(f"{plan} has no parameter {name}; {right}")
+            raise ParameterRefused(f"{plan} has no parameter {name}; {did_you_mean(name, by_name)}")
     try:
         return {one.name: one.read(given[one.name]) if one.name in given else one.default for one in known}
     except ParameterRefused as error:

@@ -13,7 +13,7 @@ from textwrap import dedent
 from types import CodeType
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
 from drivers.bench import Bench
@@ -57,7 +57,7 @@ def _unknown_names(part: Any) -> Iterator[tuple[int, str]]:
             if not _is_made_later(part, step.argval):
                 yield (
                     line,
-                    f"there is no {step.argval!r} here; {meant(step.argval, known, 'is an import missing?')}",
+                    f"there is no {step.argval!r} here; {did_you_mean(step.argval, known, 'is an import missing?')}",
                 )
 
 
@@ -95,7 +95,7 @@ def _wrong_words(part: Any, run: Run) -> Iterator[tuple[int, str]]:
             owner = _object(node.value, name, run)
             if isinstance(owner, Run | Bench | Device) and node.attr not in dir(owner):
                 public = [one for one in dir(owner) if not one.startswith("_")]
-                yield start + node.lineno - 1, f"{ast.unparse(node)}: {meant(node.attr, public)}"
+                yield start + node.lineno - 1, f"{ast.unparse(node)}: {did_you_mean(node.attr, public)}"
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             yield from (
                 (start + node.lineno - 1, told)
@@ -108,11 +108,11 @@ def _wrong_arguments(call: ast.Call, owner: object, method: str) -> Iterator[str
         given = [one.value for one in call.keywords if one.arg == "unit"] or call.args[2:3]
         for unit in _texts(given):
             if unit not in FACTORS:
-                yield f"{unit!r} is no unit; {meant(unit, FACTORS)}"
+                yield f"{unit!r} is no unit; {did_you_mean(unit, FACTORS)}"
     if isinstance(owner, Bench) and method in _OF_SIGNALS:
         for signal in _texts(call.args):
             if signal not in TABLE.index:
-                yield f"{signal!r} is no signal; {meant(signal, TABLE.index, '`astb rig signals` lists them')}"
+                yield f"{signal!r} is no signal; {did_you_mean(signal, TABLE.index, '`astb rig signals` lists them')}"
 
 
 def _texts(nodes: list[ast.expr]) -> list[str]:

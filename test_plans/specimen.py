@@ -7,18 +7,16 @@ plan asks for it, what nobody understands when the file is read.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cache
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.entries import EntryError, FileEntry, as_table, number, read_entry, refuse_unknown
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
 from bench_protocol.units import UNITS, bar, kN, mm, mrad
-from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
 #: The kind of its named files.
@@ -92,19 +90,13 @@ LOAD_LIMITS: Final = {
 }
 _NAMES: Final = ("type", "serial_number", "drawing")
 MODEL: Final = "model"
-_ORIGIN: Final = {"unit", "provenance", "source"}
-_VALUE: Final = {"value"} | _ORIGIN
 #: What a limit may be stated over, and the SI value of one.
 OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm, "plate_mm": mm, "roll_mrad": mrad}
 _ENDS: Final = ("low", "high")
-_EXPECTED: Final = {"expected", "tolerance"} | _ORIGIN
-_BANDS: Final = (
-    {"low", "high"} | _ORIGIN,
-    {"low"} | _ORIGIN,
-    {"high"} | _ORIGIN,
-    _EXPECTED,
-    *({over} | _EXPECTED for over in OVER),
-)
+_EXPECTED: Final = ("expected", "tolerance")
+_BANDS: Final = (_ENDS, ("low",), ("high",), _EXPECTED, *((over, *_EXPECTED) for over in OVER))
+#: What errors call the file.
+_FILE: Final = "a specimen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,20 +178,16 @@ def read_specimen(name: str | Path) -> Specimen:
         raise SpecimenError(f"specimen {path} {error}") from None
     try:
         return _specimen(path, hashlib.sha256(text).hexdigest(), content)
-    except _Unfit as error:
+    except EntryError as error:
         raise SpecimenError(f"specimen {path}: {error}") from None
-
-
-class _Unfit(ValueError):
-    """What is wrong in a file, without saying in which."""
 
 
 def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
     file = path.name
-    _refuse_unknown("", content, (*_NAMES, MODEL, "properties", "bench", "limits", "load_case"))
-    cases = _table("load_case", content.get("load_case", {}))
+    refuse_unknown("", content, (*_NAMES, MODEL, "properties", "bench", "limits", "load_case"), _FILE)
+    cases = as_table("load_case", content.get("load_case", {}))
     if not cases:
-        raise _Unfit(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
+        raise EntryError(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
     specimen = Specimen(
         file,
         sha256,
@@ -213,14 +201,14 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
         model=_model(path, content),
     )
     if found := list(_contradictions(specimen)):
-        raise _Unfit("; ".join(found))
+        raise EntryError("; ".join(found))
     return specimen
 
 
 def _name(key: str, content: Mapping[str, Any]) -> str:
     name = _needed("", content, key)
     if not isinstance(name, str) or not name.strip():
-        raise _Unfit(f"{key} = {name!r} is no text that tells one from another")
+        raise EntryError(f"{key} = {name!r} is no text that tells one from another")
     return name
 
 
@@ -234,7 +222,7 @@ def _model(path: Path, content: Mapping[str, Any]) -> str:
 
 def _load(file: str, name: str, case: Any) -> Load:
     where = f"load_case.{name}"
-    values = dict(_table(where, case))
+    values = dict(as_table(where, case))
     limits = _limits(file, f"{where}.limits", values.pop("limits", {}), LOAD_LIMITS)
     return Load(name, **_values(where, values, LOAD), limits=limits)
 
@@ -270,34 +258,33 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
 
 
 def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float]:
-    table = _table(where, table)
-    _refuse_unknown(f"{where}.", table, known)
-    found = {}
-    for name, si in known.items():
-        entry = _entry(f"{where}.{name}", _needed(f"{where}.", table, name), (_VALUE,))
-        found[name] = _number(f"{where}.{name}.value", entry["value"]) * _factor(f"{where}.{name}", entry, si)
-    return found
+    refuse_unknown(f"{where}.", as_table(where, table), known, _FILE)
+    return {
+        name: read_entry(f"{where}.{name}", _needed(f"{where}.", table, name), si).si()
+        for name, si in known.items()
+    }
 
 
-def _limits(file: str, where: str, table: Any, known: Mapping[str, str]) -> Limits:
+def _limits(file: str, where: str, raw_limits: Any, known: Mapping[str, str]) -> Limits:
     bands: dict[str, Band] = {}
     curves: dict[str, dict[float, Band]] = {}
     units: dict[str, str] = {}
 
-    def keep(name: str, raw: Any, si: str) -> None:
-        limit = _limit(f"{where}.{name}", raw, si)
+    def keep(name: str, raw: Any, si: str | None) -> None:
+        limit, stated = _limit(f"{where}.{name}", raw, si)
+        if si is None:
+            units[name] = stated
         if isinstance(limit, Band):
             bands[name] = limit
         else:
             curves[name] = limit
 
-    stated = dict(_table(where, table))
-    for plan in [name for name, raw in stated.items() if name not in known and _is_group(raw)]:
-        for name, raw in stated.pop(plan).items():
-            units[f"{plan}.{name}"] = _si(f"{where}.{plan}.{name}", raw)
-            keep(f"{plan}.{name}", raw, units[f"{plan}.{name}"])
-    _refuse_unknown(f"{where}.", stated, known)
-    for name, raw in stated.items():
+    own = dict(as_table(where, raw_limits))
+    for plan in [name for name, raw in own.items() if name not in known and _is_group(raw)]:
+        for name, raw in own.pop(plan).items():
+            keep(f"{plan}.{name}", raw, None)
+    refuse_unknown(f"{where}.", own, known, _FILE)
+    for name, raw in own.items():
         keep(name, raw, known[name])
     return Limits(f"specimen {file}: {where}", bands, curves, units)
 
@@ -307,94 +294,44 @@ def _is_group(raw: Any) -> bool:
     return isinstance(raw, dict) and bool(raw) and all(isinstance(one, dict) for one in raw.values())
 
 
-def _limit(key: str, raw: Any, si: str) -> Band | dict[float, Band]:
-    entry = _entry(key, raw, _BANDS)
-    factor = _factor(key, entry, si)
-    if over := next((over for over in OVER if over in entry), ""):
-        return _curve(key, over, entry, factor)
-    if "expected" in entry:
-        return _around(key, entry["expected"], entry, factor)
-    ends = [_number(f"{key}.{end}", entry[end]) * factor if end in entry else None for end in _ENDS]
-    if None not in ends and entry["low"] > entry["high"]:
-        low, high, unit = entry["low"], entry["high"], entry["unit"]
-        raise _Unfit(f"{key}.low = {low:g} {unit} lies above high = {high:g} {unit}; nothing could pass")
-    return Band(*ends)
+def _limit(key: str, raw: Any, si: str | None) -> tuple[Band | dict[float, Band], str]:
+    """Return a limit, and the SI unit that it is stated in; without ``si`` any unit fits."""
+    entry = read_entry(key, raw, si, _BANDS)
+    stated = UNITS[entry.unit].si
+    if over := next((over for over in OVER if over in entry.parts), ""):
+        return _curve(entry, over), stated
+    if "expected" in entry.parts:
+        return _around(entry, entry.parts["expected"]), stated
+    low, high = (entry.si(end) if end in entry.parts else None for end in _ENDS)
+    if low is not None and high is not None and low > high:
+        below, above = (f"{entry.parts[end]:g} {entry.unit}" for end in _ENDS)
+        raise EntryError(f"{key}.low = {below} is above high = {above}, so nothing could pass; swap them")
+    return Band(low, high), stated
 
 
-def _curve(key: str, over: str, entry: Mapping[str, Any], factor: float) -> dict[float, Band]:
-    places, expected = entry[over], entry["expected"]
+def _curve(entry: FileEntry, over: str) -> dict[float, Band]:
+    key, places, expected = entry.key, entry.parts[over], entry.parts["expected"]
     if not (isinstance(places, list) and isinstance(expected, list) and len(places) == len(expected)):
-        raise _Unfit(f"{key} needs lists of as many values of {over} as expected ones")
-    at = [_number(f"{key}.{over}", place) for place in places]
+        raise EntryError(f"{key} needs lists of as many values of {over} as expected ones")
+    at = [number(f"{key}.{over}", place) for place in places]
     if not at or at != sorted(set(at)):
-        raise _Unfit(f"{key}.{over} = {places} does not rise")
-    return {
-        place * OVER[over]: _around(key, one, entry, factor) for place, one in zip(at, expected, strict=True)
-    }
+        raise EntryError(f"{key}.{over} = {places} does not rise; sort it")
+    return {place * OVER[over]: _around(entry, one) for place, one in zip(at, expected, strict=True)}
 
 
-def _around(key: str, expected: Any, entry: Mapping[str, Any], factor: float) -> Band:
-    tolerance = _number(f"{key}.tolerance", entry["tolerance"])
+def _around(entry: FileEntry, expected: Any) -> Band:
+    key, tolerance = entry.key, number(f"{entry.key}.tolerance", entry.parts["tolerance"])
     if not 0.0 < tolerance < 1.0:
-        raise _Unfit(f"{key}.tolerance = {tolerance:g} is no fraction of what is expected; 0.08 would be 8 %")
-    middle = _number(f"{key}.expected", expected) * factor
+        raise EntryError(
+            f"{key}.tolerance = {tolerance:g} is no fraction of what is expected; 0.08 would be 8 %"
+        )
+    middle = number(f"{key}.expected", expected) * entry.factor
     if middle <= 0.0:
-        raise _Unfit(f"{key}.expected = {expected:g} {entry['unit']} has no tolerance; low and high would do")
+        raise EntryError(f"{key}.expected = {expected:g} {entry.unit} has no tolerance; use low and high")
     return within(middle, tolerance)
-
-
-def _entry(key: str, raw: Any, shapes: Collection[set[str]]) -> Mapping[str, Any]:
-    """Return the parts of one entry, if it has those of one of the ``shapes``, and says where it comes from."""
-    entry = _table(key, raw)
-    if set(entry) not in shapes:
-        right = " or ".join(", ".join(sorted(shape - _ORIGIN)) for shape in shapes)
-        raise _Unfit(f"{key} has {', '.join(entry)}; it needs unit, provenance, source and {right}")
-    if entry["provenance"] not in PROVENANCES:
-        raise _Unfit(f"{key}.provenance = {entry['provenance']!r}; it is one of {', '.join(PROVENANCES)}")
-    if not str(entry["source"]).strip():
-        raise _Unfit(f"{key}.source is empty; it says where the value comes from")
-    return entry
-
-
-def _si(key: str, raw: Any) -> str:
-    """Return the SI unit of the quantity that an entry is stated in."""
-    unit = _entry(key, raw, _BANDS)["unit"]
-    if unit not in UNITS:
-        raise _Unfit(f"{key} is in {unit!r}, which is no unit; there are {', '.join(UNITS)}")
-    return UNITS[unit].si
-
-
-def _factor(key: str, entry: Mapping[str, Any], si: str) -> float:
-    """Return the SI value of one of the entry's units, which has to be a unit of ``si``."""
-    unit = UNITS.get(entry["unit"])
-    if unit is None or unit.si != si:
-        fitting = " or ".join(name for name, known in UNITS.items() if known.si == si)
-        value = next(entry[part] for part in ("value", "expected", *_ENDS) if part in entry)
-        raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
-    return unit.factor
-
-
-def _number(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise _Unfit(f"{key} = {value!r} is not a number")
-    return float(value)
-
-
-def _table(key: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise _Unfit(f"{key} = {value!r} is not a table")
-    return value
 
 
 def _needed(where: str, table: Mapping[str, Any], key: str) -> Any:
     if key not in table:
-        raise _Unfit(f"the key {where}{key} is missing")
+        raise EntryError(f"the key {where}{key} is missing")
     return table[key]
-
-
-def _refuse_unknown(where: str, table: Mapping[str, Any], known: Collection[str]) -> None:
-    for key in table:
-        if key not in known:
-            near = get_close_matches(key, known, n=1)
-            right = f"{near[0]} would be one" if near else f"there are {', '.join(known)}"
-            raise _Unfit(f"{where}{key} is no key of a specimen; {right}")

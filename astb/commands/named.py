@@ -15,7 +15,7 @@ from astb.rig_file import rigs
 from astb.tables import print_json
 from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
 from bench_protocol.named_files import named_files, named_folders, place_of, source_of
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import kN
 from drivers.errors import WiringError
 
@@ -136,7 +136,7 @@ def _demos() -> Mapping[str, Path]:
 
 
 def _demo(name: str) -> Listed:
-    folder = _demos().get(name) or misuse(f"there is no demo {name!r}; {meant(name, _demos())}")
+    folder = _demos().get(name) or misuse(f"there is no demo {name!r}; {did_you_mean(name, _demos())}")
     (mapped,) = folder.glob("*.toml")
     title = mapped.read_text(encoding="utf-8").partition(":")[0].lstrip("# ")
     files = sorted(path.name for path in folder.iterdir() if path != mapped)
@@ -150,7 +150,9 @@ def _catalogue() -> "Mapping[str, Effect]":
 
 
 def _effect(name: str) -> Listed:
-    effect = _catalogue().get(name) or misuse(f"there is no effect {name!r}; {meant(name, _catalogue())}")
+    effect = _catalogue().get(name) or misuse(
+        f"there is no effect {name!r}; {did_you_mean(name, _catalogue())}"
+    )
     places = f"; {' or '.join(f'{name}.{place}' for place in effect.places)}" if effect.places else ""
     lines, parameters = [f"{effect.family}: {effect.title}{places}"], []
     for one in effect.parameters:
@@ -189,7 +191,7 @@ def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
     for kind, one in KINDS.items():
         if text in (kind, one.singular):
             return kind
-    raise click.BadParameter(f"there is no kind {text!r}; {meant(text, KINDS)}", ctx, param)
+    raise click.BadParameter(f"there is no kind {text!r}; {did_you_mean(text, KINDS)}", ctx, param)
 
 
 def _complete_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -288,7 +290,7 @@ def copy_command(
 
             new_specimen(target, name, preloads, drawing, plans, lambda line: click.echo(line, err=True))
         elif not (source := KINDS[kind].known().get(name)):
-            misuse(f"there is no {KINDS[kind].singular} {name!r}; {meant(name, KINDS[kind].known())}")
+            misuse(f"there is no {KINDS[kind].singular} {name!r}; {did_you_mean(name, KINDS[kind].known())}")
         else:
             source = source_of(source)
             copytree(source, target) if source.is_dir() else copyfile(source, target)

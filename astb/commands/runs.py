@@ -9,7 +9,7 @@ import click
 from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_records.checksums import broken_files
 from bench_records.comparison import CheckPair, compare_runs
 from bench_records.index import RunIndex
@@ -319,7 +319,7 @@ def _no_such(index: RunIndex, check: str, specimen: str) -> str:
     if specimen not in serials:
         there = ", ".join(filter(None, serials)) or "none"
         return f"no run in {index.folder} is of a specimen {specimen}; there are {there}"
-    return f"specimen {specimen} has no check {check!r} in such runs; {meant(check, index.names('check'))}"
+    return f"specimen {specimen} has no check {check!r} in such runs; {did_you_mean(check, index.names('check'))}"
 
 
 def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":

@@ -9,7 +9,6 @@ import hashlib
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +18,7 @@ from zipfile import BadZipFile
 from bench_protocol.base_units import BASES, base_exponents, written
 from bench_protocol.extras import lacking
 from bench_protocol.input_limits import Unfit, open_archive
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import UNITS, Unit
 
 #: Types of real numbers and of whole numbers in FMI 2 and 3.
@@ -113,10 +113,8 @@ class Fmu:
             return self.variables[name]
         public = {"input", "output", "parameter"}
         names = [one.name for one in self.variables.values() if one.causality in public]
-        near = get_close_matches(name, self.variables, n=3) or names[:12]
-        raise FmuError(
-            f"{where}: {self.path.name} has no variable {name}; use a name such as {', '.join(near)}"
-        )
+        right = did_you_mean(name, self.variables, did_you_mean(name, names))
+        raise FmuError(f"{where}: {self.path.name} has no variable {name}; {right}")
 
 
 def read_fmu(path: Path) -> Fmu:

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any, ClassVar, Final, Protocol, Self, TypeVar
 
+from bench_protocol.suggestion import did_you_mean
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters.loading import Entry, ParameterError, check_range
@@ -40,11 +40,17 @@ def find_effect(name: str) -> tuple[Effect, int | None]:
     kind, _, place = name.partition(".")
     effect = CATALOGUE.get(kind)
     if effect is None:
-        near = get_close_matches(kind, CATALOGUE, n=1, cutoff=0.5)
-        hint = f"{_names(CATALOGUE[near[0]])} would be one" if near else "`astb list effects` lists them"
-        raise ParameterError(f"{name} is no effect; {hint}")
-    if place not in (effect.places or ("",)):
-        raise ParameterError(f"{name} is no effect; {_names(effect)} would be one")
+        known = [
+            f"{one.name}.{place}" if place else one.name
+            for one in CATALOGUE.values()
+            for place in _places(one)
+        ]
+        raise ParameterError(
+            f"{name} is no effect; {did_you_mean(name, known, '`astb list effects` lists them')}"
+        )
+    if place not in _places(effect):
+        right = did_you_mean(name, [f"{kind}.{one}" if one else kind for one in _places(effect)])
+        raise ParameterError(f"{name} is no effect; {right}")
     return effect, effect.places.index(place) if place else None
 
 
@@ -148,10 +154,8 @@ def _check_names(name: str, effect: Effect, given: Mapping[str, Any]) -> None:
     known = [one.name for one in effect.parameters]
     for key in given:
         if key not in known:
-            near = get_close_matches(key, known, n=1, cutoff=0.5)
-            right = f"{near[0]} would be one" if near else f"it has {', '.join(known)}"
-            raise ParameterError(f"{key} is no parameter of {name}; {right}")
+            raise ParameterError(f"{key} is no parameter of {name}; {did_you_mean(key, known)}")
 
 
-def _names(effect: Effect) -> str:
-    return " or ".join(f"{effect.name}.{place}" for place in effect.places) or effect.name
+def _places(effect: Effect) -> tuple[str, ...]:
+    return effect.places or ("",)

@@ -2,21 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_protocol import input_limits
+from bench_protocol import entries, input_limits
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import WRITTEN_UNITS
-from bench_protocol.words import PROVENANCES
 from bench_sim.model.quantities import Quantity
 
 LOAD: Final = "nominal_preload"
 CROSSTALK: Final = "load_cell_crosstalk"
-_PARTS: Final = {"value", "unit", "source", "provenance", "min", "max"}
+_PARTS: Final = ("value", "min", "max")
 
 
 class ParameterError(ValueError):
@@ -103,22 +102,13 @@ def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
 
 def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
     """Return one parameter as it stands in a file, in SI."""
-    if not isinstance(raw, dict) or set(raw) != _PARTS:
-        given = ", ".join(sorted(raw)) if isinstance(raw, dict) else repr(raw)
-        raise ParameterError(f"{name} needs {', '.join(sorted(_PARTS))}; it has {given}")
-    unit, factor, _ = WRITTEN_UNITS.get(raw["unit"], ("", 0.0, 0.0))
-    if unit != quantity.unit:
-        fitting = ", ".join(known for known, (si, *_) in WRITTEN_UNITS.items() if si == quantity.unit)
-        raise ParameterError(f"{name} = {raw['value']} {raw['unit']} has the wrong unit; {fitting} would fit")
-    if raw["provenance"] not in PROVENANCES:
-        raise ParameterError(
-            f"{name} has provenance {raw['provenance']!r}; it is one of {', '.join(PROVENANCES)}"
-        )
-    if not str(raw["source"]).strip():
-        raise ParameterError(f"{name} has no source")
-    value = shaped(quantity.name, raw["value"], quantity.shape, shown=name) * factor
-    low, high = (np.full(quantity.shape, float(raw[key])) * factor for key in ("min", "max"))
-    entry = Entry(value, low, high, raw["unit"], factor, raw["provenance"], raw["source"])
+    try:
+        given = entries.read_entry(name, raw, quantity.unit, (_PARTS,), WRITTEN_UNITS)
+        low, high = (np.full(quantity.shape, given.si(part)) for part in ("min", "max"))
+    except entries.EntryError as error:
+        raise ParameterError(str(error)) from None
+    value = shaped(quantity.name, raw["value"], quantity.shape, shown=name) * given.factor
+    entry = Entry(value, low, high, given.unit, given.factor, given.provenance, given.source)
     check_range(name, entry)
     return entry
 
@@ -174,7 +164,5 @@ def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> No
 
 
 def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
-    """Return a sentence for a name that nobody knows, with the nearest that somebody does."""
-    near = get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"; {near[0]} would be one" if near else f"; there is {', '.join(known[:8])}"
-    return f"{name} is no {what}{hint}"
+    """Return the error message for an unknown name."""
+    return f"{name} is no {what}; {did_you_mean(name, known)}"

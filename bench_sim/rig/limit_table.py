@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from math import isfinite
 from typing import Any, Final
 
 from bench_protocol.signals import Kind
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS, UNITS
 from bench_protocol.words import LIMIT_KINDS, LimitKind
@@ -49,10 +49,7 @@ def limits_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Limit, ...]:
 def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit | None) -> Limit:
     for key in row:
         if key not in _KEYS:
-            near = get_close_matches(key, _KEYS, n=1)
-            raise ValueError(
-                f"{key} is no key of a limit; {near[0] if near else ', '.join(_KEYS)} would be one"
-            )
+            raise ValueError(f"{key} is no key of a limit; {did_you_mean(key, _KEYS)}")
     if before is None and not {"at", "action"} <= row.keys():
         raise ValueError("it is new, and needs at and action")
     own = TABLE[signal].si
@@ -86,10 +83,7 @@ def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit |
 def _reading(name: object) -> str:
     readings = [signal.name for signal in TABLE.of_kind(Kind.MEASUREMENT)]
     if name not in readings:
-        near = get_close_matches(str(name), readings, n=1)
-        raise ValueError(
-            f"a limit of {name!r}: there is no such reading; {near[0] if near else readings[0]} is one"
-        )
+        raise ValueError(f"a limit of {name!r}: there is no such reading; {did_you_mean(name, readings)}")
     return str(name)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from traceback import extract_tb
 from typing import Final, Protocol, runtime_checkable
 
+from bench_protocol.suggestion import did_you_mean
 from diagnosis.contracts import DiagnosisError, Simulator
 from diagnosis.systems.system import System, SystemSignal
 
@@ -53,10 +53,10 @@ def load_system(name: str, folder: Path) -> System:
         raise _failed(name, error) from error
     factory = getattr(module, attribute, None)
     if not callable(factory):
-        near = get_close_matches(attribute, vars(module), n=1)
+        public = [one for one in vars(module) if not one.startswith("_")]
         raise DiagnosisError(
-            f'simulator "{name}": {module_name} has no class or function {attribute}'
-            + (f"; {near[0]} would be near" if near else "")
+            f'simulator "{name}": {module_name} has no class or function {attribute}; '
+            + did_you_mean(attribute, public)
         )
     try:
         made = factory()

@@ -12,10 +12,10 @@ from typing import Annotated, Final, Literal, Protocol
 import msgspec
 
 from bench_protocol.signals import Signal
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import UNITS, Unit
 from bench_protocol.words import SWITCH
 from drivers.errors import WiringError
-from drivers.wiring.keys import meant
 
 Number = int | float
 
@@ -240,7 +240,7 @@ def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -
     for name, given in choices.items():
         if name not in signal.choices:
             raise WiringError(
-                f"{where}.choices: {name!r} is no choice of {signal.name}; {meant(name, signal.choices)}"
+                f"{where}.choices: {name!r} is no choice of {signal.name}; {did_you_mean(name, signal.choices)}"
             )
         all_given = tuple(float(one) for one in (given if isinstance(given, list) else [given]))
         if not all_given:

@@ -16,6 +16,7 @@ import msgspec
 
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.signals import Kind, Signal
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.wires import Table
 from drivers.errors import WiringError
 from drivers.wiring.astb.keys import KIND
@@ -23,7 +24,7 @@ from drivers.wiring.contract import Capabilities
 from drivers.wiring.conversion import Conversion, Linear, conversion, quantity
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, WiringFile
-from drivers.wiring.keys import AllAtOnce, convert, duration, meant
+from drivers.wiring.keys import AllAtOnce, convert, duration
 from drivers.wiring.lines import PLAYED, Description, PlayerLimits, SettingTarget, Source, Target
 from drivers.wiring.sequences import READ, SequenceReader
 from drivers.wiring.transports import open_all
@@ -204,7 +205,7 @@ class _Reader:
         """Return where the line of a signal stands; WiringError for one that the file must not have."""
         where = f'{self._head}signals."{name}"'
         if name not in self._table.index:
-            raise WiringError(f"{where} is no signal; {meant(name, self._table.index)}")
+            raise WiringError(f"{where} is no signal; {did_you_mean(name, self._table.index)}")
         if name in others:
             raise WiringError(f"{where} is there twice; one line for a signal is right")
         if not self._keys.capabilities.generator and name.startswith(PLAYED):
@@ -321,7 +322,9 @@ class _Reader:
                 f"{key} = {point!r} is no point; right is TRANSPORT.POINT, as in {next(iter(transports))}.…"
             )
         if name not in transports:
-            raise WiringError(f"{key} = {point!r}: there is no transport {name!r}; {meant(name, transports)}")
+            raise WiringError(
+                f"{key} = {point!r}: there is no transport {name!r}; {did_you_mean(name, transports)}"
+            )
         if transports[name].get("kind") == KIND:
             raise WiringError(
                 f"{key} = {point!r}: {name} is of kind {KIND}, and carries signals instead of points; right is no line"

@@ -11,8 +11,8 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
-from drivers.wiring.keys import meant
 
 #: Returns the value of an expression for the values of its names, in their order.
 Combine = Callable[[Sequence[float]], float]
@@ -71,7 +71,9 @@ class _Reader:
                 return lambda values: constant
             case ast.Name(id=name):
                 if name not in self._names:
-                    raise WiringError(f"{self._where}: unknown name {name!r}; {meant(name, self._names)}")
+                    raise WiringError(
+                        f"{self._where}: unknown name {name!r}; {did_you_mean(name, self._names)}"
+                    )
                 place = self._names.index(name)
                 return lambda values: values[place]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:

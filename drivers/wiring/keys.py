@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final, Self, TypeVar, get_args
 
 import msgspec
 
-from bench_protocol import suggestion
 from bench_protocol.misfit import misfit
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 
@@ -64,14 +64,6 @@ class AllAtOnce:
             self._told += [f"{where}{line}" for line in lines]
 
 
-def meant(word: str, words: Iterable[str]) -> str:
-    """Return what to say of a ``word`` that is none of ``words``: the one that was meant, or all of a short list."""
-    known = sorted(words)
-    few = 0 < len(known) <= 12
-    all_of_them = f"there is {', '.join(known)}" if few else f"there are {len(known)} others"
-    return suggestion.meant(word, known, all_of_them)
-
-
 def duration(where: str, text: object) -> float:
     """Return a time like ``"100 ms"`` in s (positive); WiringError, which begins with ``where``, for anything else."""
     found = _DURATION.fullmatch(text.strip()) if isinstance(text, str) else None
@@ -91,7 +83,7 @@ def convert(where: str, table: object, kind: type[T]) -> T:
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
     for key in table:
         if key not in fields:
-            raise WiringError(f"{where}: there is no key {key!r} here; {meant(str(key), fields)}")
+            raise WiringError(f"{where}: there is no key {key!r} here; {did_you_mean(str(key), fields)}")
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
@@ -103,7 +95,7 @@ def convert(where: str, table: object, kind: type[T]) -> T:
         name = ".".join(keys)
         words = _words(fields.get(name))
         if words and isinstance(value, str):
-            raise WiringError(f"{where}: {name} = {value!r}: {meant(value, words)}") from None
+            raise WiringError(f"{where}: {name} = {value!r}: {did_you_mean(value, words)}") from None
         raise WiringError(f"{where}: {misfit(error, table, kind)}") from None
 
 

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol, get_args
 
 from bench_protocol.signals import MEASURED, Kind
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.wires import Table
 from bench_protocol.words import STATES, AirFate
 from drivers.errors import WiringError
 from drivers.wiring.contract import Order, Sequences, Step
 from drivers.wiring.conversion import Choices
 from drivers.wiring.file_keys import StepTable, WiringFile
-from drivers.wiring.keys import AllAtOnce, convert, duration, meant
+from drivers.wiring.keys import AllAtOnce, convert, duration
 from drivers.wiring.lines import Greetings, Source
 from drivers.wiring.written import order_names, plain_number, si_value
 
@@ -94,7 +95,7 @@ class SequenceReader:
 
     def _state(self, where: str, state: str, states: Sequence[str]) -> None:
         if state not in STATES:
-            raise WiringError(f"{where}: {state!r} is no state of a bench; {meant(state, STATES)}")
+            raise WiringError(f"{where}: {state!r} is no state of a bench; {did_you_mean(state, STATES)}")
         if state not in states:
             raise WiringError(
                 f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
@@ -106,7 +107,7 @@ class SequenceReader:
         for fate in _FATES:
             if fate == given:
                 return fate
-        raise WiringError(f"{where}.{state} = {given!r} is none of it; {meant(given, _FATES)}")
+        raise WiringError(f"{where}.{state} = {given!r} is none of it; {did_you_mean(given, _FATES)}")
 
     def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
         steps = []
@@ -149,7 +150,9 @@ class SequenceReader:
         if name not in self._table.index:
             if name.partition(".")[0] not in self._transports:
                 known = [*self._table.index, *(f"{transport}." for transport in self._transports)]
-                raise WiringError(f"{where}: {name!r} is neither a signal nor a point; {meant(name, known)}")
+                raise WiringError(
+                    f"{where}: {name!r} is neither a signal nor a point; {did_you_mean(name, known)}"
+                )
             self._point(where, name, written=True)
             return plain_number(f"{where}.{name}", given)
         signal = self._table[name]

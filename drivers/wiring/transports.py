@@ -8,10 +8,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
 from drivers.wiring.astb.keys import KIND, AstbKeys
 from drivers.wiring.contract import Transport
-from drivers.wiring.keys import AllAtOnce, convert, meant
+from drivers.wiring.keys import AllAtOnce, convert
 from drivers.wiring.points import Points
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def open_transport(
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
-        guess = f" {meant(kind, KINDS)};" if isinstance(kind, str) else ""
+        guess = f" {did_you_mean(kind, KINDS)};" if isinstance(kind, str) else ""
         raise WiringError(
             f"transports.{name}: kind = {kind!r} is no transport;{guess} it is one of {', '.join(KINDS)}, or one of "
             'your own as "package.module:factory" or "file.py:factory"'
@@ -109,7 +110,7 @@ def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
     listed = table.get("points")
     if table.get("kind") in _LISTING and isinstance(listed, Mapping) and name not in listed:
         raise WiringError(
-            f"{key} = {point!r}: transports.{transport} has no point {name!r}; {meant(name, listed)}"
+            f"{key} = {point!r}: transports.{transport} has no point {name!r}; {did_you_mean(name, listed)}"
         )
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
 from drivers.wiring.expression import Combine
-from drivers.wiring.keys import meant
 
 
 def functions_file(where: str, name: str, directory: Path) -> Path | None:
@@ -45,7 +45,7 @@ def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
     """Return the function ``name`` of the file ``path``; WiringError, which begins with ``where``."""
     own = _own(_load(f"{where} = {name!r}", path))
     if name not in own:
-        raise WiringError(f"{where} = {name!r} is no function of {path.name}; {meant(name, own)}")
+        raise WiringError(f"{where} = {name!r} is no function of {path.name}; {did_you_mean(name, own)}")
     return own[name]
 
 

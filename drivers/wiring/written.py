@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench_protocol.signals import Signal
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
 from drivers.wiring.conversion import quantity
-from drivers.wiring.keys import meant
 
 
 def si_value(where: str, signal: Signal, given: object) -> float:
@@ -17,7 +17,7 @@ def si_value(where: str, signal: Signal, given: object) -> float:
     if isinstance(given, str) and signal.choices:
         if given not in signal.choices:
             raise WiringError(
-                f"{where} = {given!r} is no choice of {signal.name}; {meant(given, signal.choices)}"
+                f"{where} = {given!r} is no choice of {signal.name}; {did_you_mean(given, signal.choices)}"
             )
         return float(signal.choices.index(given))
     if isinstance(given, str):

@@ -91,7 +91,7 @@ def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
         (["--from", "{kept}@40s", "--effect", "leek.left=1mm2"], "leek.left is no effect; leak.left"),
         (["--from", "{kept}@40s", "--effect", "leak.left"], "leak.left=0.2mm2 would be right"),
         (["--from", "{kept}@40s", "--effect", "leak.left=1m2"], "leak.left: area = 1e+06 mm2 is outside"),
-        (["--from", "{kept}@40s", "--change", "bellows_volum=20l"], "bellows_volume would be one"),
+        (["--from", "{kept}@40s", "--change", "bellows_volum=20l"], "did you mean 'bellows_volume'?"),
         (
             ["--from", "{kept}@40s", "--change", "bellows_volume=9m3"],
             "= 9000 litre is outside 5 to 200 litre",

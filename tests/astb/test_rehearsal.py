@@ -15,7 +15,7 @@ from astb.rehearsal.page import PAGE, sentence, write_page
 from astb.rehearsal.rehearsing import Rehearsal, rehearse
 from astb.rig_file import RigFile, Simulation, read
 from astb.session import open_session
-from bench_protocol.named_files import named_files
+from bench_protocol.named_files import label, named_files
 from bench_protocol.units import Hz, mm, s
 from bench_records.record import read as read_record
 from bench_records.result import Outcome
@@ -58,7 +58,7 @@ def test_a_rehearsal_has_the_instruments_of_its_rig(tmp_path):
     ordinary = named_files("instruments")["local"]
     (tmp_path / "ours.toml").write_text(ordinary.read_text(encoding="utf-8"), encoding="utf-8")
     rehearse(looks, msgspec.structs.replace(virtual(), instruments="ours.toml"), tmp_path / "rig", tmp_path)
-    assert files == [ordinary.name, "ours.toml"]
+    assert files == [label(ordinary), "ours.toml"]
 
 
 def run(directory, amplitude, rig):

@@ -15,7 +15,7 @@ INSIDE_FUNCTIONS = {
     "astb": 134,
     "astb_studies": 42,
     "bench_protocol": 4,
-    "bench_records": 97,
+    "bench_records": 96,
     "bench_sim": 4,
     "diagnosis": 9,
     "drivers": 21,

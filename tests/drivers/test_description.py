@@ -231,7 +231,7 @@ height = { from = "plc.h", unit = "mm" }
 -> from has 2 points: a value or a function must make one of them
 
 "lateral.force" = { from = ["plc.f1", "plc.f2"], value = "f1 + f3", unit = "kN" }
--> "lateral.force".value = 'f1 + f3': unknown name 'f3'; there is f1, f2
+-> "lateral.force".value = 'f1 + f3': unknown name 'f3'; there are f1, f2
 
 "lateral.force" = { from = "plc.f1", value = "f1.real", unit = "kN" }
 -> 'f1.real' is not allowed here; right are numbers, names, + - * /

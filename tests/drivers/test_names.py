@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from bench_protocol.suggestion import meant
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
 
 
@@ -36,6 +36,6 @@ def test_a_device_can_be_copied_and_asked_for_what_it_lacks(bench):
 
 
 def test_all_names_are_told_where_none_is_near():
-    assert meant("height", ["hight", "force"]) == "did you mean 'hight'?"
-    assert meant("height", ["force", "axis"]) == "there are force, axis"
-    assert meant("height", ["force", "axis"], "ask elsewhere") == "ask elsewhere"
+    assert did_you_mean("height", ["hight", "force"]) == "did you mean 'hight'?"
+    assert did_you_mean("height", ["force", "axis"]) == "there are force, axis"
+    assert did_you_mean("height", ["force", "axis"], "ask elsewhere") == "ask elsewhere"

@@ -83,7 +83,7 @@ def test_the_frames_of_rig_b_over_can():
     virtual = VirtualHall()
     description = read_description(wiring_file("hall_b"), TABLE)
     table, functions = description.transports["bus"], description.functions
-    transport = open_transport("bus", table, HERE, functions=functions, port=virtual.port)
+    transport = open_transport("bus", table, HERE / "hall_b", functions=functions, port=virtual.port)
     heard, times = {}, []
 
     def receive(time, points):

@@ -93,8 +93,8 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
         (
             {r'provenance = "data sheet"': 'provenance = "hearsay"', "value = 1200.0": 'value = "heavy"'},
             [
-                "needs a provenance, one of measured, data sheet, assumed",
-                "bolster_mass.value = 'heavy' is no number",
+                "provenance = 'hearsay'; use one of measured, data sheet, assumed",
+                "bolster_mass.value = 'heavy' is not a number",
             ],
         ),
     ],

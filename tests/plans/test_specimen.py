@@ -83,7 +83,7 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
         (
             "low = -6.0, high = 6.0",
             "low = 7.0, high = 6.0",
-            "limits.rest_height.low = 7 mm lies above high = 6 mm",
+            "limits.rest_height.low = 7 mm is above high = 6 mm",
         ),
         (
             "expected = 387.0, tolerance = 0.08",
@@ -98,19 +98,19 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
         (
             "rest_height =",
             "rest_hight =",
-            "limits.rest_hight is no key of a specimen; rest_height would be one",
+            "limits.rest_hight is no key of a specimen; did you mean 'rest_height'?",
         ),
         (
             "bellows_volume =",
             "bellows_volumes =",
-            "properties.bellows_volumes is no key of a specimen; bellows_volume",
+            "properties.bellows_volumes is no key of a specimen; did you mean 'bellows_volume'",
         ),
         ('serial_number = "virtual"', "", "the key serial_number is missing"),
         ('serial_number = "virtual"', 'serial_number = ""', "serial_number = '' is no text"),
         (
             'provenance = "data sheet"',
             'provenance = "hearsay"',
-            "provenance = 'hearsay'; it is one of measured, data",
+            "provenance = 'hearsay'; use one of measured, data",
         ),
         ('source = "at design height"', 'source = " "', "properties.bellows_volume.source is empty"),
         ('type = "', "type = ", "is not TOML"),

@@ -297,7 +297,7 @@ offset = {{ value = 2.0, unit = "{unit}", provenance = "data sheet", source = "x
         (('instrument = "laser"', 'instrument = "lazer"'), "did you mean 'laser'?"),
         (("offset", "ofset"), "instrument.laser.ofset is no key"),
         (("value = 0.05", "value = -0.05"), "is no half-width"),
-        (('source = "x"', 'source = " "'), "needs a provenance"),
+        (('source = "x"', 'source = " "'), "source is empty"),
         (("due = 2027-02-03", 'due = "2027-02-03"'), "is no day"),
         (("due = 2027-02-03", "due = 2027-02-03T12:00:00"), "is no day"),
         (("[signal]", "[[signal]]"), "signal = [{'left.height': "),

@@ -162,14 +162,17 @@ def test_what_is_short_does_not_trip_and_what_does_not_latch_comes_back(limited)
 @pytest.mark.parametrize(
     ("row", "words"),
     [
-        ({"signal": "left.heigth", "kind": "upper"}, "no such reading; left.height is one"),
+        ({"signal": "left.heigth", "kind": "upper"}, "no such reading; did you mean 'left.height'"),
         ({"signal": "left.height", "kind": "above"}, "'above' is not one of lower, upper, error"),
         (
             {"signal": "left.height", "kind": "upper", "at": "5 bar"},
             "at = '5 bar' must be a number with its unit",
         ),
         ({"signal": "left.height", "kind": "upper", "at": "nan mm"}, "must be a number"),
-        ({"signal": "left.height", "kind": "upper", "atm": 3}, "atm is no key of a limit; at would be one"),
+        (
+            {"signal": "left.height", "kind": "upper", "atm": 3},
+            "atm is no key of a limit; did you mean 'at'?",
+        ),
         ({"signal": "left.height", "kind": "upper", "action": "off"}, "'off' is not one of none, indicate"),
         ({"signal": "left.height", "kind": "rate", "at": "1 m/s"}, "it is new, and needs at and action"),
         ({"signal": "left.height", "kind": "upper", "persistence": "-1 s"}, "must not be negative"),

@@ -155,8 +155,8 @@ def test_a_can_interface_that_is_not_there_is_named(cli, rig_file):
 BAD_FILES = {
     "name = ": "is not TOML: line 1, name =: no value; a number",
     'description = "no name"': "the key name is missing",
-    'name = "x"\n[simulaton]': "simulaton is no key of a rig file; simulation would be one",
-    'name = "x"\n[can]\nprot = 1\n[simulation]': "can.prot is no key of a rig file; port would be one",
+    'name = "x"\n[simulaton]': "simulaton is no key of a rig file; did you mean 'simulation'?",
+    'name = "x"\n[can]\nprot = 1\n[simulation]': "can.prot is no key of a rig file; did you mean 'port'?",
     "name = 3\n[simulation]": "name = 3; a text would be right",
     'name = "x"\ncan = 3': "can = 3; a table of keys would be right",
     'name = "x"\n[can]\nport = 70000\n[simulation]': "can.port = 70000; a whole number <= 65535 would be right",
@@ -179,7 +179,7 @@ BAD_CHANGES = {
     'sensor_lag = "1 ms"': "sensor_lag = '1 ms' is not a table by sensor, such as { left_height =",
     'orifice_diameter = "900 mm"': "orifice_diameter[0] = 900 mm is outside 1 to 100 mm",
     'orifice_diameter = "nan mm"': "orifice_diameter[0] = nan mm is outside 1 to 100 mm",
-    'orifice_diamter = "18 mm"': "orifice_diamter is no parameter; orifice_diameter would be one",
+    'orifice_diamter = "18 mm"': "orifice_diamter is no parameter; did you mean 'orifice_diameter'?",
     'dpv_reclosing = "2 bar"': "dpv_reclosing = 200000.0 exceeds dpv_opening = 120000.0 (SI)",
 }
 BAD_ARGUMENTS = {
@@ -187,7 +187,7 @@ BAD_ARGUMENTS = {
     "run": "Missing argument 'PLAN...'",
     "run aw9 --virtual": "there is no plan 'aw9'; did you mean 'aw3'?",
     "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; --rig",
-    "run aw0 --virtual --rig .": "rig file . is no ordinary file",
+    "run aw0 --virtual --rig .": "there is no rig '.'",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
     "run aw0 --specimen nobody": "there is astb, and any path that ends in .toml would do",
     "list specimens nobody": "specimen nobody cannot be read",

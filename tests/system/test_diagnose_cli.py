@@ -101,7 +101,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         (f"{ON_A_RIG} --model nosuch", "nosuch"),
         (
             f"{ON_A_RIG} --effect leek.left=1mm2",
-            "leek.left is no effect; leak.left or leak.right would be one",
+            "leek.left is no effect; did you mean 'leak.",
         ),
         (f"{ON_A_RIG} --effect leak.left", "leak.left has no value"),
         (f"{ON_A_RIG} --sealed nofile.toml", "nofile.toml"),
@@ -416,7 +416,7 @@ def test_causes_are_chosen_by_name_with_or_without_their_place():
     assert chosen_effects(None, simulator) is None
     assert chosen_effects("leak, maxwell", simulator) == ("leak.left", "leak.right", "maxwell")
     assert chosen_effects("leak.right,leak.right", simulator) == ("leak.right",)
-    with pytest.raises(DiagnosisError, match="'maxwel' is no effect of it; maxwell would be one"):
+    with pytest.raises(DiagnosisError, match="'maxwel' is no effect of it; did you mean 'maxwell'"):
         chosen_effects("leak,maxwel", simulator)
     with pytest.raises(DiagnosisError, match=r"there are leak\.left, leak\.right, maxwell"):
         chosen_effects("", simulator)

@@ -157,8 +157,8 @@ def test_the_list_of_effects_names_every_one(cli):
 
 BAD_OPTIONS = {
     "--effect leak.left": "--effect leak.left has no value; write NAME=VALUE, such as leak.left=0.2mm2",
-    "--effect leek.left=1mm2": "leek.left is no effect; leak.left or leak.right would be one",
-    "--effect leak=1mm2": "leak is no effect; leak.left or leak.right would be one",
+    "--effect leek.left=1mm2": "leek.left is no effect; did you mean 'leak.",
+    "--effect leak=1mm2": "leak is no effect; did you mean 'leak.",
     "--effect leak.left=1bar": "leak.left: area = '1bar' is not in m2 or mm2 or cm2",
     "--effect leak.left=900mm2": "leak.left: area = 900 mm2 is outside 0 mm2 to 20 mm2",
     "--effect heat=1% --effect heat=2%": "--effect heat is given twice",
@@ -190,8 +190,8 @@ def test_bad_options_are_refused_in_words(cli, tmp_path, command, options, reaso
     [
         ('"leak.left" = "1 bar"', "leak.left: area = '1 bar' is not in m2"),
         ('"leak.left" = 1', "leak.left: area = '1' is not in m2"),
-        ('leek = "1 mm2"', "leek is no effect; leak.left or leak.right would be one"),
-        ('leak = { left = "1 mm2" }', "leak is no effect; leak.left or leak.right would be one"),
+        ('leek = "1 mm2"', "leek is no effect; did you mean 'leak."),
+        ('leak = { left = "1 mm2" }', "leak is no effect; did you mean 'leak."),
     ],
 )
 def test_bad_effects_in_a_rig_file_are_refused_in_words(cli, tmp_path, table, reason):

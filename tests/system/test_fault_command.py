@@ -101,8 +101,8 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
 @pytest.mark.parametrize(
     ("name", "given", "said"),
     [
-        ("dorp", "", "dorp is no fault; drop would be one"),
-        ("drop", "probabilty=5%", "probabilty is no parameter of drop; probability would be one"),
+        ("dorp", "", "dorp is no fault; did you mean 'drop'?"),
+        ("drop", "probabilty=5%", "probabilty is no parameter of drop; did you mean 'probability'?"),
         ("drop", "probability=500%", "drop: probability = 500% is outside 0.01 to 100 %"),
         ("drop", "probability=5", "drop: probability = 5 is outside 0.01 to 100 %"),
         ("drop", "probability=5mm", "drop: probability = '5mm' is not in 1 or % or ppm"),
@@ -114,7 +114,7 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
         (
             "bias",
             "sensor=left.hight value=1mm",
-            "bias: sensor = left.hight is none; left.height would be one",
+            "bias: sensor = left.hight is none; did you mean 'left.height'?",
         ),
         ("drift", "sensor=left.height value=1mm", "drift: value = '1mm' is not in m/s or mm/s"),
         ("leak", "side=left for=soon", "for = 'soon' is not a number with its unit"),
@@ -136,11 +136,11 @@ def test_what_is_not_on_cannot_be_switched_off(sound_rig):
         return json.loads(sound_rig.order(json.dumps({"do": "off", "name": name}).encode()))["error"]
 
     assert off("leak") == "leak is not on; no fault is on"
-    assert off("lake") == "lake is no fault; leak would be one"
+    assert off("lake") == "lake is no fault; did you mean 'leak'?"
 
 
 def test_misuse_of_the_command_has_its_exit_code(fault, cli):
-    assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is no fault; drop would be one\n")
+    assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is no fault; did you mean 'drop'?\n")
     said = "astb: probability has no value; write KEY=VALUE, such as area=2mm2\n"
     assert fault("on", "drop", "probability") == (MISUSE, "", said)
     assert cli("rig", "fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
@@ -290,7 +290,7 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
 @pytest.mark.parametrize(
     ("faults", "said"),
     [
-        ('name = "dorp"', "dorp is no fault; drop would be one"),
+        ('name = "dorp"', "dorp is no fault; did you mean 'drop'?"),
         ('name = "drop"\nat = "soon"', "at = 'soon' is not a number with its unit"),
         ('name = "drop"\nfor = "0 s"', "for = 0 s is outside 0.001 to 86400 s"),
         ('name = "drop"\nvalues = { seed = "x" }', "drop: seed = 'x' is not a number"),

@@ -1,8 +1,8 @@
 """The catalogue of faults: everything that can be broken on purpose, by name."""
 
-from difflib import get_close_matches
 from typing import Final
 
+from bench_protocol.suggestion import did_you_mean
 from bench_sim.rig.faults import bus, modbus, plant, sensors, whole_rig
 from bench_sim.rig.faults.fault import Fault, FaultError
 
@@ -16,6 +16,4 @@ def find_fault(name: str) -> Fault:
     """Return the fault called ``name``; FaultError, which says what there is, where there is none."""
     if name in FAULTS:
         return FAULTS[name]
-    near = get_close_matches(name, FAULTS, n=1, cutoff=0.5)
-    right = f"{near[0]} would be one" if near else "`astb rig fault list` lists them"
-    raise FaultError(f"{name} is no fault; {right}")
+    raise FaultError(f"{name} is no fault; {did_you_mean(name, FAULTS, '`astb rig fault list` lists them')}")

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, Final
 
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
 from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.parameters.loading import ParameterError
@@ -127,9 +127,7 @@ class FaultChoice:
         del sensor
         if str(text) in self.choices:
             return str(text)
-        near = get_close_matches(str(text), self.choices, n=1)
-        right = f"{near[0]} would be one" if near else f"there are {', '.join(self.choices)}"
-        raise FaultError(f"{self.name} = {text} is none; {right}")
+        raise FaultError(f"{self.name} = {text} is none; {did_you_mean(text, self.choices)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +151,7 @@ class Fault:
         known = {one.name: one for one in self.parameters}
         for key in given:
             if key not in known:
-                near = get_close_matches(key, known, n=1)
-                right = f"{near[0]} would be one" if near else f"it has {', '.join(known) or 'none'}"
-                raise FaultError(f"{key} is no parameter of {self.name}; {right}")
+                raise FaultError(f"{key} is no parameter of {self.name}; {did_you_mean(key, known)}")
         values: dict[str, Any] = {}
         try:
             for one in self.parameters:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from msgspec.structs import replace as with_keys
 
 from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import ATMOSPHERE, UNITS, WRITTEN_UNITS
 from bench_protocol.words import SIDES
 from bench_protocol.written_values import NotAValue, read_written
@@ -225,8 +225,7 @@ def _link(
     """Return the link of one line of the map."""
     where = f"spring_map.{kind}.{name}"
     if name not in known:
-        near = get_close_matches(name, known, n=1) or known
-        raise FmuError(f"{where}: the bench has no such quantity; use {' or '.join(near)}")
+        raise FmuError(f"{where}: the bench has no such quantity; {did_you_mean(name, known)}")
     si, place = known[name]
     given = VariableKeys(entry) if isinstance(entry, str) else entry
     variable = fmu.variable(given.variable, where)

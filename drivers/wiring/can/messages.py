@@ -18,13 +18,14 @@ from cantools.database.conversion import BaseConversion
 from bench_protocol.dbc import DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.frames import EXTENDED_ID_MAX, LENGTH_MAX, STANDARD_ID_MAX
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import ms
 from drivers.can_fd import FD_LENGTH_MAX
 from drivers.errors import WiringError
 from drivers.wiring.can.keys import DBC_SAYS, CommonKeys, MessageKeys, SignalKeys
 from drivers.wiring.can.message import Message
 from drivers.wiring.can.protection import E2E_COUNTER_PERIOD, ChecksumKeys, checksum
-from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.keys import convert, duration
 
 _ALL: Final = "*"
 _OTHERWISE: Final = "another DBC, or id and points here, would be right"
@@ -65,8 +66,8 @@ def read_messages(
             )
         elif name not in codings:
             raise WiringError(
-                f"{where}.messages.{name}: no message of this name{_in_dbc(table)}; {meant(name, codings)}. Without a "
-                "DBC it needs its id"
+                f"{where}.messages.{name}: no message of this name{_in_dbc(table)}; {did_you_mean(name, codings)}. "
+                "Without a DBC it needs its id"
             )
     _check_points(where, table, points, codings)
     refused = _same_identifiers(where, codings, described)
@@ -102,7 +103,7 @@ def _check_common(where: str, common: CommonKeys, codings: Mapping[str, Coding])
     names = {signal.name for coding in codings.values() for signal in coding.signals}
     for name in (common.counter, (common.checksum or {}).get("signal")):
         if name is not None and name not in names:
-            raise WiringError(f"{where}: no message has a signal {name!r}; {meant(name, names)}")
+            raise WiringError(f"{where}: no message has a signal {name!r}; {did_you_mean(name, names)}")
 
 
 def _with_common(keys: MessageKeys, common: CommonKeys, coding: Coding) -> MessageKeys:
@@ -189,13 +190,13 @@ def _check_points(
         if message not in codings:
             raise WiringError(
                 f"{where}.points: {message}.{next(iter(signals))}: no message {message!r}{_in_dbc(table)}; "
-                f"{meant(message, codings)}. Without a DBC, messages.{message} needs its id"
+                f"{did_you_mean(message, codings)}. Without a DBC, messages.{message} needs its id"
             )
         names = [signal.name for signal in codings[message].signals]
         for signal, one in signals.items():
             if signal not in names:
                 raise WiringError(
-                    f"{where}.points: {message} has no signal {signal!r}; {meant(signal, names)}"
+                    f"{where}.points: {message} has no signal {signal!r}; {did_you_mean(signal, names)}"
                 )
             said = [key for key in sorted(DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
             if said:
@@ -332,7 +333,7 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
 
 def _known(where: str, signal: str, names: Iterable[str]) -> None:
     if signal not in names:
-        raise WiringError(f"{where}: there is no signal {signal!r}; {meant(signal, names)}")
+        raise WiringError(f"{where}: there is no signal {signal!r}; {did_you_mean(signal, names)}")
 
 
 def _limits(signal: Signal) -> tuple[float, float]:

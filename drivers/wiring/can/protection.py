@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 
 from bench_protocol.e2e import crc_of
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
-from drivers.wiring.keys import meant
 from drivers.wiring.user_functions import find_function
 
 #: Returns the checksum of a frame: its identifier, and its data with the checksum's own bits 0.
@@ -36,7 +36,7 @@ def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | N
     """Return what computes the checksum; WiringError for a scheme that nobody knows."""
     scheme, _, name = keys.scheme.partition(":")
     if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
-        raise WiringError(f"{where}: scheme = {keys.scheme!r} is none; {meant(keys.scheme, SCHEMES)}")
+        raise WiringError(f"{where}: scheme = {keys.scheme!r} is none; {did_you_mean(keys.scheme, SCHEMES)}")
     if (scheme == "e2e_p1") != (keys.data_id is not None):
         raise WiringError(
             f"{where}: e2e_p1 needs its data_id, 0 to 0xFFFF"

@@ -60,6 +60,7 @@ import numpy as np
 from bench_protocol import j1939
 from bench_protocol.clock import Clock, VirtualClock
 from bench_protocol.frames import LENGTH_MAX, frame, join, payload
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import NS, ms
 from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.can_port import open_bus, open_can
@@ -70,7 +71,7 @@ from drivers.wiring.can.message import Message
 from drivers.wiring.can.messages import read_messages
 from drivers.wiring.can.reception import Reception
 from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp
-from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.keys import convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ class CanTransport:
             raise WiringError(f'{place}: burst_begins needs how long a burst lasts at most: burst = "5 ms"')
         if first not in self._messages:
             raise WiringError(
-                f"{place}: burst_begins = {first!r} is no message; {meant(first, self._messages)}"
+                f"{place}: burst_begins = {first!r} is no message; {did_you_mean(first, self._messages)}"
             )
         if first in self._ours:
             raise WiringError(
@@ -143,7 +144,9 @@ class CanTransport:
     def _check_node(self, place: str, node: str) -> None:
         nodes = {sender for one in self._messages.values() for sender in one.coding.senders}
         if node not in nodes:
-            raise WiringError(f"{place}: node = {node!r} sends nothing in the DBC; {meant(node, nodes)}")
+            raise WiringError(
+                f"{place}: node = {node!r} sends nothing in the DBC; {did_you_mean(node, nodes)}"
+            )
         for name in sorted(self._ours):
             if node not in self._messages[name].coding.senders:
                 senders = ", ".join(self._messages[name].coding.senders)
@@ -216,11 +219,11 @@ class CanTransport:
         message = self._messages.get(head)
         if message is None:
             raise WiringError(
-                f"transports.{self.name} has no message for {name!r}; {meant(head, self._messages)}"
+                f"transports.{self.name} has no message for {name!r}; {did_you_mean(head, self._messages)}"
             )
         if signal not in message.limits:
             raise WiringError(
-                f"transports.{self.name}: {head} has no signal {signal!r}; {meant(signal, message.limits)}"
+                f"transports.{self.name}: {head} has no signal {signal!r}; {did_you_mean(signal, message.limits)}"
             )
         return message, signal
 

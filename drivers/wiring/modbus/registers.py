@@ -14,8 +14,9 @@ import msgspec
 from msgspec import Meta
 
 from bench_protocol.modbus import BITS_READ_MAX, REGISTERS_READ_MAX
+from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
-from drivers.wiring.keys import AllAtOnce, convert, meant
+from drivers.wiring.keys import AllAtOnce, convert
 
 TableName = Literal["input", "holding", "coil", "discrete"]
 TypeName = Literal[
@@ -198,7 +199,7 @@ def _named(
     point = _point(place, name, convert(place, table, PointKeys), word_order, byte_order)
     if point.group and point.group not in groups:
         raise WiringError(
-            f"{place}: group = {point.group!r} is not among [groups]; {meant(point.group, groups)}"
+            f"{place}: group = {point.group!r} is not among [groups]; {did_you_mean(point.group, groups)}"
         )
     return point
 

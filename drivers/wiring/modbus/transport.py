@@ -64,10 +64,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.clock import Clock
 from bench_protocol.modbus import MEANING
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
-from drivers.wiring.keys import AliveKeys, convert, duration, meant
+from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.modbus.keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
 from drivers.wiring.modbus.limits import explained
@@ -176,7 +177,9 @@ class ModbusTransport:
         """WiringError unless there is a point of that name, and it is in a table that can be written if it is to be."""
         point = self._points.get(name)
         if point is None:
-            raise WiringError(f"transports.{self.name} has no point {name!r}; {meant(name, self._points)}")
+            raise WiringError(
+                f"transports.{self.name} has no point {name!r}; {did_you_mean(name, self._points)}"
+            )
         if writable and (not point.writable or point.type == "string"):
             raise WiringError(
                 f"transports.{self.name}: {name} is a {point.type} in the table {point.table!r}, which cannot be "

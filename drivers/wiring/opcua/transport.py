@@ -40,11 +40,12 @@ import msgspec
 
 from bench_protocol.clock import Clock
 from bench_protocol.extras import installed, lacking
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.event_loop import EventLoop
-from drivers.wiring.keys import AliveKeys, convert, duration, meant
+from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.opcua.reports import Reports
 from drivers.wiring.opcua.values import NEVER, NodeKeys, said_of
@@ -145,7 +146,9 @@ class OpcUaTransport:
         """WiringError unless there is a point of that name; whether it can be written only the server knows."""
         del writable
         if name not in self._points:
-            raise WiringError(f"transports.{self.name} has no point {name!r}; {meant(name, self._points)}")
+            raise WiringError(
+                f"transports.{self.name} has no point {name!r}; {did_you_mean(name, self._points)}"
+            )
 
     def stale(self, name: str) -> float:
         """Return after how long without news (s) a point is stale; 0 if it is read when asked."""

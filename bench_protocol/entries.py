@@ -1,0 +1,89 @@
+"""Entries of the files of rigs, specimens and models: a value with its unit, provenance and source."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Final
+
+from bench_protocol.suggestion import did_you_mean
+from bench_protocol.units import UNITS, Unit
+from bench_protocol.words import PROVENANCES
+
+_ORIGIN: Final = ("unit", "provenance", "source")
+VALUE: Final = ("value",)
+
+
+class EntryError(ValueError):
+    """An entry is wrong. The message has its key, its value with the unit, and the remedy, but not the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileEntry:
+    """One entry as it is in the file; ``factor`` converts its numbers to SI."""
+
+    key: str
+    parts: Mapping[str, Any]
+    unit: str
+    factor: float
+    provenance: str
+    source: str
+
+    def si(self, part: str = "value") -> float:
+        """Return a part that must be a number, in SI."""
+        return number(f"{self.key}.{part}", self.parts[part]) * self.factor
+
+
+def read_entry(
+    key: str,
+    raw: Any,
+    si: str | None,
+    shapes: Collection[Sequence[str]] = (VALUE,),
+    units: Mapping[str, Unit] = UNITS,
+) -> FileEntry:
+    """Return an entry in a unit of ``si`` that has, beside unit and origin, the parts of one of the ``shapes``.
+
+    Without ``si`` any unit fits. EntryError for everything else.
+    """
+    parts = as_table(key, raw)
+    if set(parts) - {*_ORIGIN} not in [set(shape) for shape in shapes] or not set(_ORIGIN) <= set(parts):
+        right = " or ".join(", ".join(shape) for shape in shapes)
+        raise EntryError(
+            f"{key} has {', '.join(parts) or 'no keys'}; it needs {right}, and {', '.join(_ORIGIN)}"
+        )
+    unit = units.get(str(parts["unit"]))
+    if unit is None or unit.si != (si or unit.si):
+        value = next(one for part, one in parts.items() if part not in _ORIGIN)
+        if si is None:
+            raise EntryError(
+                f"{key} is in {parts['unit']!r}, which is no unit; {did_you_mean(parts['unit'], units)}"
+            )
+        fitting = " or ".join(name for name, known in units.items() if known.si == si)
+        raise EntryError(f"{key} = {value} {parts['unit']} is not in {fitting}")
+    if parts["provenance"] not in PROVENANCES:
+        raise EntryError(f"{key}.provenance = {parts['provenance']!r}; use one of {', '.join(PROVENANCES)}")
+    if not str(parts["source"]).strip():
+        raise EntryError(f"{key}.source is empty; state where the value comes from")
+    return FileEntry(key, parts, str(parts["unit"]), unit.factor, parts["provenance"], str(parts["source"]))
+
+
+def number(key: str, value: Any) -> float:
+    """Return a value that must be a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise EntryError(f"{key} = {value!r} is not a number; write one, without its unit")
+    return float(value)
+
+
+def as_table(key: str, value: Any) -> Mapping[str, Any]:
+    """Return a value that must be a table."""
+    if not isinstance(value, dict):
+        raise EntryError(f"{key} = {value!r} is not a table; write its keys as [{key}] or in {{ }}")
+    return value
+
+
+def refuse_unknown(where: str, keys: Mapping[str, Any], known: Collection[str], what: str) -> None:
+    """Refuse a key of a table ``where`` that is not ``known``; ``what`` is the kind of file."""
+    for key in keys:
+        if key not in known:
+            raise EntryError(f"{where}{key} is no key of {what}; {did_you_mean(key, known)}")
