@@ -87,6 +87,8 @@ LATE_BY: Final = 0.5 * ms
 #: The track's motion overcomes friction, and the roll by unequal preload grows by a part of it: how much, and how well
 #: that is known, if the bolster leans into the wind and if it leans with it.
 GIVEN_BACK: Final = {True: (0.11, 0.04), False: (0.07, 0.07)}
+#: Of a larger roll it is not known: the springs of the full car creep.
+GIVEN_BACK_TO: Final = 20 * mrad
 RELEASED: Final = "roll that friction gives back"
 #: Every how many samples is kept of a loop.
 KEPT: Final = 10
@@ -402,6 +404,10 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
     if other := unlike(run):
         run.lack([ROLLED], other)
+    elif abs(rolled) > GIVEN_BACK_TO:
+        run.lack(
+            [ROLLED], f"the roll is {rolled / mrad:g} mrad; it is judged up to {GIVEN_BACK_TO / mrad:g} mrad"
+        )
     else:
         band = load.limits.band(ROLL_STIFFNESS, "kN*m/rad")
         more = beyond * _roll_by_pressure(run.specimen)
