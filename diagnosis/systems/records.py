@@ -42,8 +42,6 @@ from diagnosis.systems.motion import (
 from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_rounded
 
 REPLAY: Final = "replay "
-#: What is replayed: stretches of a programme, and wind, track and roll at once, which begins with a rest as well.
-REPLAYED: Final = (REPLAY, "wind and track")
 CONDITION: Final = "condition"
 REST: Final = "rest"
 #: Sampling interval of what travels on CAN at its full rate.
@@ -80,7 +78,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
         elif not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
-                "plans `screening`, `identification` and `crosswind_and_track_…` make such records"
+                "plans `screening` and `identification` make such records"
             )
         runs += [(Path(directory), run) for run in found]
     if not runs:
@@ -126,7 +124,7 @@ def run_between(
 
 
 def _phases(record: Record) -> Iterable[Phase]:
-    return (phase for phase in record.phases if phase.name.startswith(REPLAYED))
+    return (phase for phase in record.phases if phase.name.startswith(REPLAY))
 
 
 def _sines(record: Record) -> Phase | None:
