@@ -284,7 +284,7 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
     assert not path.exists()
     code, out, err = cli("rig", "fault", "list", "--rig", LOCAL, "--modbus-port", rig.modbus_port)
     assert (code, out) == (BLOCKED, "")
-    assert err.startswith(f"astb: no rig listens at {path}; ")
+    assert err.startswith(f"astb: no rig answers at {path}; ")
 
 
 @pytest.mark.parametrize(
