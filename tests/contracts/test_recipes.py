@@ -22,7 +22,7 @@ OF_THE_TABLE = {
         for name in ("astb.dbc", "astb.eds", "kept_map.csv", "modbus_map.csv")
     ),
     *(f"docs/reference/{name}.md" for name in ("signals", "canopen")),
-    "instruments/astb.toml",
+    "astb/data/rigs/local/instruments.toml",
 }
 OF_THE_EFFECTS = {
     *(f"docs/reference/{name}.md" for name in ("effects", "parameters")),
