@@ -1,4 +1,4 @@
-"""What somebody wrote that does not fit, in words: the key, its value and what would be right."""
+"""Error texts for a content that does not fit its schema: the key, its value and a valid one."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _KINDS: Final = {
     "object": "a table of keys",
 }
 T = TypeVar("T")
-#: So many errors are reported at once.
+#: Number of errors that are reported at once.
 _MOST: Final = 50
 _STEP: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|\[(\.\.\.)\]")
 
 
 class Misfits(ValueError):
-    """Everything in which a content does not fit, in words: ``texts``."""
+    """All errors of a content, as ``texts``."""
 
     def __init__(self, texts: Sequence[str]) -> None:
         super().__init__("\n".join(texts))
@@ -35,9 +35,9 @@ class Misfits(ValueError):
 
 
 def converted(content: Any, kind: type[T]) -> T:
-    """Return tables as a ``kind``, as `msgspec.convert` does. `Misfits` for what does not fit, all of it at once.
+    """Convert tables to a ``kind``, as `msgspec.convert` does. Raises `Misfits` with all errors at once.
 
-    What does not fit is left out, and the rest is tried again.
+    msgspec reports one error at a time. The wrong key is therefore removed, and the conversion repeated.
     """
     left, texts, gone = deepcopy(content), list[str](), set[str]()
     for _ in range(_MOST):
@@ -62,7 +62,7 @@ def converted(content: Any, kind: type[T]) -> T:
 
 
 def _removed(content: Any, way: Sequence[str]) -> bool:
-    """Take a key and what stands there out of tables in tables; not of lists, which number what is in them."""
+    """Remove a key and its value from nested tables; not from lists, because that would renumber the other items."""
     for key in way[:-1]:
         content = content.get(key) if isinstance(content, dict) else None
     if not way or not isinstance(content, dict) or way[-1] not in content:
@@ -72,7 +72,7 @@ def _removed(content: Any, way: Sequence[str]) -> bool:
 
 
 def misfit(error: Exception, content: object, kind: Any) -> str:
-    """Return in words of ours what msgspec says of ``content``, which was to be a ``kind``."""
+    """Return the error of msgspec for ``content``, which should be a ``kind``, as a plain text."""
     said, _, place = str(error).partition(" - at `$")
     steps, name = _steps(place, content, kind), ""
     for key, _, _ in steps:
@@ -90,11 +90,11 @@ def misfit(error: Exception, content: object, kind: Any) -> str:
             if name
             else f"{_right(said, form)} is needed"
         )
-    return f"{name}: {said}" if name and name not in said else said  # a sentence of ours
+    return f"{name}: {said}" if name and name not in said else said  # a sentence of our own schema
 
 
 def _steps(place: str, content: Any, kind: Any) -> list[tuple[str, Any, Any]]:
-    """The way down to a place: at each step the key, what stands there, and what was to stand there."""
+    """Return the path to a place: at each step the key, its value, and the expected type."""
     steps: list[tuple[str, Any, Any]] = []
     value, form = content, kind
     for step in _STEP.finditer(place.removesuffix("`")):
@@ -104,14 +104,14 @@ def _steps(place: str, content: Any, kind: Any) -> list[tuple[str, Any, Any]]:
 
 
 def _within(step: re.Match[str], value: Any, form: Any) -> tuple[str, Any, Any]:
-    """A step down: the key, what stands there, and what was to stand there."""
+    """Return one step of a path: the key, its value, and the expected type."""
     if step[1]:
         inner = value.get(step[1]) if isinstance(value, Mapping) else None
         return step[1], inner, _fields(form).get(step[1])
     of = next((one for one in reversed(get_args(form)) if one is not ...), None)
     if step[2]:
         return f"[{step[2]}]", value[int(step[2])], of
-    for key, one in value.items():  # of one of several msgspec does not say which
+    for key, one in value.items():  # msgspec does not report which of several values is wrong
         try:
             msgspec.convert(one, of)
         except (msgspec.ValidationError, ValueError):
@@ -120,7 +120,7 @@ def _within(step: re.Match[str], value: Any, form: Any) -> tuple[str, Any, Any]:
 
 
 def _bare(form: Any, value: Any) -> Any:
-    """Of several forms the one that a value was meant to have, without what is annotated."""
+    """Return the expected type without annotations; of a union, the member that the value was meant for."""
     while get_origin(form) is Annotated:
         form = get_args(form)[0]
     if get_origin(form) in (Union, UnionType):

@@ -1,4 +1,4 @@
-"""The bench as a test plan sees it: devices with readings and settings, and the verbs that arm and disarm it."""
+"""The bench as a test plan uses it: devices with readings and settings, and the methods that arm and disarm it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
 from drivers.wiring.contract import Order, Step, Wiring
 
-#: What has a set-point of its own beside the mode of its control: the names of the readings.
+#: Readings that have their own set-point in addition to the control mode.
 _COMMANDED: Final = (
     *(f"{actuator}.{mode}" for actuator in ACTUATORS for mode in ("force", "displacement")),
     *(f"platform.{axis}" for axis in PLATFORM_AXES),
@@ -42,13 +42,13 @@ _COMMANDED: Final = (
 
 
 class Bench(Link):
-    """One bench on the wiring of its rig, which it opens and closes.
+    """One bench. It opens and closes the wiring of its rig.
 
-    Use it as a context manager, or call :meth:`connect` and :meth:`close`. Devices are complete on any rig; what the
-    rig lacks says so when it is asked for.
+    Use it as a context manager, or call :meth:`connect` and :meth:`close`. All devices exist on any rig; access to a
+    signal that the rig lacks raises an error with the reason.
     """
 
-    #: With a line for each in ``help``.
+    #: The texts are printed by ``help``.
     __slots__ = {
         "about": "What records say of where this bench is from, by keyword.",
         "action": "The coils: `bench.action.program_stop()`.",
@@ -108,12 +108,12 @@ class Bench(Link):
         parts = (getattr(self, name) for name in self.__slots__ if name != "devices")
         self.devices: tuple[Device, ...] = tuple(part for part in parts if isinstance(part, Device))
 
-    # -- coming and going ----------------------------------------------------------------------------------------
+    # -- connection ----------------------------------------------------------------------------------------------
 
     def connect(self, within: float = 2 * s) -> None:
-        """Open the wiring: become the commander, begin to receive and to command.
+        """Open the wiring, become the commander, and start to receive and send.
 
-        MapMismatch, NotCommander or LinkLost if one of them fails; then nothing stays open.
+        Raises MapMismatch, NotCommander or LinkLost on failure. Everything is then closed again.
         """
         if self._connected:
             raise Misuse("this bench is connected already")
@@ -123,7 +123,7 @@ class Bench(Link):
             self.readings.renew()
             self.commander.start()
             self._until(self._introduced, within, "first news of the rig's state", LinkLost)
-            # By now the last frames of whoever was here before are through.
+            # The last frames of the previous commander have arrived by now.
             if self.has("rig.strangers"):
                 self._strangers = self.settings.reading("rig.strangers")
             if self.wiring.capabilities.lease and self.has("rig.rejected_commands"):
@@ -134,19 +134,19 @@ class Bench(Link):
             raise
 
     def _introduced(self) -> bool:
-        """Whether the rig has told its state, and which map it speaks if it tells that."""
+        """Whether the rig has reported its state and, if it has that capability, its signal map."""
         return self.state != UNKNOWN and not (
             self.wiring.capabilities.identity and math.isnan(self.readings.value("rig.map_hash"))
         )
 
     def close(self) -> None:
-        """Disarm if need be, and close the wiring. Harmless when repeated."""
+        """Disarm if necessary, and close the wiring. Repeated calls are harmless."""
         if not self._connected:
             return
         self._connected = False
         try:
             with suppress(BenchError):
-                # Who has only looked at a rig that lives leaves it as it is.
+                # A client that only read from an active rig does not change its state.
                 if self.state in LIVE_STATES and self.wiring.commanded:
                     self.disarm()
         finally:
@@ -180,10 +180,10 @@ class Bench(Link):
     # -- states --------------------------------------------------------------------------------------------------
 
     def arm(self, within: float = 10 * s, *, to: str = "ACTIVE") -> None:
-        """Bring the bench from wherever it is to ACTIVE, all set-points at what is measured.
+        """Bring the bench from any state to ACTIVE, with all set-points at the measured values.
 
-        Resets a latched fault first. RigFault if the rig refuses or falls into a fault on the way, BenchTimeout if it
-        takes longer than ``within`` s. It stops at the state ``to``, which is one on the way up.
+        Resets a latched fault first. Stops at the state ``to`` of the start-up sequence. Raises RigFault if the rig
+        refuses or enters a fault, and BenchTimeout if it takes longer than ``within`` s.
         """
         left = self._countdown(within)
         steps = self.wiring.sequences.up
@@ -209,13 +209,13 @@ class Bench(Link):
             for order in sequences.rest:
                 try:
                     self._give(order)
-                except Refused as one:  # the others may still bring it to rest
+                except Refused as one:  # the remaining orders may still bring it to rest
                     refused.append(one)
             what = "; ".join(("the bench at rest", *map(str, refused)))
             self._until(lambda: self.state in sequences.at_rest, within, what)
 
     def reset(self, within: float = 5 * s) -> None:
-        """Clear a latched fault, if there is one: to HOLD or DISABLED. RigFault if the emergency stop is pressed."""
+        """Clear a latched fault, if any, to HOLD or DISABLED. Raises RigFault if the emergency stop is pressed."""
         if self.state not in FAULT_STATES:
             return
         steps = self.wiring.sequences.reset
@@ -234,10 +234,10 @@ class Bench(Link):
 
     @contextmanager
     def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
-        """Fall silent, as a commander who died or a cable that broke, while the block lasts; the bench is disarmed.
+        """Stop sending inside the block, like a dead commander or a broken cable. The bench counts as disarmed.
 
-        Nothing that the rig then does is an error inside the block. NotAvailable, and nothing happens, if nobody says
-        that the rig notices silence.
+        Faults of the rig raise no error inside the block. Raises NotAvailable, and sends on, if the rig is not known
+        to monitor its commander.
         """
         if not self.wiring.capabilities.watchdog:
             raise NotAvailable(f"{self.wiring.rig} is not known to notice that its commander is silent")
@@ -256,12 +256,12 @@ class Bench(Link):
     # -- inside --------------------------------------------------------------------------------------------------
 
     def _countdown(self, within: float) -> Callable[[], float]:
-        """Return how to ask how much of ``within`` s is left."""
+        """Return a function that returns how much of ``within`` (s) is left."""
         deadline = self.clock.now() + round(within * NS)
         return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 
     def _take(self, step: Step, left: Callable[[], float]) -> None:
-        """Take one step of a sequence of the rig, in what is left of the time (s)."""
+        """Run one step of a sequence of the rig within the remaining time (s)."""
         for order in step.prepare:
             self._give(order)
         if step.bumpless:
@@ -278,7 +278,7 @@ class Bench(Link):
             self._give(order)
 
     def _give(self, order: Order) -> None:
-        """Say at once what an order consists of, and give it time to show."""
+        """Write an order and wait until it takes effect."""
         index = self.table.index
         setpoints = {
             name: value
@@ -294,7 +294,7 @@ class Bench(Link):
             self.wait(latency)
 
     def _reach(self, states: Collection[str], within: float, orders: Collection[Order] = ()) -> None:
-        """Wait for one of ``states``, which ``orders`` have asked for; RigFault if a fault comes instead."""
+        """Wait for one of ``states``, the target of ``orders``. Raises RigFault if a fault occurs first."""
         wanted = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]
         self._until(lambda: self.state in (*states, *faults), within, _after(wanted, orders))
@@ -303,7 +303,7 @@ class Bench(Link):
 
 
 def _after(wanted: str, orders: Collection[Order]) -> str:
-    """Return what is waited for, and what was said for it."""
+    """Return the expected state and the orders sent for it, as text."""
     said = "; ".join(
         ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
     )

@@ -1,4 +1,4 @@
-"""The declarative lines with which a device says what can be read and set."""
+"""Declarations with which a device class lists its readings and settings."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from bench_protocol.suggestion import did_you_mean
 from drivers.link import Link
 from drivers.reading import Sample
 
-#: A device shows itself in one line if it fits, else in one for each signal.
+#: Longest representation of a device on one line; a longer one has a line for each signal.
 REPR_WIDTH: Final = 100
 
 
 class Device:
-    """A named part of the bench. Its class declares every signal in one line; nothing else can be assigned."""
+    """A named part of the bench. Its class declares each signal in one line. Other attributes cannot be assigned."""
 
     __slots__ = ("_link", "_name")
     _link: Link
@@ -32,7 +32,7 @@ class Device:
 
     @classmethod
     def declarations(cls) -> list[Declaration[Any]]:
-        """Return the declared signals of this kind of device."""
+        """Return the declared signals of this device class."""
         found = {
             name: line
             for base in reversed(cls.__mro__)
@@ -49,7 +49,7 @@ class Device:
         """Return value, age and quality of one of its readings."""
         return self._link.sample(f"{self._name}.{attribute}")
 
-    if not TYPE_CHECKING:  # which knows all names, and would take this for any other
+    if not TYPE_CHECKING:  # a type checker would accept any name because of it
 
         def __getattr__(self, name: str) -> NoReturn:
             raise no_such_attribute(self, name, "" if name.startswith("_") else self._name)
@@ -61,7 +61,7 @@ class Device:
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        """Return what is known of it without asking the rig: never slow, never an error."""
+        """Return the known values without a request to the rig, so that it is fast and raises no error."""
         told = [line.show(self._link, line.full_name(self)) for line in self.declarations()]
         head = f"<{type(self).__name__} {self._name}"
         if not told:
@@ -71,14 +71,15 @@ class Device:
 
 
 def no_such_attribute(thing: object, name: str, called: str) -> AttributeError:
-    """Return the error for a ``name`` that ``thing`` lacks, with the name that is nearest; its own name is ``called``.
+    """Return the error for a missing attribute ``name`` of ``thing``, with the nearest existing name.
 
-    What begins with an underscore is asked for by copies, notebooks and the like: nobody has misspelt it.
+    ``called`` names the thing in the message. Names with a leading underscore get no suggestion, because copies and
+    notebooks request them.
     """
     if name.startswith("_"):
         return AttributeError(name)
     known = [one for one in dir(type(thing)) if not one.startswith("_")]
-    # With a name and an object of its own Python would add what it thinks was meant, and say it twice.
+    # Given a name and an object, Python would append a second suggestion.
     return AttributeError(f"{called} has no {name!r}; {did_you_mean(name, known)}", name="", obj=None)
 
 
@@ -86,7 +87,7 @@ T = TypeVar("T")
 
 
 class Declaration(Generic[T]):
-    """One line of a device: which signal it is. The name is that of the attribute unless told otherwise."""
+    """The signal of one attribute of a device. Its name is that of the attribute unless another one is given."""
 
     kinds: ClassVar[tuple[Kind, ...]] = ()
 
@@ -103,7 +104,7 @@ class Declaration(Generic[T]):
         return f"{device._name}.{self.name}"
 
     def check(self, kind: Kind, name: str) -> None:
-        """TypeError if the table knows the signal as something else than this declaration does."""
+        """Raise TypeError if the kind of the signal in the table differs from that of this declaration."""
         if kind not in self.kinds:
             raise TypeError(f"{name} is a {kind}, declared as {type(self).__name__}")
 
@@ -118,7 +119,7 @@ class Declaration(Generic[T]):
         self.set(device._link, self.full_name(device), value)
 
     def show(self, link: Link, name: str) -> str:
-        """Return for people what is known of the signal without asking the rig."""
+        """Return the known value of the signal as text, without a request to the rig."""
         if name in link.wiring.absent:
             return f"{self.attribute}: absent ({link.wiring.absent[name]})"
         value = self.known(link, name)
@@ -127,11 +128,11 @@ class Declaration(Generic[T]):
         return f"{self.attribute} = {link.table[name].show(value)}"
 
     def known(self, link: Link, name: str) -> float:
-        """Return the value (SI) as far as it is known without asking the rig, NaN if it is not."""
+        """Return the value (SI) known without a request to the rig, NaN if there is none."""
         return link.settings.known(name)
 
     def unknown(self, link: Link, name: str) -> str:
-        """Return why the value is not known, in words."""
+        """Return as text why the value is not known."""
         return "not read yet"
 
     def get(self, link: Link, name: str) -> T:
@@ -139,12 +140,12 @@ class Declaration(Generic[T]):
         raise AttributeError(f"{name} cannot be read")
 
     def set(self, link: Link, name: str, value: T) -> None:
-        """Bring the value to the rig."""
+        """Write the value to the rig."""
         raise AttributeError(f"{name} is read from the rig and cannot be set")
 
 
 class Reported(Declaration[T]):
-    """What the rig reports by itself, or when it is asked."""
+    """A value that the rig reports by itself or on request."""
 
     def known(self, link: Link, name: str) -> float:
         return link.readings.known(name)
@@ -172,7 +173,7 @@ class ChoiceReading(Reported[str]):
 
 
 class Contact(Declaration[bool]):
-    """A discrete input, read when asked."""
+    """A discrete input, polled on request."""
 
     kinds = (Kind.INTERLOCK,)
 
@@ -181,7 +182,7 @@ class Contact(Declaration[bool]):
 
 
 class Streamed(Declaration[T]):
-    """What the commander streams."""
+    """A value that the commander streams."""
 
     kinds = (Kind.SETPOINT,)
 

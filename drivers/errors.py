@@ -1,4 +1,4 @@
-"""What can go wrong between a test plan and the bench, and whose fault it is."""
+"""Errors between a test plan and the bench, each with the side at fault."""
 
 from typing import Literal
 
@@ -6,8 +6,8 @@ Fault = Literal["rig", "plan", "link", "record"]
 
 
 class BenchError(Exception):
-    """Something between plan and rig broke; ``fault`` says on whose side: the rig's, the plan's, the link's, or that
-    of the record, which is not kept any more.
+    """An error between plan and rig. ``fault`` names its side: the rig, the plan, the link, or the record, which is
+    no longer written.
     """
 
     fault: Fault = "rig"
@@ -18,7 +18,7 @@ class BenchTimeout(BenchError):
 
 
 class RigFault(BenchError):
-    """The rig left the state that the plan needs; the message carries the rig's own reason, ``fault`` whose it is."""
+    """The rig left the state that the plan needs. The message has the rig's own reason, ``fault`` the side at fault."""
 
     def __init__(self, message: str, fault: Fault = "rig") -> None:
         super().__init__(message)
@@ -34,25 +34,25 @@ class Refused(BenchError):
 
 
 class MapMismatch(BenchError):
-    """The rig speaks another table of signals than these drivers."""
+    """The rig uses another table of signals than these drivers."""
 
 
 class NotCommander(BenchError):
-    """Somebody else holds the bench: there is one commander at a time."""
+    """Another client holds the lease: the bench accepts one commander at a time."""
 
     fault: Fault = "plan"
 
 
 class NotAvailable(BenchError):
-    """This rig does not have what was asked for; the message names rig, signal and reason."""
+    """This rig lacks the requested signal or function. The message names rig, signal and reason."""
 
 
 class WiringError(ValueError):
-    """A wiring cannot be right: the text names file and key, the value, and what would be right."""
+    """An invalid wiring. The text names file and key, the value, and a valid one."""
 
 
 class Stale(BenchError):
-    """A measurement was asked for while no samples of it arrive."""
+    """A measurement was requested of a signal without new samples."""
 
     fault: Fault = "link"
 
@@ -64,12 +64,12 @@ class LinkLost(BenchError):
 
 
 class Misuse(BenchError):
-    """The plan asked for something that this bench cannot do in its present state."""
+    """The plan requested an action that this bench cannot perform in its present state."""
 
     fault: Fault = "plan"
 
 
 class NotRecorded(BenchError):
-    """Nobody keeps the samples any more: what would be measured now would have no record."""
+    """Recording has failed, so that further measurements would be lost."""
 
     fault: Fault = "record"

@@ -1,4 +1,4 @@
-"""The link to a rig: its readings, set-points and settings, and the bounded waits in which time passes."""
+"""The link to a rig: its readings, set-points and settings, and waits with a time limit."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from drivers.receiver import Capture, Receiver
 from drivers.settings import UNKNOWN, Settings
 from drivers.wiring.contract import Wiring
 
-#: Where a bench that was armed must not be found.
+#: States that are an error while the bench is armed.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
-#: A silent bus counts as lost only after so many looks in a row: one look may come before the receiver had its turn.
+#: Cycles without a state after which the bus counts as lost. One cycle may run before the receiver was scheduled.
 SILENT_CYCLES: Final = 25
-#: No single wait of a plan is longer than this; a longer one is a wrong unit.
+#: Longest single wait of a plan. A longer one indicates a wrong unit.
 WAIT_MAX: Final = 24 * 3600 * s
 SHOWN_MAX: Final = 12
-#: So many commands may come twice or spoilt on any bus.
+#: Number of repeated or corrupt commands that is normal on any bus.
 REJECTED_SOME: Final = 20
-#: How long set-points are averaged and streamed before a control mode changes: several cycles, no visible pause.
+#: Averaging time of set-points before a control mode changes: several cycles, but no noticeable pause.
 AVERAGE_OVER: Final = 200 * ms
 STREAM_CYCLES: Final = 3
-#: A rig of which other signals come tells each of its status signals within this time.
+#: Longest time between two samples of a status signal on any rig.
 TOLD_WITHIN: Final = 5 * s
 
 
 class Link:
-    """The wiring of one rig, with everything that is read, set and streamed through it.
+    """The wiring of one rig with its readings, settings and commander.
 
-    Devices are given the link; `Bench` is a link with its devices.
+    Devices receive the link. `Bench` is a link with its devices.
     """
 
     __slots__ = (
@@ -71,7 +71,7 @@ class Link:
         self.wiring, self.table, self.clock = wiring, wiring.table, clock
         self._lost = ""
         self._silent = 0
-        self._strangers = self._rejected = 0.0  # that were counted before this commander came
+        self._strangers = self._rejected = 0.0  # counts before this commander connected
         self._armed = self._tolerant = self._connected = False
         self.receiver = Receiver(wiring, clock)
         self.commander = Commander(wiring, clock)
@@ -80,29 +80,29 @@ class Link:
 
     @property
     def state(self) -> str:
-        """The rig's state by name, ``"unknown"`` unless it was told lately."""
+        """The rig's state by name, ``"unknown"`` without a fresh sample."""
         return self.readings.choice("rig.state")
 
     @property
     def lost(self) -> bool:
-        """Whether a connection is known to be lost: what came by itself tells nothing of now."""
+        """Whether a connection is known to be lost. Received samples are then out of date."""
         return bool(self._lost)
 
     def has(self, *names: str) -> bool:
-        """Return whether this rig has all the signals ``names``; KeyError for one that the table does not know."""
+        """Return whether this rig has all the signals ``names``. Raises KeyError for a name outside the table."""
         return not self.lacks(*names)
 
     def lacks(self, *names: str) -> str:
-        """Return in words which of the signals ``names`` this rig does not have, and why; "" if it has them all."""
+        """Return as text which of the signals ``names`` this rig lacks, and why; "" if it has all."""
         absent = self.wiring.absent
-        missing: dict[str, list[str]] = {}  # the same reason is said once
+        missing: dict[str, list[str]] = {}  # each reason is printed once
         for name in dict.fromkeys(names):
             if self.table[name].name in absent:
                 missing.setdefault(absent[name], []).append(name)
         return "; ".join(f"{self.wiring.rig} has no {', '.join(n)}: {why}" for why, n in missing.items())
 
     def describe(self) -> str:
-        """Return the rig's state with its reason and the limit that tripped first, in words."""
+        """Return the rig's state as text, with its reason and the limit that tripped first."""
         text = f"state {self.state}"
         if self.has("rig.reason"):
             text += f", reason: {self.readings.choice('rig.reason')}"
@@ -116,7 +116,7 @@ class Link:
         return "; ".join(filter(None, (text, self.strangers(), self.rejected())))
 
     def rejected(self) -> str:
-        """Return in words how many of this commander's frames the bench has lately thrown away, "" if none."""
+        """Return as text how many of this commander's frames the bench rejected since connecting, "" if few or none."""
         leased = self.wiring.capabilities.lease
         count = self.readings.told("rig.rejected_commands") - self._rejected if leased else 0.0
         if not count > REJECTED_SOME:
@@ -127,9 +127,9 @@ class Link:
         )
 
     def strangers(self) -> str:
-        """Return in words whose commands the bench has refused since this commander came, "" if nobody's.
+        """Return as text which commands the bench refused since this commander connected, "" if none.
 
-        They are somebody else's, unless they come from where this commander sends: then he has lost the bench.
+        They come from another client, unless their sender is this commander. Then this commander has lost the bench.
         """
         count = self.readings.told("rig.strangers") - self._strangers
         if not count > 0:
@@ -157,7 +157,7 @@ class Link:
         return self.clock.now() / NS
 
     def wait(self, duration: float) -> None:
-        """Let ``duration`` s pass. Raises RigFault or LinkLost as soon as the rig or the link fails."""
+        """Wait ``duration`` s. Raises RigFault or LinkLost as soon as the rig or the link fails."""
         deadline = self.clock.now() + _nanoseconds("duration", duration)
         self.check()
         while (now := self.clock.now()) < deadline:
@@ -165,9 +165,10 @@ class Link:
             self.check()
 
     def wait_cycles(self, cycles: int, *told: str) -> None:
-        """Let so many cycles pass that each of the last ``cycles`` carries the present set-points, and shows.
+        """Wait until the last ``cycles`` cycles have carried the present set-points and the readings show their effect.
 
-        Of signals ``told`` it goes on until they were told in one of the last two cycles or later: frames are lost.
+        Then wait for each signal in ``told`` until a sample is at most two cycles old, as frames may
+        be lost.
         """
         latency = self.wiring.capabilities.latency
         since = self.now + (cycles - 1) * CYCLE / NS + latency
@@ -183,10 +184,10 @@ class Link:
         *,
         steady: float = 0.0,
     ) -> None:
-        """Wait until ``condition()`` is true, and has been for ``steady`` s; it is asked every 20 ms.
+        """Wait until ``condition()`` has been true for ``steady`` s. It is evaluated every 20 ms.
 
-        BenchTimeout after ``within`` s says what was waited for and what the readings are; RigFault and LinkLost
-        come at once.
+        Raises BenchTimeout after ``within`` s, with the name of the condition and the readings. RigFault and LinkLost
+        are raised at once.
         """
         self._until(condition, within, what, steady=steady)
 
@@ -195,8 +196,8 @@ class Link:
     ) -> dict[str, float]:
         """Wait until the means over ``over`` s change by no more than ``band`` (SI) three times in a row; return them.
 
-        Once is not enough: what turns stands still for a moment, as gas does that was hot from filling and now cools.
-        BenchTimeout after ``within`` s, with what still moved.
+        Once is not enough, because a signal is steady for a moment where it reverses. An example is gas that was heated
+        by filling and then cools. Raises BenchTimeout after ``within`` s, with the signals that still changed.
         """
         deadline = self.clock.now() + _nanoseconds("within", within)
         means, stood = self.averages(*names, over=over), 0
@@ -214,16 +215,16 @@ class Link:
                 raise BenchTimeout(f"not settled within {within:g} s: in the last {over:g} s {moved}")
 
     def check(self) -> None:
-        """Raise what has happened meanwhile: LinkLost, NotCommander, or RigFault of an armed bench."""
+        """Raise an error that occurred in the background: LinkLost, NotCommander, NotRecorded, RigFault if armed."""
         if self._lost:
             raise LinkLost(self._lost)
         if self.commander.failure is not None:
             raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
         failed = self.receiver.failure
         if failed is not None and self.receiver.needed:
-            self.receiver.needed = False  # said once: the bench can be brought to rest without a record
+            self.receiver.needed = False  # raised once: the bench can be brought to rest without a record
             raise NotRecorded(str(failed) or type(failed).__name__) from failed
-        # In tear-down, the set-points alone can still bring the bench to rest.
+        # During tear-down, set-points alone can still bring the bench to rest.
         if failure := self.wiring.failure:
             if isinstance(failure, NotCommander):
                 raise NotCommander(f"this commander has lost the bench: {failure}") from failure
@@ -248,7 +249,7 @@ class Link:
 
     @contextmanager
     def despite_faults(self) -> Iterator[None]:
-        """Let waits go on though the rig is in a fault: for tear-down and diagnosis."""
+        """Allow waits while the rig is in a fault: for tear-down and diagnosis."""
         before, self._tolerant = self._tolerant, True
         try:
             yield
@@ -262,15 +263,15 @@ class Link:
         return self.readings.sample(name)
 
     def capture(self, *names: str) -> Capture:
-        """Return a context manager that keeps all samples of these signals while it is entered."""
+        """Return a context manager that keeps all samples of these signals inside its block."""
         return Capture(self.receiver, names)
 
     def average(self, name: str, over: float = 1 * s) -> float:
-        """Return the mean (SI) of the samples of ``name`` that come in the next ``over`` s; Stale if none does."""
+        """Return the mean (SI) of the samples of ``name`` over the next ``over`` s. Raises Stale without a sample."""
         return self.averages(name, over=over)[name]
 
     def averages(self, *names: str, over: float = 1 * s) -> dict[str, float]:
-        """Return the means (SI) of several signals over the same ``over`` s; Stale if one has no samples."""
+        """Return the means (SI) of several signals over the same ``over`` s. Raises Stale if one has no sample."""
         with self.capture(*names) as capture:
             self.wait(over)
         means = {}
@@ -284,14 +285,14 @@ class Link:
         return means
 
     def take_over(self, names: Sequence[str]) -> None:
-        """Let the set-points of ``names`` (``lateral.force``) be what is measured, and stream them a few cycles.
+        """Set the set-points of ``names`` (``lateral.force``) to the measured values and stream them a few cycles.
 
-        What the rig cannot be told, or does not measure, is left out.
+        Names without a set-point or a measurement on this rig are skipped.
         """
         names = [name for name in names if self.has(name, f"{name}_setpoint")]
         means = self.averages(*names, over=AVERAGE_OVER + self.wiring.capabilities.latency)
         setpoints = {f"{name}_setpoint": mean for name, mean in means.items()}
-        # A transducer's noise may lie beyond what a set-point can be, at the very end of its range.
+        # At the end of its range, the noise of a transducer may exceed the limits of the set-point.
         within = {
             name: min(max(value, self.table[name].low), self.table[name].high)
             for name, value in setpoints.items()

@@ -15,17 +15,17 @@ from drivers.wiring.contract import refuse_absent
 
 
 class Quality(StrEnum):
-    """How much a reading can be trusted."""
+    """The validity of a reading."""
 
     GOOD = "good"
     STALE = "stale"  #: the last sample is too old
-    MISSING = "missing"  #: no sample has come yet
-    UNAVAILABLE = "unavailable"  #: the rig says that it has no value
+    MISSING = "missing"  #: no sample has arrived yet
+    UNAVAILABLE = "unavailable"  #: the rig reports that it has no value
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A value (SI, NaN unless good), how old it is (s, infinite before the first) and its quality."""
+    """A value (SI, NaN unless good), its age (s, infinite before the first) and its quality."""
 
     value: float
     age: float
@@ -33,9 +33,9 @@ class Sample:
 
 
 class Readings:
-    """The present value of every measurement and status row: as it came last, or read when it is asked for.
+    """The present value of every measurement and status row: the latest sample, or polled on request.
 
-    NotAvailable for a signal that the rig does not have.
+    Raises NotAvailable for a signal that the rig does not have.
     """
 
     def __init__(self, receiver: Receiver, slow: Callable[[str], float]) -> None:
@@ -46,7 +46,7 @@ class Readings:
         self.renew()
 
     def renew(self) -> None:
-        """Take over after how long a wiring says that a reading is stale, once it has met its rig."""
+        """Update the limits of staleness, which the wiring knows once it is connected."""
         self._limits = [int(limit) for limit in self._wiring.freshness]
 
     def sample(self, name: str) -> Sample:
@@ -66,13 +66,13 @@ class Readings:
         return Sample(value, age / NS, Quality.UNAVAILABLE if math.isnan(value) else Quality.GOOD)
 
     def value(self, name: str) -> float:
-        """Return the value of ``name`` (SI), NaN unless it is good."""
+        """Return the value of ``name`` (SI), NaN unless its quality is good."""
         if self._seen is not None:
             self._seen[name] = None
         return self.glimpse(name) if self._limits[self._table.index[name]] else self._asked(name)
 
     def glimpse(self, name: str) -> float:
-        """Return what `known` does, for whoever looks on from another thread: a wait that fails does not tell it."""
+        """Return the value as `known` does, for other threads: it is not listed in the message of a failed wait."""
         row = self._table.index[name]
         value, time = self._receiver.latest(row)
         return value if time >= 0 and self._clock.now() - time <= self._limits[row] else math.nan
@@ -82,23 +82,23 @@ class Readings:
         return math.nan if name in self._wiring.absent else self.value(name)
 
     def known(self, name: str) -> float:
-        """Return the value of ``name`` (SI) as far as it came by itself, NaN otherwise: nothing is asked of the rig."""
+        """Return the value of ``name`` (SI) known without a request to the rig, else NaN."""
         return self.value(name) if self._limits[self._table.index[name]] else math.nan
 
     def unknown(self, name: str) -> str:
-        """Return in words why `known` knows nothing."""
+        """Return as text why `known` has no value."""
         if not self._limits[self._table.index[name]]:
             return "read when asked"
         return _quality(self.sample(name))
 
     def choice(self, name: str) -> str:
-        """Return the name of the state that the signal ``name`` tells; ``"unknown"`` unless it is good."""
+        """Return the name of the state that the signal ``name`` has; ``"unknown"`` unless its quality is good."""
         value = self.value(name)
         choices = self._table[name].choices
         return choices[round(value)] if not math.isnan(value) and 0 <= value < len(choices) else UNKNOWN
 
     def show(self, name: str) -> str:
-        """Return ``name = value unit`` for people, or why there is no value."""
+        """Return ``name = value unit`` as text, or why there is no value."""
         sample = self.sample(name)
         if sample.quality is Quality.GOOD:
             return f"{name} = {self._table[name].show(sample.value)}"
@@ -110,7 +110,7 @@ class Readings:
 
     @contextmanager
     def watched(self) -> Iterator[dict[str, None]]:
-        """Collect the names that are read meanwhile (for the message of a wait that failed)."""
+        """Collect the names that are read inside the block, for the message of a failed wait."""
         seen: dict[str, None] = {}
         self._seen = seen
         try:

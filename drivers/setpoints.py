@@ -1,6 +1,7 @@
-"""The set-points of a bench, the ramps and the waveform on which they move, changed in compiled code under a mutex.
+"""The set-points of a bench and the ramps and waveform that move them, changed in compiled code under a mutex.
 
-Python, once it has the mutex, may have to wait for the interpreter, and whatever keeps the cycle with it.
+A Python thread that holds the mutex may have to wait for the interpreter. The thread of the cycle would then wait
+too.
 """
 
 import math
@@ -19,17 +20,17 @@ RAMP: Final = np.dtype(
         ("start", "<f8"),
         ("end", "<f8"),
         ("step", "<f8"),  # SI per cycle, with its sign
-        ("cycles", "<i8"),  # since the start
+        ("cycles", "<i8"),  # signed, SI per cycle
     ]
 )
-#: What the waveform may consist of at the most: set-points, and cycles, 20 minutes of them.
+#: Limits of a waveform: number of set-points, and of cycles (20 minutes).
 WAVEFORM_ROWS: Final = 8
 WAVEFORM_CYCLES: Final = 60_000
 WAVEFORM: Final = np.dtype(
     [
         ("playing", "<i8"),
-        ("count", "<i8"),  # of set-points
-        ("cycles", "<i8"),  # in all
+        ("count", "<i8"),  # number of set-points
+        ("cycles", "<i8"),  # total
         ("cycle", "<i8"),  # since the start
     ]
 )
@@ -38,17 +39,17 @@ WAVEFORM: Final = np.dtype(
 class Setpoints(NamedTuple):
     """Set-points by table row. A single number can be read without the mutex."""
 
-    values: npt.NDArray[np.float64]  #: SI, NaN where none was given yet
+    values: npt.NDArray[np.float64]  #: SI, NaN where nothing is set yet
     ramps: npt.NDArray[np.void]  #: `RAMP`
     waveform: npt.NDArray[np.void]  #: one `WAVEFORM`
-    rows: npt.NDArray[np.int64]  #: of the set-points that the waveform moves, as many as its count
+    rows: npt.NDArray[np.int64]  #: table rows of the set-points that the waveform moves, as many as its count
     track: npt.NDArray[
         np.float64
-    ]  #: (rows, cycles): where it moves them, SI; memory that is not used costs nothing
+    ]  #: (rows, cycles): values of the waveform, SI; unused memory is not allocated
 
     @classmethod
     def of(cls, signals: int) -> "Setpoints":
-        """Return the set-points of a table with so many ``signals``; none has a value."""
+        """Return the set-points of a table with ``signals`` rows, all without a value."""
         return cls(
             np.full(signals, np.nan),
             np.zeros(signals, RAMP),
@@ -59,13 +60,13 @@ class Setpoints(NamedTuple):
 
 
 def entry(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` to run without the interpreter: whoever waits for a mutex keeps nobody else waiting."""
+    """Compile ``function`` to run without the interpreter, so that waiting for a mutex blocks no other thread."""
     return cached(function, nogil=True)
 
 
 @inlined
 def advance(setpoints: Any) -> None:
-    """Move every set-point that is on its way by one cycle; the last cycle brings it to its end exactly."""
+    """Move every set-point with a ramp or waveform by one cycle; the last cycle reaches the end value exactly."""
     values = setpoints.values
     for row in range(setpoints.ramps.size):
         ramp = setpoints.ramps[row]
@@ -88,7 +89,7 @@ def advance(setpoints: Any) -> None:
 
 @inlined
 def _release(setpoints: Any, row: int) -> None:
-    """End what moves the set-point of ``row``: whoever gives it another value takes it over, and the waveform ends."""
+    """End the ramp or waveform that moves the set-point of ``row``, because another value replaces it."""
     setpoints.ramps[row].moving = 0
     waveform = setpoints.waveform[0]
     for k in range(waveform.count):
@@ -98,7 +99,7 @@ def _release(setpoints: Any, row: int) -> None:
 
 @entry
 def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
-    """Let the set-points ``rows`` be ``values`` (SI) from the next cycle on, together; ``mutex``: its address."""
+    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex``: its address."""
     lock_mutex(mutex)
     for k in range(rows.size):
         _release(setpoints, rows[k])
@@ -108,9 +109,9 @@ def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
 
 @entry
 def depart(setpoints: Any, mutex: int, rows: Any, ends: Any, pace: float) -> float:
-    """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per cycle).
+    """Start ramps from the present set-points ``rows`` to ``ends``, with ``pace`` (SI per cycle).
 
-    Return how many cycles the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
+    Returns the number of cycles of the longest ramp. Returns NaN, without a change, if a set-point has no value yet.
     """
     lock_mutex(mutex)
     longest = 0.0
@@ -133,9 +134,9 @@ def depart(setpoints: Any, mutex: int, rows: Any, ends: Any, pace: float) -> flo
 
 @entry
 def play(setpoints: Any, mutex: int, rows: Any, offsets: Any) -> bool:
-    """Begin to play ``offsets`` (SI, rows × cycles) on where the set-points ``rows`` are now, one column each cycle.
+    """Play ``offsets`` (SI, rows × cycles) relative to the present set-points ``rows``, one column each cycle.
 
-    False, and nothing changes, if one of them has no value to begin from.
+    Returns False, without a change, if one of them has no value yet.
     """
     lock_mutex(mutex)
     given = True
@@ -158,7 +159,7 @@ def play(setpoints: Any, mutex: int, rows: Any, offsets: Any) -> bool:
 
 @entry
 def stay(setpoints: Any, mutex: int) -> None:
-    """End all ramps and the waveform where they are."""
+    """Stop all ramps and the waveform at their present values."""
     lock_mutex(mutex)
     setpoints.waveform[0].playing = 0
     for row in range(setpoints.ramps.size):
@@ -168,7 +169,7 @@ def stay(setpoints: Any, mutex: int) -> None:
 
 @entry
 def step(setpoints: Any) -> None:
-    """Move the set-points by one cycle; whoever calls holds the mutex."""
+    """Move the set-points by one cycle. The caller holds the mutex."""
     advance(setpoints)
 
 

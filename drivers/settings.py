@@ -1,4 +1,4 @@
-"""What is set, triggered and asked for once: settings with their checks, actions, contacts, the slow readings."""
+"""Single requests to a rig: settings with their checks, actions, contacts, and readings polled on request."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from bench_protocol.words import TO_SAFE
 from drivers.errors import Misuse
 from drivers.wiring.contract import Order, Sequences, Wiring, refuse_absent
 
-#: What a choice reads as while nothing is known of it: equal to no state.
+#: Name of the state of a choice whose value is not known; no state has this name.
 UNKNOWN: Final = "unknown"
 
 
 def stop_orders(absent: Collection[str], sequences: Sequences) -> tuple[Order, ...]:
-    """Return the orders of a stop on a rig without the action `TO_SAFE`; none if it has it, or has no stop at all."""
+    """Return the orders of a stop on a rig without the action `TO_SAFE`; none if it has the action or no stop."""
     return sequences.rest if TO_SAFE in absent else ()
 
 
 class Settings:
-    """Writes settings all or none, triggers actions, and reads what does not come by itself.
+    """Writes settings all or none, triggers actions, and polls readings that do not arrive by themselves.
 
-    NotAvailable for a signal that the rig does not have.
+    Raises NotAvailable for a signal that the rig does not have.
     """
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring, self._table = wiring, wiring.table
         self._known: dict[str, float] = {}
-        #: Hears what the rig took over.
+        #: Called with the settings that the rig has accepted.
         self.applied: Callable[[dict[str, float]], None] = lambda values: None
 
     # -- settings ------------------------------------------------------------------------------------------------
 
     def number(self, name: str, value: float | str) -> float:
-        """Return ``value``, a number (SI) or the name of a choice, as a number; ValueError if it does not fit."""
+        """Return ``value``, a number (SI) or the name of a choice, as a number. ValueError if it does not fit."""
         signal = self._table[name]
         if signal.kind is not Kind.SETTING:
             raise Misuse(f"{name} is a {signal.kind}, not a setting that could be written")
@@ -53,9 +53,9 @@ class Settings:
         return number
 
     def write(self, values: Mapping[str, float | str]) -> None:
-        """Check all ``values`` and bring them to the rig, all or none.
+        """Check all ``values`` and write them to the rig, all or none.
 
-        ValueError before anything is sent if one does not fit; ``Refused`` if the rig does not take them over.
+        Raises ValueError before anything is sent if one does not fit, and ``Refused`` if the rig rejects them.
         """
         checked = {name: self.number(name, value) for name, value in values.items()}
         refuse_absent(self._wiring, *checked)
@@ -65,21 +65,21 @@ class Settings:
             self.applied(checked)
 
     def read(self, name: str) -> float:
-        """Return a setting (SI) as it is in force in the rig."""
+        """Return the value (SI) of a setting in force in the rig."""
         if self._table[name].kind is not Kind.SETTING:
             raise Misuse(f"{name} is a {self._table[name].kind}, not a setting")
         return self.reading(name)
 
     def choice(self, name: str) -> str:
-        """Return the name of the choice that is in force in the rig; ``"unknown"`` if the rig cannot tell."""
+        """Return the name of the choice in force in the rig; ``"unknown"`` if the rig does not report it."""
         number, choices = self.read(name), self._table[name].choices
         return choices[round(number)] if 0 <= number < len(choices) else UNKNOWN
 
     def in_force(self) -> dict[str, float]:
-        """Return all settings (SI) that the rig has, as they are in force, whatever anybody has staged."""
+        """Return the values (SI) in force of all settings that the rig has. Staged values are not included."""
         return self._read(self._present(Kind.SETTING))
 
-    # -- actions, contacts, slow readings ------------------------------------------------------------------------
+    # -- actions, contacts, polled readings ----------------------------------------------------------------------
 
     def act(self, name: str) -> None:
         """Trigger an action by its name in the table (``action.apply``)."""
@@ -90,7 +90,7 @@ class Settings:
         self._wiring.act(name)
 
     def give(self, order: Order) -> None:
-        """Give the settings, actions and points of an order; its set-points are for the commander."""
+        """Write the settings, actions and points of an order. The commander writes its set-points."""
         kinds = {name: self._table[name].kind if name in self._table.index else None for name in order.values}
         self.write({name: order.values[name] for name in kinds if kinds[name] is Kind.SETTING})
         for name in (name for name in kinds if kinds[name] is Kind.ACTION):
@@ -99,9 +99,9 @@ class Settings:
             self._wiring.say(points)
 
     def go_safe(self, clock: Clock) -> None:
-        """Order the safe position: by its action, or by the orders to rest of a rig that has no such action.
+        """Order the safe position: by its action, or by the shut-down orders of a rig without that action.
 
-        NotAvailable if the rig has neither.
+        Raises NotAvailable if the rig has neither.
         """
         if not (orders := stop_orders(self._wiring.absent, self._wiring.sequences)):
             return self.act(TO_SAFE)
@@ -119,17 +119,17 @@ class Settings:
         return {name: on == 1 for name, on in told.items()}
 
     def reading(self, name: str) -> float:
-        """Ask the rig for one value (SI) now; NaN where it has none."""
+        """Poll one value (SI) of the rig now; NaN if it has none."""
         refuse_absent(self._wiring, name)
         return self._read([name])[name]
 
     def readings(self, *names: str) -> dict[str, float]:
-        """Ask the rig for several values (SI) now, as one snapshot if it can."""
+        """Poll several values (SI) of the rig now, as one snapshot if possible."""
         refuse_absent(self._wiring, *names)
         return self._read(names)
 
     def known(self, name: str) -> float:
-        """Return what was read or written last (SI), without asking the rig; NaN before the first time."""
+        """Return the value (SI) read or written last, without a request to the rig; NaN before the first time."""
         return self._known.get(name, math.nan)
 
     def _read(self, names: Sequence[str]) -> dict[str, float]:

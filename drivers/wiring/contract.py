@@ -1,13 +1,13 @@
-"""What a bench asks of a wiring, and a wiring of the transports below it.
+"""Interfaces between the bench and a wiring, and between a wiring and its transports.
 
-Devices and plans know signals: names of the table, values in SI. A *wiring* says where each of them comes from and
-goes to. A *transport* carries the points of one connection, which are the rig's own: its names, numbers in its units.
+Devices and plans use signals: names of the table with values in SI. A *wiring* maps each signal to its source and
+target. A *transport* carries the points of one connection. Points have the rig's names, numbers and units.
 
     devices ── link ── wiring ── transport ── the rig
               signals, SI      points, the rig's numbers
 
-Times are whole nanoseconds of the bench's clock. Everything that recurs is a task of that clock (``clock.every``), so
-that virtual time drives a wiring as real time does.
+Times are integers in nanoseconds of the bench's clock. Periodic work is a task of that clock (``clock.every``), so that
+a wiring runs in virtual time and in real time alike.
 """
 
 from __future__ import annotations
@@ -32,40 +32,40 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-#: Called with times (ns), table rows and SI values, three arrays of one length in order of arrival, and with the time
-#: from which their age counts (ns, of each sample or of all).
+#: Called with three arrays of equal length in order of arrival: times (ns), table rows, values (SI). The fourth
+#: argument is the time from which the age counts (ns, of each sample or of all).
 OnSamples = Callable[[Ints, Ints, Floats, "Ints | int"], None]
-#: Called once, with the reason in words, when a connection is lost.
+#: Called once with the reason, as text, when a connection is lost.
 OnLost = Callable[[str], None]
-#: Called with a time (ns) and the points that came at that time.
+#: Called with a time (ns) and the points received at that time.
 OnPoints = Callable[[int, Mapping[str, float]], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is said to a rig at once: set-points, settings and actions of the table, or points of the rig's own."""
+    """Values to write together: set-points, settings and actions of the table, or points of the rig."""
 
     values: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of a rig's state machine: from one of the states ``start``, by orders, to one of the states ``end``."""
+    """One step of a rig's state machine, from one of the states ``start`` to one of the states ``end``."""
 
     start: tuple[str, ...]
-    orders: tuple[Order, ...]  #: one after the other, each given time to show
+    orders: tuple[Order, ...]  #: written one after the other, with time to take effect after each
     end: tuple[str, ...]
-    prepare: tuple[Order, ...] = ()  #: before the set-points are taken over
-    bumpless: bool = False  #: all set-points are first what is measured
-    afterwards: tuple[Order, ...] = ()  #: once the end is reached
+    prepare: tuple[Order, ...] = ()  #: written before the set-points are taken over
+    bumpless: bool = False  #: first set all set-points to the measured values
+    afterwards: tuple[Order, ...] = ()  #: written once an end state is reached
     within: float | None = (
-        None  #: s for the end to be reached, where that is less than the whole way may take
+        None  #: time limit (s) to reach the end state, if shorter than the limit of the whole sequence
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Sequences:
-    """Start-up to ACTIVE, reset of a fault, shut-down from anywhere, step by step. States are those of the table."""
+    """Steps for start-up to ACTIVE, reset of a fault, and shut-down from any state. States are those of the table."""
 
     up: tuple[Step, ...]
     reset: tuple[Step, ...]
@@ -73,113 +73,109 @@ class Sequences:
     at_rest: tuple[str, ...]  #: states in which a bench is at rest
     air: Mapping[str, AirFate] = field(
         default_factory=dict
-    )  #: what becomes of the springs' air by state, as far as it is known
+    )  #: what happens to the air of the springs, by state, where it is known
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What a rig does by itself; what it does not, the bench does for it or does without."""
+    """Functions that a rig provides. The bench replaces a missing one or works without it."""
 
-    generator: bool = False  #: has a function generator; else the host streams its waves as set-points
-    lease: bool = False  #: knows one commander at a time
-    watchdog: bool = False  #: notices that the settings' connection is silent
-    identity: bool = False  #: tells which map it speaks
-    files: bool = False  #: keeps files, its black box among them
-    pace: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: how fast set-points are followed, by SI unit, per s
-    latency: float = 0.0  #: s until what was said shows in what is read, beside the cycles themselves
-    notes: Mapping[str, str] = field(default_factory=dict)  #: in words, by capability, for who looks at a rig
+    generator: bool = False  #: has a function generator; without one the host streams waveforms as set-points
+    lease: bool = False  #: accepts one commander at a time
+    watchdog: bool = False  #: detects that the connection for settings is silent
+    identity: bool = False  #: reports which signal map it uses
+    files: bool = False  #: stores files, the black box among them
+    pace: Mapping[str, float] = field(default_factory=dict)  #: rate limit of set-points, per s, by SI unit
+    latency: float = 0.0  #: delay (s) from a command to its effect in the readings, without the cycles
+    notes: Mapping[str, str] = field(default_factory=dict)  #: remarks for users as text, by capability
 
 
 @dataclass(frozen=True, slots=True)
 class CyclicStream:
-    """What an outlet needs to keep the cycle itself."""
+    """The data that a `CyclicOutlet` needs to run the cycle itself."""
 
-    setpoints: (
-        Setpoints  #: to be advanced by one cycle, in compiled code that holds the mutex, before it is sent
-    )
+    setpoints: Setpoints  #: advance by one cycle before sending, in compiled code that holds the mutex
     mutex: Mutex
     clock: Clock
     start: int  #: ns; cycles are at ``start + k * period``, k = 1, 2, …
     period: int  #: ns
-    failed: Callable[[LinkLost], None]  #: to be called once, when nothing can be sent any more
+    failed: Callable[[LinkLost], None]  #: to be called once, when sending has failed for good
 
 
 class Refusal(NamedTuple):
-    """Set-points that a rig does not take."""
+    """Rejection of set-points by a rig."""
 
-    since: int  #: ns, when the first of an unbroken row was refused
-    error: BenchError  #: the last one's
+    since: int  #: ns, start of the present unbroken series of rejections
+    error: BenchError  #: the latest error
 
 
 class Remark(NamedTuple):
-    """Something that a rig does otherwise than one might think."""
+    """An unexpected behaviour of a rig."""
 
     text: str
-    doubtful: bool  #: readings or commands are lost by it
+    doubtful: bool  #: readings or commands are lost because of it
 
 
 class Stamp(NamedTuple):
-    """Whose clock says when a signal came, and how well."""
+    """The clock that stamps a signal, and its uncertainty."""
 
     clock: str  #: "hardware" of the interface, or of the "system"
-    within: float  #: s, half-width of what it may be off by
-    shared: str  #: what comes with the same stamp errs by the same time
+    within: float  #: s, half-width of the uncertainty
+    shared: str  #: name of the common stamp; all its signals have the same time error
 
 
 class Outlet(Protocol):
-    """Where set-points go, cycle by cycle."""
+    """The receiver of the set-points of each cycle."""
 
     def send(self, values: Floats, time: int) -> None:
-        """Send set-points: ``values`` (SI) by table row, NaN where nothing was given yet. LinkLost if it cannot be."""
+        """Send set-points: ``values`` (SI) by table row, NaN where nothing is set yet. Raises LinkLost on failure."""
 
 
 @runtime_checkable
 class CyclicOutlet(Outlet, Protocol):
-    """An outlet that can keep the cycle itself, in compiled code that does not wait for the interpreter."""
+    """An outlet that can run the cycle itself, in compiled code that does not wait for the interpreter."""
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
-        """Send on every cycle from now on; None if that cannot be, and `send` is to be called on every cycle."""
+        """Send on every cycle from now on. Returns None if it cannot; then call `send` on every cycle."""
 
 
 @runtime_checkable
 class LifeSigns(Protocol):
-    """A transport that gives signs of life by itself, once somebody commands."""
+    """A transport that sends a heartbeat by itself, from the first command on."""
 
     def begin(self) -> float:
-        """Give signs of life from now on; return after how long (s) a rig has received some, 0 if there are none."""
+        """Start the heartbeat. Returns the time (s) until a rig has received some beats, 0 without a heartbeat."""
 
 
 @runtime_checkable
 class Refusing(Protocol):
-    """A transport whose rig may refuse set-points that are streamed."""
+    """A transport whose rig may reject streamed set-points."""
 
     @property
     def refusal(self) -> Refusal | None:
-        """Since when set-points are refused, and with which words; None while they are taken."""
+        """The present rejection of set-points; None while the rig accepts them."""
 
 
 @runtime_checkable
 class Remarking(Protocol):
-    """A transport that notices what its rig does otherwise than one might think."""
+    """A transport that detects unexpected behaviour of its rig."""
 
     def remarks(self) -> list[Remark]:
-        """Return what was noticed since it was connected."""
+        """Return the remarks since the connection was opened."""
 
 
 @runtime_checkable
 class Stamping(Protocol):
-    """A transport that knows by which clock its points are stamped."""
+    """A transport that knows which clock stamps its points."""
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return whose stamps a point has, once some have come; None where nothing is known of them."""
+        """Return the stamp of a point, known after its first samples; None if it is unknown."""
 
 
 class Wiring(Protocol):
-    """Where each signal of a bench comes from and goes to, and how its rig is led from state to state.
+    """The source and target of each signal of a bench, and the sequences that change the rig's state.
 
-    Nobody asks which wiring it is: what a rig can do beyond the least, its `capabilities` say.
+    Callers do not depend on the kind of wiring. Optional functions of the rig are listed in `capabilities`.
     """
 
     @property
@@ -191,11 +187,11 @@ class Wiring(Protocol):
 
     @property
     def absent(self) -> Mapping[str, str]:
-        """Signals that this rig does not have, each with the reason in words."""
+        """Signals that this rig does not have, each with the reason as text."""
 
     @property
     def freshness(self) -> Ints:
-        """For each table row, after how many ns a sample is stale; 0 for what is read when asked, or absent."""
+        """Age (ns) above which a sample is stale, by table row; 0 for signals that are polled on request or missing."""
 
     @property
     def capabilities(self) -> Capabilities: ...
@@ -208,136 +204,136 @@ class Wiring(Protocol):
 
     @property
     def given(self) -> Mapping[str, float]:
-        """Set-points that the rig gives to its commander, known once open: its token, or none at all."""
+        """Set-points that the rig assigns to its commander (its token), known once the wiring is open. May be empty."""
 
     @property
     def played(self) -> Collection[str]:
-        """Signals that the host answers for, because the rig has no generator."""
+        """Signals that the host simulates because the rig has no generator."""
 
     @property
     def remembered(self) -> Collection[str]:
-        """Settings that are taken to be what was last written, for the rig does not tell them."""
+        """Settings that the rig does not report. Their value is assumed to be the last one written."""
 
     @property
     def failure(self) -> BenchError | None:
-        """What went wrong in the background since `open`: the reason why commands no longer count."""
+        """The first error in the background since `open`; commands have no effect after it."""
 
     def open(self, clock: Clock, receive: OnSamples, lost: OnLost, *, within: float) -> None:
-        """Connect, become the commander where there is one, and let samples come from now on.
+        """Connect, become the commander where the rig has one, and start to receive samples.
 
-        LinkLost if the rig is silent for ``within`` s, MapMismatch if it speaks otherwise than is written here,
-        NotCommander if somebody else has it. What was opened is closed again when this raises.
+        Raises LinkLost if the rig is silent for ``within`` s, MapMismatch if the rig uses another signal map, and
+        NotCommander if another client is the commander. Everything is closed again after an error.
         """
 
     def listening(self) -> Wiring:
-        """Return the wiring of somebody who only listens to this rig, not yet open.
+        """Return a wiring, not yet open, that only receives from this rig.
 
-        Open, it says nothing by itself and is nobody's commander: one who commands the rig notices nothing.
+        Once open it sends nothing by itself and never becomes the commander, so it does not disturb one.
         """
 
     def close(self) -> None:
-        """Let go of the rig; no callback comes after this has returned. Harmless when repeated."""
+        """Disconnect from the rig. No callback follows after this returns. Repeated calls are harmless."""
 
     def write(self, values: Mapping[str, float]) -> None:
-        """Bring settings (SI) to the rig, all or none. Refused if it does not take them."""
+        """Write settings (SI), all or none. Raises Refused if the rig rejects them."""
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return settings in force, contacts, or readings that do not come by themselves (SI; NaN: not available)."""
+        """Return settings in force, contacts, or readings that are polled on request (SI; NaN: not available)."""
 
     def act(self, name: str) -> None:
-        """Trigger an action of the table. Refused if the rig does not."""
+        """Trigger an action of the table. Raises Refused if the rig rejects it."""
 
     def say(self, points: Mapping[str, float]) -> None:
-        """Write points of the rig's own that no signal stands for, as its `Sequences` names them."""
+        """Write points of the rig that map to no signal, as named in its `Sequences`."""
 
     @property
     def commanded(self) -> bool:
-        """Whether somebody has commanded since it was opened."""
+        """Whether a command was sent since the wiring was opened."""
 
     def begin(self) -> None:
-        """Note that somebody commands from now on, and let the rig receive signs of life before the first command."""
+        """Register that commands follow, and start the heartbeat before the first command."""
 
     def is_own(self, port: int, token: float) -> bool:
-        """Return whether this commander sent what came from a TCP ``port``, 0 for a bus that knows none.
+        """Return whether a frame or request came from this commander.
 
-        ``token`` is that of the present holder, NaN while the rig has not told it. Where the capability ``lease`` is
-        missing, nobody knows, and it is False.
+        ``port`` is its TCP port, 0 for a bus without ports. ``token`` is the token of the present holder, NaN if the
+        rig has not reported it yet. The result is False without the capability ``lease``.
         """
 
     def silent(self) -> AbstractContextManager[None]:
-        """Say nothing on the settings' connection while the block lasts, and be heard again after it.
+        """Send nothing on the connection for settings inside the block, and resume after it.
 
-        NotAvailable without the capability ``watchdog``.
+        Raises NotAvailable without the capability ``watchdog``.
         """
 
     def read_file(self, file: int, record: int, count: int) -> list[int]:
-        """Return ``count`` 16-bit words of a file of the rig from ``record`` on. Refused if there is no such file.
+        """Return ``count`` 16-bit words of a file of the rig from ``record`` on. Raises Refused if it does not exist.
 
-        NotAvailable without the capability ``files``.
+        Raises NotAvailable without the capability ``files``.
         """
 
-    # -- for who looks at a rig ----------------------------------------------------------------------------------
+    # -- for displays and reports --------------------------------------------------------------------------------
 
     def identity(self) -> str:
-        """Return in words what the rig was recognized by and, where it tells, who commands it."""
+        """Return as text how the rig was identified and, if it reports that, which client commands it."""
 
     def source(self, name: str) -> str:
-        """Return in words where a signal is on the wires; "" if it is nowhere."""
+        """Return as text which frame, register or node carries a signal; "" if none does."""
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return whose stamps a signal has, once some have come; None where nothing is known of them."""
+        """Return the stamp of a signal, known after its first samples; None if it is unknown."""
 
     def remarks(self) -> Mapping[str, Sequence[Remark]]:
-        """Return what was noticed of the rig since it was opened, by transport."""
+        """Return the remarks on the rig since the wiring was opened, by transport."""
 
 
 def refuse_absent(wiring: Wiring, *names: str) -> None:
-    """NotAvailable if the rig does not have one of the signals ``names``; it says why."""
+    """Raise NotAvailable with the reason if the rig lacks one of the signals ``names``."""
     for name in names:
         if name in wiring.absent:
             raise NotAvailable(f"{wiring.rig} has no {name}: {wiring.absent[name]}")
 
 
 class Transport(Protocol):
-    """One connection to a rig: numbers from and to named points, in whatever unit the rig has.
+    """One connection to a rig. It reads and writes the numbers of named points, in the units of the rig.
 
-    What a point is (a signal of a DBC, a register, a node of OPC UA) is between the transport and its description; to
-    the wiring it is a name. All methods may be called from any thread, one after the other or at once. Values that the
-    rig marks as not available are NaN. Errors are LinkLost (nobody answers), Refused (the rig says no) and, before
+    A point is a signal of a DBC, a register or a node of OPC UA. Only the transport and its description know which; the
+    wiring uses the name. All methods may be called from any thread, also at the same time. Values that the rig marks as
+    not available are NaN. The errors are LinkLost (no answer), Refused (the rig rejects the request) and, before
     anything is sent, WiringError.
     """
 
     @property
     def period(self) -> float:
-        """How often points come by themselves (s) at the slowest; 0 if all are read when asked."""
+        """The longest period (s) of the points that arrive without request; 0 if all are polled on request."""
 
     def require(self, name: str, *, writable: bool = False) -> None:
-        """WiringError, before anything is sent, unless there is a point of that name that can be read, or written."""
+        """Raise WiringError, before anything is sent, unless the point exists and can be read, or written."""
 
     def stale(self, name: str) -> float:
-        """Return after how long without news (s) a point is stale; 0 if it does not come by itself."""
+        """Return the age (s) above which a point is stale; 0 if it is polled on request."""
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect. LinkLost, in words, if nobody answers ``within`` s."""
+        """Connect. Raises LinkLost if there is no answer ``within`` s."""
 
     def subscribe(self, receive: OnPoints) -> None:
-        """Call ``receive(time, points)`` with what comes from now on, in order; only one thread calls at a time."""
+        """Call ``receive(time, points)`` with received points from now on, in order and from one thread at a time."""
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Ask for points now, if possible as one snapshot."""
+        """Poll points now, if possible as one snapshot."""
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Write points once, in as few messages as possible, in the order given; return when the rig has them."""
+        """Write points once, in the given order, in as few messages as possible. Returns when the rig has them."""
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take the present value of points that are streamed; the transport sends them at the rig's own rate.
+        """Take the present value of streamed points; the transport sends them at the rig's own rate.
 
-        It is called at each cycle of the set-points, also without points: they then go over another transport, and a
-        sign of life over this one goes on.
+        It is called at each cycle of the set-points. A call without points keeps the heartbeat of this transport
+        running while another transport carries the set-points.
         """
 
     def alive(self) -> float:
-        """Return how long ago anything came (s); infinite before the first."""
+        """Return the time (s) since anything was received; infinite before the first reception."""
 
     def close(self) -> None:
-        """Disconnect; no callback comes after this has returned. Harmless when repeated."""
+        """Disconnect. No callback follows after this returns. Repeated calls are harmless."""

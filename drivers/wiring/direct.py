@@ -1,4 +1,4 @@
-"""A transport that carries the signals of a table themselves, in SI; and what stands in its place on other rigs."""
+"""Interface of a transport that carries the signals of a table in SI, and a null object for other rigs."""
 
 from __future__ import annotations
 
@@ -12,51 +12,51 @@ from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples, Outle
 
 
 class Direct(Protocol):
-    """One connection to a rig that speaks the table of signals, or much of it; names are those of signals."""
+    """One connection to a rig that implements the table of signals, or most of it. Names are those of signals."""
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the rig does by itself."""
+        """Functions that the rig provides."""
 
     @property
     def freshness(self) -> Ints | None:
-        """For each table row, after how many ns a sample is stale; None where nothing is carried."""
+        """Age (ns) above which a sample is stale, by table row; None if no signals are carried."""
 
     @property
     def outlet(self) -> Outlet | None:
-        """Where set-points go; None where they do not go this way."""
+        """The receiver of set-points; None if this transport carries none."""
 
     @property
     def failure(self) -> BenchError | None:
-        """Why commands no longer count."""
+        """Why commands have no effect."""
 
     @property
     def commands(self) -> bool:
-        """Whether it is the rig's commander."""
+        """Whether this client is the rig's commander."""
 
     @property
     def given(self) -> Mapping[str, float]:
-        """Set-points that the rig gives to its commander."""
+        """Set-points that the rig assigns to its commander."""
 
     @property
     def absent(self) -> Mapping[str, str]:
-        """Signals that the rig's own table has not, or has elsewhere, with the reasons; known once connected."""
+        """Signals that the rig's own table lacks or has elsewhere, with the reasons; known once connected."""
 
     @property
     def differs(self) -> str:
-        """In words, what the rig's own table has otherwise; "" if nothing."""
+        """Differences of the rig's own table, as text; "" if there are none."""
 
     def connect(self, clock: Clock, lost: OnLost) -> None:
-        """Connect, and become the rig's commander unless it is only to listen. Who calls closes it if this raises."""
+        """Connect, and become the rig's commander unless it only listens. The caller closes it after an error."""
 
     def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
-        """Let samples come from now on, but for the signals ``silent``."""
+        """Start to receive samples, except of the signals ``silent``."""
 
     def close(self) -> None:
-        """Let go of the rig. Harmless when repeated."""
+        """Disconnect from the rig. Repeated calls are harmless."""
 
     def write(self, values: Mapping[str, float]) -> None:
-        """Bring settings to the rig, all or none."""
+        """Write settings, all or none."""
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Return settings in force, contacts and readings."""
@@ -71,14 +71,14 @@ class Direct(Protocol):
     def read_file(self, file: int, record: int, count: int) -> list[int]: ...
 
     def identity(self) -> str:
-        """Return in words what the rig was recognized by; "" where nothing is."""
+        """Return as text how the rig was identified; "" if it was not."""
 
     def source(self, name: str) -> str:
-        """Return in words where a signal is on the wires."""
+        """Return as text the frame or register of a signal."""
 
 
 class Nothing:
-    """What stands in the place of such a transport on a rig that speaks otherwise."""
+    """Null object for a rig without such a transport."""
 
     capabilities = Capabilities()
     freshness = outlet = failure = None

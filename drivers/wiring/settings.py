@@ -1,4 +1,4 @@
-"""The settings of a described wiring: written all or none, acknowledged by what the rig tells, or remembered."""
+"""The settings of a described wiring: written all or none, and confirmed by the rig or remembered."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from drivers.wiring.points import LOOK, Points
 
 
 class PointSettings:
-    """The settings of the rig ``rig`` as ``description`` has them.
+    """The settings of the rig ``rig``, as listed in ``description``.
 
-    ``apply`` tells a rig that stages settings to take them over.
+    ``apply`` requests a rig that stages settings to put them in force.
     """
 
     def __init__(self, rig: str, description: Description, points: Points, apply: Callable[[], None]) -> None:
@@ -26,23 +26,23 @@ class PointSettings:
         self._known = {name: setting.initial for name, setting in self._settings.items()}
 
     def await_told(self, clock: Clock, deadline: int) -> None:
-        """Let every setting be told once. What never comes stays unknown."""
+        """Wait until every setting was reported once. A setting that is never reported stays unknown."""
         self._points.told([one.read for one in self._settings.values() if one.read], clock, deadline)
 
     def source(self, name: str) -> tuple[str, ...]:
-        """Return the points that tell a setting; none if it is remembered."""
+        """Return the points that report a setting; none if it is remembered."""
         read = self._settings[name].read
         return (read,) if read else ()
 
     def si(self, name: str, numbers: Mapping[str, float]) -> float:
-        """Return a setting (SI) where its points read ``numbers``, NaN if it is not known."""
+        """Return the value (SI) of a setting from the ``numbers`` of its points, NaN if it is not known."""
         one = self._settings[name]
         if one.fixed is not None:
             return one.fixed
         return one.conversion.si(numbers[one.read]) if one.read else self._known[name]
 
     def write(self, values: Mapping[str, float], clock: Clock | None) -> None:
-        """Bring ``values`` (SI) to the rig and wait until it tells them; Refused, and the old ones again, if not."""
+        """Write ``values`` (SI) and wait for confirmation. Without it, restore the old values and raise Refused."""
         numbers = {name: self._number(name, value) for name, value in values.items()}
         written = {name: number for name, number in numbers.items() if number is not None}
         before = self._before(written)
@@ -60,7 +60,7 @@ class PointSettings:
         self._known.update({name: values[name] for name in written})
 
     def _number(self, name: str, value: float) -> float | None:
-        """Return what a setting (SI) is on the wire, None for one that is fixed and stays so."""
+        """Return the number sent for a setting (SI), None for a fixed setting with that value."""
         setting, signal = self._settings[name], self._table[name]
         if setting.fixed is not None:
             if abs(value - setting.fixed) > 0.5 * signal.step:
@@ -76,7 +76,7 @@ class PointSettings:
         return number
 
     def _before(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the points of settings with what is on them now, as far as that is known."""
+        """Return the points of settings with their present numbers, as far as they are known."""
         numbers = {}
         told = self._points.read(point for name in names for point in self.source(name))
         for name in names:
@@ -85,7 +85,7 @@ class PointSettings:
         return {point: number for point, number in numbers.items() if not math.isnan(number)}
 
     def _acknowledged(self, name: str, value: float, clock: Clock | None) -> None:
-        """Wait until the rig tells that it has taken over a setting; Refused if it does not."""
+        """Wait until the rig reports the new value of a setting. Raises Refused if it does not."""
         setting, signal = self._settings[name], self._table[name]
         if not setting.read or clock is None:
             return

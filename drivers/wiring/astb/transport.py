@@ -41,10 +41,10 @@ def _bus_lost(reason: str) -> str:
 
 
 class AstbTransport:
-    """The connection ``[transports.NAME]``, whose keys are ``keys``, to a rig that speaks ``table``, or much of it.
+    """The connection ``[transports.NAME]`` with the keys ``keys`` to a rig that implements ``table``, or most of it.
 
-    ``ports`` opens a CAN and a Modbus port in the place of the described ones: in memory, say. Both are opened when
-    they are first needed, and closed at the end. WiringError for keys that cannot be.
+    ``ports`` opens a CAN and a Modbus port that replace the described ones, for example in memory. Both are opened at
+    the first use, and closed at the end. Raises WiringError for invalid keys.
     """
 
     def __init__(
@@ -56,14 +56,14 @@ class AstbTransport:
     ) -> None:
         self._keys = convert(f"transports.{name}", keys, AstbKeys)
         self._table, self._opener = table, ports or self._opened
-        #: What the rig does by itself.
+        #: Functions that the rig provides.
         self.capabilities = Capabilities(lease=True, watchdog=True, identity=True, files=True, pace=PACE)
-        self.differs = ""  #: in words, what the rig's table has otherwise
+        self.differs = ""  #: differences of the rig's table, as text
         self.absent: Mapping[
             str, str
-        ] = {}  #: signals that the rig's table has not, or elsewhere, with the reasons
+        ] = {}  #: signals that the rig's table lacks or has elsewhere, with the reasons
         self.given: Mapping[str, float] = {}
-        self.commands = False  #: whether it has the lease
+        self.commands = False  #: whether this client holds the lease
         self._listener: AstbListener | None = None
         self._map_hash = table.map_hash
         self._clock: Clock
@@ -87,17 +87,17 @@ class AstbTransport:
 
     @cached_property
     def can(self) -> CanPort:
-        """The port of the bus."""
+        """The port of the CAN bus."""
         return self._ports[0]
 
     @cached_property
     def modbus(self) -> ModbusPort:
-        """The port of the PLC."""
+        """The Modbus port of the PLC."""
         return self._ports[1]
 
     @cached_property
     def outlet(self) -> AstbOutlet:
-        """Where set-points go."""
+        """The sender of the set-points."""
         return AstbOutlet(self._table, self.can)
 
     @cached_property
@@ -107,19 +107,19 @@ class AstbTransport:
 
     @cached_property
     def watchdog(self) -> WatchdogFeeder:
-        """What lets the rig know that its commander lives."""
+        """The task that feeds the watchdog of the rig."""
         return WatchdogFeeder(self.registers)
 
     @property
     def freshness(self) -> Ints:
-        """For each table row, after how many ns a sample is stale; 0 for what is read when asked, or absent."""
+        """Age (ns) above which a sample is stale, by table row; 0 for signals that are polled on request or missing."""
         limits = stale_limits(self._table)
         limits[[self._table.index[name] for name in self.absent]] = 0
         return limits
 
     @property
     def failure(self) -> BenchError | None:
-        """Why commands no longer count: another map, the lease is somebody else's, or the watchdog cannot be fed."""
+        """Why commands have no effect: another signal map, a lost lease, or a failure to feed the watchdog."""
         told = math.nan if self._listener is None else self._listener.map_hash
         if not math.isnan(told) and (differs := other_map(int(told), self._map_hash)):
             return differs
@@ -128,12 +128,12 @@ class AstbTransport:
             return failure
         return LinkLost(f"the rig's watchdog cannot be fed: {failure}")
 
-    # -- coming and going ----------------------------------------------------------------------------------------
+    # -- connection ----------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost) -> None:
-        """Check that the rig speaks our table, or enough of it; take the lease and feed the watchdog.
+        """Check that the rig implements our table, or enough of it. Take the lease and feed the watchdog.
 
-        Who only listens does neither. Every answer of Modbus is bounded by its port.
+        A client that only listens does neither. The port limits the time of every Modbus answer.
         """
         self._clock, self._lost = clock, lost
         self._agree(self.registers.probe())
@@ -146,14 +146,14 @@ class AstbTransport:
         self.watchdog.start(clock)
 
     def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
-        """Let samples come from now on, but for the signals ``silent``."""
+        """Start to receive samples, except of the signals ``silent``."""
         stamps = None if isinstance(self._clock, VirtualClock) else StampClock()
         self._listener = AstbListener(self._table, self._clock, stamps, receive, silent)
         self.can.on_lost(lambda reason: self._lost(_bus_lost(reason)))
         self.can.subscribe(self._listener.receive)
 
     def _agree(self, map_hash: int) -> None:
-        """Find what our table and the rig's map have in common, if they differ; MapMismatch if that is too little."""
+        """Find the common part of our table and a different map of the rig. Raises MapMismatch if it is too small."""
         self._map_hash = map_hash
         if map_hash != self._table.map_hash:
             found = self.registers.differences(map_hash)
@@ -161,7 +161,7 @@ class AstbTransport:
             self.differs = f"the rig speaks another table of signals, hash {map_hash:#010x}: {found}"
 
     def close(self) -> None:
-        """Let go of the lease and of both connections. Harmless when repeated."""
+        """Release the lease and close both connections. Repeated calls are harmless."""
         if "_ports" not in self.__dict__:  # nothing was opened
             return
         try:
@@ -176,7 +176,7 @@ class AstbTransport:
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Let the watchdog of the PLC starve while the block lasts; then join the same lease again."""
+        """Stop feeding the watchdog of the PLC inside the block, then rejoin the same lease."""
         self.watchdog.stop()
         try:
             yield
@@ -184,7 +184,7 @@ class AstbTransport:
             self.registers.join_lease(int(self.given[TOKEN]))
             self.watchdog.start(self._clock)
 
-    # -- what is said and asked ----------------------------------------------------------------------------------
+    # -- reading and writing -------------------------------------------------------------------------------------
 
     def write(self, values: Mapping[str, float]) -> None:
         """Stage and apply settings, all or none."""
@@ -203,9 +203,10 @@ class AstbTransport:
         return self.modbus.read_file(file, record, count)
 
     def is_own(self, port: int, token: float) -> bool:
-        """Return whether this commander sent what came from a TCP ``port``; 0 is ours once the bench is not.
+        """Return whether a frame or request came from this commander, by its TCP ``port`` (0: a bus without ports).
 
-        A client on another machine may have the same port: frames from there are ours only if the bench is not.
+        A client on another machine may use the same port number. CAN frames are therefore attributed to this
+        commander only if it no longer holds the lease, or if the holder is unknown.
         """
         lost = not math.isnan(token) and bool(self.given) and token != self.given[TOKEN]
         if not port:
@@ -215,17 +216,17 @@ class AstbTransport:
         )
 
     def identity(self) -> str:
-        """Return which table of signals the rig speaks, and who holds the bench."""
+        """Return which signal table the rig uses, and who holds the lease."""
         spoken = self.differs or f"table of signals {self._table.map_hash:#010x}"
         return f"{spoken}; held by {self.registers.whose()}"
 
     def source(self, name: str) -> str:
-        """Return which CAN message or register has a signal."""
+        """Return the CAN message or register of a signal."""
         for message in self._table.messages:
             if any(place.signal == name for place in message.fields):
                 return f"CAN {message.identifier:#05x}"
         return f"Modbus {self._table[name].address}"
 
     def tally(self) -> dict[str, int]:
-        """Return how many frames were accepted, lost, repeated, malformed… since it was connected."""
+        """Return the counts of frames since the connection: accepted, lost, repeated, malformed…"""
         return {} if self._listener is None else self._listener.tally()

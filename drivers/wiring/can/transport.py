@@ -82,10 +82,10 @@ _LOOK: Final = round(5 * ms * NS)
 
 
 class CanTransport:
-    """A `Transport` on a CAN bus; what is wrong in its description is a WiringError of the constructor.
+    """A `Transport` on a CAN bus. The constructor raises WiringError for an invalid description.
 
-    ``functions`` is the description's Python file, and ``port`` opens a bus in the place of the one described. Start
-    values that a DBC has for the points ``streamed`` are not sent: a set-point exists once somebody gives it.
+    ``functions`` is the Python file of the description. ``port`` opens a bus that replaces the described one. Start
+    values of the DBC are not sent for the points ``streamed``: a set-point has no value until a command sets it.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class CanTransport:
         self._lock = threading.RLock()
         self._port: CanPort | None = None
         self._clock: Clock | None = None
-        self._stamps: StampClock | None = None  # in virtual time stamps have the clock of the bench
+        self._stamps: StampClock | None = None  # in virtual time, stamps use the clock of the bench
         self._turns: dict[str, int] = {}
 
     def _check_burst(self, place: str, first: str) -> None:
@@ -157,32 +157,32 @@ class CanTransport:
 
     @property
     def counts(self) -> dict[str, dict[str, int]]:
-        """Frames lost, repeated, corrupt, short, of an unknown page or another source, by message."""
+        """Frames that were lost, repeated, corrupt, short, of an unknown page or another source, by message."""
         return self._reception.counts
 
     def remarks(self) -> list[Remark]:
-        """Return what came that was dropped or read in part, and what else is on the bus."""
+        """Return remarks on frames that were dropped or read in part, and on other frames on the bus."""
         return self._reception.remarks()
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return by whose clock the message of a point is stamped; None in memory, where all have the bench's."""
+        """Return the clock that stamps the message of a point; None in memory, where it is the bench's clock."""
         clock = getattr(self._port, "stamped_by", None)
         if clock is None:
             return None
         shared = self.name if self._burst else f"{self.name}.{self._find(name)[0].name}"
         return Stamp(clock, UNCERTAINTY[clock], shared)
 
-    # -- what there is -------------------------------------------------------------------------------------------
+    # -- points --------------------------------------------------------------------------------------------------
 
     @property
     def period(self) -> float:
-        """How often points come by themselves (s) at the slowest."""
+        """The longest period (s) of the received points."""
         return max(
             (one.stale / 3 for one in self._messages.values() if one.name not in self._ours), default=0.0
         )
 
     def require(self, name: str, *, writable: bool = False) -> None:
-        """WiringError unless there is a point ``Message.Signal``, and one of ours if it is to be written."""
+        """Raise WiringError unless the point ``Message.Signal`` exists, in one of our messages if ``writable``."""
         message, signal = self._find(name)
         place = f"transports.{self.name}: {name}"
         if message.refused:
@@ -228,12 +228,12 @@ class CanTransport:
         return message, signal
 
     def stale(self, name: str) -> float:
-        """Return after how long without its message (s) a point is stale."""
+        """Return the time (s) without its message after which a point is stale."""
         return self._find(name)[0].stale
 
     @property
     def waiting(self) -> dict[str, list[str]]:
-        """Messages that are to be sent all the time and cannot yet, each with the signals that have no value."""
+        """Cyclic messages that cannot be sent yet, each with the signals that have no value."""
         with self._lock:
             lacking = {
                 name: one.missing(None)
@@ -245,7 +245,7 @@ class CanTransport:
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Join the bus and wait for the rig's first message; LinkLost if none comes ``within`` s."""
+        """Join the bus and wait for the rig's first message. Raises LinkLost if none arrives ``within`` s."""
         self._clock, self._grant = clock, Grant()
         self._stamps = None if isinstance(clock, VirtualClock) else StampClock()
         self._latest, self._times = {}, {}
@@ -279,15 +279,15 @@ class CanTransport:
         return open_can(keys.bus, host=keys.host, port=keys.port, fd=fd)
 
     def subscribe(self, receive: OnPoints) -> None:
-        """Call ``receive(time, points)`` with each sound message from now on."""
+        """Call ``receive(time, points)`` with each valid message from now on."""
         self._listener.subscribe(receive)
 
     def alive(self) -> float:
-        """Return how long ago a sound message came (s); infinite before the first."""
+        """Return the time (s) since the last valid message; infinite before the first."""
         return self._listener.silence()
 
     def close(self) -> None:
-        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+        """Leave the bus. No callback follows after this returns. Repeated calls are harmless."""
         self._listener.close()
         if self._port is not None:
             self._port.close()
@@ -306,9 +306,9 @@ class CanTransport:
                 self._decode(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
-        """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other.
+        """Return when a message received at ``time`` was sampled. A rig samples at once, then sends frame after frame.
 
-        Where it is known what is sent first, a burst that took long is not taken for the beginning of the next.
+        If the first message of a burst is known, a long burst is not mistaken for the beginning of the next one.
         """
         if 0 <= time - self._burst_began < self._burst and message.name != self._keys.burst_begins:
             return self._burst_began
@@ -320,7 +320,9 @@ class CanTransport:
         note = partial(self._reception.note, message)
         sound = message.sound(data)
         values = message.decode(data) if sound else {}
-        if not values:  # a wrong checksum, or too short for anything; else a page that nobody described
+        if (
+            not values
+        ):  # wrong checksum or too short for any value; else an unknown page of a multiplexed message
             note("unknown" if sound and len(data) >= message.coding.length else "corrupt")
             return
         if message.keys.counter:
@@ -332,7 +334,9 @@ class CanTransport:
             step = (count - message.heard) % message.counter_period
             if message.when >= 0 and time - message.when < message.stale * NS:
                 if step == 0:
-                    message.when = time  # it goes on coming: a counter that stands still is never news
+                    message.when = (
+                        time  # the message still arrives: with a constant counter it never has new data
+                    )
                     note("repeated")
                     return
                 note("lost", step - 1)
@@ -345,7 +349,7 @@ class CanTransport:
         self._listener.receive(time, values)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return what came last; NaN for what is stale, or never came. A bus cannot be asked."""
+        """Return the latest values; NaN for stale or missing ones. A bus cannot be polled."""
         for name in names:
             self.require(name)
         self._listener.check()
@@ -361,12 +365,12 @@ class CanTransport:
     # -- sending ---------------------------------------------------------------------------------------------------
 
     def begin(self) -> float:
-        """Let messages go out at their rate from now on; return after how long (s) the slowest has, three times."""
+        """Start the cyclic messages. Returns the time (s) until the slowest of them was sent three times."""
         self._grant.begin()
         return LIFE_SIGNS * max((one.every for one in self._messages.values()), default=0.0)
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Send points in the order given, neighbours of one message in one frame; ValueError if one does not fit."""
+        """Send points in the given order, neighbours of one message in one frame. ValueError if one does not fit."""
         taken = self._taken(points)
         self._listener.check()
         self._grant.begin()
@@ -386,7 +390,7 @@ class CanTransport:
                 self._send([message.encode(page)], [message])
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take the present value of points that go out at the rate of their message; NaN leaves what was there."""
+        """Take the present value of points that are sent at the rate of their message; NaN keeps the previous value."""
         taken = self._taken({name: value for name, value in points.items() if not math.isnan(value)})
         self._listener.check()
         with self._lock:
