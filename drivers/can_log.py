@@ -23,11 +23,11 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 
 
 class CanLog:
-    """Writes every frame that ``port`` hears into ``path`` until it is closed, in a thread of its own.
+    """Writes every frame that ``port`` receives into ``path`` until it is closed, in its own thread.
 
-    The port should do nothing else: a port does not receive what it sends itself. ``tell`` is called at once, in
-    that thread, if the disk fails. CanLogError for a name with an ending that nobody writes, or a file that cannot
-    be made.
+    The port must not be used for sending, as a port does not receive its own frames. ``tell`` is called at once, in
+    that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file that cannot be
+    created.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class CanLog:
         port.subscribe(self._waiting.put)
 
     def close(self) -> None:
-        """Leave the bus and finish the file. CanLogError if the disk failed meanwhile."""
+        """Leave the bus and finish the file. Raises CanLogError if writing failed in the meantime."""
         self._port.close()
         self._waiting.put(None)
         self._thread.join(_PATIENCE)
@@ -59,18 +59,18 @@ class CanLog:
                 for message in _messages(block):
                     self._writer.on_message_received(message)
             self._writer.stop()
-        except Exception as error:  # writers have exceptions of their own; whoever closes must know of each
+        except Exception as error:  # writers have their own exceptions; the caller of close gets each of them
             self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
             self._tell(self._error())
             while self._waiting.get() is not None:
-                pass  # what nobody writes must not fill the memory
+                pass  # frames that cannot be written must not fill the memory
 
     def _error(self) -> CanLogError:
         return CanLogError(f"{self._path} lacks frames: {self._failure}")
 
 
 def write_frames(blocks: Iterable[Block], path: Path) -> int:
-    """Write frames into a file; return how many. CanLogError as `CanLog` raises it."""
+    """Write frames into a file; return their number. Raises CanLogError as `CanLog` does."""
     count = 0
     writer = _open_writer(path)
     try:
@@ -84,7 +84,7 @@ def write_frames(blocks: Iterable[Block], path: Path) -> int:
 
 
 def read_frames(path: Path) -> Iterator[Block]:
-    """Yield the classic data frames of a file in the order of their times (ns), which are as the file has them."""
+    """Yield the classic data frames of a file in the order of their times (ns), which are those in the file."""
     yield from read_log(path, Account()).blocks(lambda kind: True)
 
 

@@ -1,7 +1,7 @@
-"""A CAN port: where the drivers put frame blocks on a bus and from where they receive every frame on it.
+"""A CAN port: it sends blocks of frames to a bus and delivers every received frame.
 
-``PythonCanPort`` makes one of any python-can bus, with a thread that does nothing but fetch frames, because a
-kernel's CAN socket holds only some 280 of them while the program computes. ``open_can`` chooses the bus.
+``PythonCanPort`` works on any python-can bus. It has a thread that only receives frames, because a CAN socket of the
+kernel holds only some 280 of them while the program computes. ``open_can`` chooses the bus.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ OnFrames = Callable[[Block], None]
 OnLost = Callable[[str], None]
 
 _PRIORITY: Final = 4  # of the receiver: below the command stream, above everything that computes
-#: The interface `auto` looks for; a real bus must be asked for by its name.
+#: The interface that `auto` uses; a real bus must be named explicitly.
 VIRTUAL_INTERFACE: Final = "vcan0"
 HUB_HOST: Final = "127.0.0.1"
 HUB_PORT: Final = 29536
@@ -70,45 +70,45 @@ _RECORD: Final = struct.Struct("<qIBB8s")
 
 
 class CanPort(Protocol):
-    """What the drivers need of a CAN bus."""
+    """Interface of a CAN bus for the drivers."""
 
     @property
     def wire(self) -> Wire | None:
-        """Where compiled code may write frames itself; None where only ``send`` can."""
+        """Socket to which compiled code may write frames; None if only ``send`` works."""
 
     @property
     def local_ports(self) -> set[int]:
-        """The TCP ports from which frames go out, where the bus has some."""
+        """The local TCP ports from which frames are sent, if any."""
 
     def send(self, block: Block) -> None:
-        """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
+        """Send the frames in order. Raises LinkLost if the bus is lost."""
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with everything received from now on, in order, in the receiver's thread."""
+        """Call ``callback(block)`` with all frames received from now on, in order, in the receiver's thread."""
 
     def on_lost(self, callback: OnLost) -> None:
-        """Call ``callback(reason)`` once when the bus is lost; at once if it is already."""
+        """Call ``callback(reason)`` once when the bus is lost; at once if it is lost already."""
 
     def close(self) -> None:
-        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+        """Leave the bus. No callback follows after this returns. Repeated calls are harmless."""
 
 
 class _Receiver(Protocol):
-    """Fetches frames from one kind of bus."""
+    """Receives frames from one kind of bus."""
 
-    #: Frames the operating system had to throw away because nobody fetched them.
+    #: Frames that the operating system discarded because its buffer was full.
     overflows: int
     wire: Wire | None
     stamped_by: Clock
 
     def receive(self, timeout: float) -> Block:
-        """Return what has come, waiting at most ``timeout`` s for the first frame; raises when the bus is lost."""
+        """Return received frames, waiting at most ``timeout`` s for the first. Raises an error when the bus is lost."""
 
     def send(self, block: Block) -> None: ...
 
 
 class _HubReceiver:
-    """A ``HubBus`` moves whole blocks by itself."""
+    """Receiver for a ``HubBus``, which delivers whole blocks."""
 
     overflows = 0
     stamped_by: Clock = "system"
@@ -120,7 +120,7 @@ class _HubReceiver:
 
 
 class _MessageReceiver:
-    """Any other python-can bus, message by message; ``fd``: with the frames of CAN FD on it."""
+    """Receiver for any other python-can bus, message by message; ``fd``: including CAN FD frames."""
 
     overflows = 0
     wire: Wire | None = None
@@ -173,7 +173,7 @@ def _send_messages(bus: can.BusABC, block: Block, fd: Fd | None) -> None:
 
 
 class _SocketCanReceiver:
-    """A SocketCAN bus, read past python-can: one system call per frame, the best stamp it has, losses counted."""
+    """Receiver for SocketCAN without python-can: one system call per frame, best available stamp, losses counted."""
 
     def __init__(self, bus: can.BusABC, sock: socket.socket, fd: Fd | None, *, hardware: bool) -> None:
         self.overflows = 0
@@ -182,11 +182,13 @@ class _SocketCanReceiver:
         self._bus, self._socket, self._fd = bus, sock, fd
         self._hardware = StampClock(drifts=True)
         _enlarge(sock)
-        # From now on every frame brings the kernel's count of those it had no room for.
+        # From now on every frame carries the kernel's count of frames discarded for lack of room.
         sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        if hardware:  # others have no such stamps, and each frame of theirs would cost twice as much
-            with contextlib.suppress(OSError):  # a kernel without them has its own
+        if (
+            hardware
+        ):  # other interfaces have no such stamps, and each of their frames would cost twice as much
+            with contextlib.suppress(OSError):  # a kernel without hardware stamps uses its own
                 sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, TIMESTAMPING)
         self._poll = select.poll()
         self._poll.register(sock, select.POLLIN)
@@ -215,7 +217,7 @@ class _SocketCanReceiver:
         return block
 
     def _time(self, notes: list[tuple[int, int, bytes]]) -> int:
-        """Return when a frame came, by the best clock that its ancillary data have."""
+        """Return when a frame was received, by the best clock in its ancillary data."""
         for _, kind, note in notes:
             if kind == _SO_RXQ_OVFL:
                 self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")
@@ -231,7 +233,7 @@ class _SocketCanReceiver:
 
 
 def _unpacked(raw: bytes) -> tuple[int, bool, bool, bytes] | None:
-    """Return identifier, whether it has 29 bits, whether it is of CAN FD, and data; None for what is no data frame."""
+    """Return identifier, extended flag, CAN FD flag and data of a frame; None if it is not a data frame."""
     fast = len(raw) == _CANFD_FRAME.size
     if fast:
         word, length, _, data = _CANFD_FRAME.unpack(raw)
@@ -250,9 +252,9 @@ _LITTLE: Final = struct.pack("=H", 1) == b"\1\0"
 
 
 class PythonCanPort:
-    """A ``CanPort`` on any python-can bus, which it owns and shuts down when it is closed.
+    """A ``CanPort`` on any python-can bus, which it shuts down when it is closed.
 
-    A subscriber that raises is a fault nobody would notice in a background thread: the port counts as lost, with
+    An exception of a subscriber would be unnoticed in a background thread. The port therefore counts as lost, with
     the exception as the reason.
     """
 
@@ -269,31 +271,31 @@ class PythonCanPort:
 
     @property
     def local_ports(self) -> set[int]:
-        """The TCP port from which frames go out, where the bus has one."""
+        """The local TCP port from which frames are sent, if any."""
         return {self._bus.local_port} if isinstance(self._bus, HubBus) else set()
 
     @property
     def description(self) -> str:
-        """Which bus this is, for people."""
+        """The name of the bus for messages."""
         return str(self._bus.channel_info)
 
     @property
     def overflows(self) -> int:
-        """Frames the kernel has thrown away since the port was opened; 0 on buses that cannot tell."""
+        """Frames that the kernel discarded since the port was opened; 0 on buses that do not report it."""
         return self._receiver.overflows
 
     @property
     def stamped_by(self) -> Clock:
-        """Whose clock stamps what comes: the interface's hardware, or the system's."""
+        """The clock that stamps received frames: that of the interface or of the system."""
         return self._receiver.stamped_by
 
     @property
     def wire(self) -> Wire | None:
-        """Where compiled code may write frames itself; None where only ``send`` can."""
+        """Socket to which compiled code may write frames; None if only ``send`` works."""
         return self._receiver.wire
 
     def send(self, block: Block) -> None:
-        """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
+        """Send the frames in order. Raises LinkLost if the bus is lost."""
         if self._lost:
             raise LinkLost(self._lost)
         try:
@@ -302,12 +304,12 @@ class PythonCanPort:
             raise LinkLost(f"frames could not be sent: {error}") from error
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with everything received from now on, in order, in the receiver's thread."""
+        """Call ``callback(block)`` with all frames received from now on, in order, in the receiver's thread."""
         with self._lock:
             self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:
-        """Call ``callback(reason)`` once when the bus is lost; at once if it is already."""
+        """Call ``callback(reason)`` once when the bus is lost; at once if it is lost already."""
         with self._lock:
             if not self._lost:
                 self._lost_callbacks.append(callback)
@@ -315,7 +317,7 @@ class PythonCanPort:
         callback(self._lost)
 
     def close(self) -> None:
-        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+        """Leave the bus. No callback follows after this returns. Repeated calls are harmless."""
         self._closing = True
         if isinstance(self._bus, HubBus):
             self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when nobody reads
@@ -370,7 +372,7 @@ def open_can(
                 f"can = {spec!r}: this machine has no CAN interface of that name"
                 f" (it has {', '.join(can_interfaces()) or 'none at all'}; 'tcp' is the rig's own hub)"
             )
-        # Error frames are of no use here, and not asking for them costs nothing.
+        # Error frames are not used here. The filter costs nothing.
         bus = can.Bus(
             channel=kind,
             interface="socketcan",
@@ -386,7 +388,7 @@ def open_can(
 def open_bus(
     interface: str, channel: str | None, options: Mapping[str, Any], *, fd: Fd | None = None
 ) -> PythonCanPort:
-    """Open any bus that python-can knows, ``fd`` with CAN FD; LinkLost, in words, if it cannot be opened."""
+    """Open any bus that python-can supports, ``fd`` with CAN FD. Raises LinkLost with the reason on failure."""
     whole = {"fd": True, **options} if fd is not None else options
     stamped_by: Clock = "hardware" if interface in HARDWARE_STAMPS else "system"
     try:
@@ -397,7 +399,7 @@ def open_bus(
 
 
 def resolve_can(spec: str) -> str:
-    """Return what ``spec`` means on this machine: ``tcp`` or the name of a SocketCAN interface."""
+    """Return the meaning of ``spec`` on this machine: ``tcp`` or the name of a SocketCAN interface."""
     if spec == "auto":
         return VIRTUAL_INTERFACE if has_interface(VIRTUAL_INTERFACE) else "tcp"
     return spec

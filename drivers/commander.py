@@ -1,4 +1,4 @@
-"""The commander: holds all set-points, moves them along ramps or a waveform, and lets the rig have them each cycle."""
+"""The commander: stores all set-points, moves them along ramps or a waveform, and sends them each cycle."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ CYCLE: Final = round(NS / COMMAND_RATE)  # ns
 
 
 class Played(NamedTuple):
-    """How far a waveform has come."""
+    """Progress of a waveform."""
 
-    cycle: int  #: how many have gone out
-    cycles: int  #: in all
+    cycle: int  #: number of cycles sent
+    cycles: int  #: total number
     going: bool
 
 
 class Commander:
-    """Holds all set-points and hands them to the wiring's outlet, on every cycle from ``start`` to ``stop``.
+    """Stores all set-points and passes them to the wiring's outlet on every cycle from ``start`` to ``stop``.
 
-    Thread-safe. A set-point nobody has given yet travels as "not available". When sending fails, ``failure`` keeps
-    the reason and the stream ends: the rig's watchdog then does what is right.
+    Thread-safe. A set-point without a value is sent as "not available". When sending fails, ``failure`` keeps the
+    reason and the stream ends. The watchdog of the rig then reacts.
     """
 
     def __init__(self, wiring: Wiring, clock: Clock) -> None:
@@ -51,7 +51,7 @@ class Commander:
         self.failure: LinkLost | None = None
 
     def start(self) -> None:
-        """Begin to stream; the first set-points go out one cycle from now."""
+        """Start to stream; the first set-points are sent one cycle from now."""
         if self._task is not None:
             return
         self.failure = None
@@ -63,7 +63,7 @@ class Commander:
                 CyclicStream(self._setpoints, self._mutex, self._clock, self.origin, CYCLE, self._fail)
             )
         if self._task is None:
-            # After a stall set-points go on from where they were, one step at a time.
+            # After a stall set-points continue from their last values, one step at a time.
             self._task = every_without_late(self._clock, CYCLE, self._cycle)
 
     def stop(self) -> None:
@@ -73,30 +73,30 @@ class Commander:
             self._task = None
 
     def next_cycle(self) -> int:
-        """Return when the next set-points go out (ns)."""
+        """Return the time (ns) at which the next set-points are sent."""
         now = self._clock.now()
         return now + CYCLE - (now - self.origin) % CYCLE
 
     def value(self, name: str) -> float:
-        """Return the set-point that the next cycle will carry at the latest; NaN if none was given."""
+        """Return the set-point of the next cycle; NaN if none is set."""
         return float(self._values[self._row(name)])
 
     def set(self, name: str, value: float) -> None:
-        """Let ``name`` be ``value`` from the next cycle on; ValueError if the wire cannot carry it."""
+        """Set ``name`` to ``value`` from the next cycle on. Raises ValueError if the wire cannot carry it."""
         self.set_all({name: value})
 
     def set_all(self, values: Mapping[str, float]) -> None:
-        """Let all ``values`` hold from the next cycle on, together; ValueError, and no change, if one does not fit."""
+        """Set all ``values`` together from the next cycle on. ValueError, without a change, if one does not fit."""
         rows, checked = self._checked(values)
         self._wiring.begin()
         self._change(rows, checked)
 
     def ramp(self, name: str, to: float, rate: float) -> float:
-        """Move ``name`` to ``to`` with ``rate`` (SI per second, positive); return how long it takes (s)."""
+        """Move ``name`` to ``to`` with ``rate`` (SI per second, positive); return the duration (s)."""
         return self.ramp_all({name: to}, rate)
 
     def ramp_all(self, targets: Mapping[str, float], rate: float) -> float:
-        """Start ramps on the same cycle, each with ``rate`` (SI/s); return how long the longest takes (s)."""
+        """Start ramps on the same cycle, each with ``rate`` (SI/s); return the longest duration (s)."""
         if not (rate > 0 and math.isfinite(rate)):
             raise ValueError(f"rate = {rate:g} per second is not a pace to move at; it must be positive")
         rows, ends = self._checked(targets)
@@ -114,10 +114,10 @@ class Commander:
         return bool((moving[[self._row(name) for name in names]] if names else moving).any())
 
     def play(self, offsets: Mapping[str, npt.NDArray[np.float64]]) -> None:
-        """Move set-points by ``offsets`` (SI, each (cycles,)) from where they are now, one cycle after the other.
+        """Move set-points by ``offsets`` (SI, each (cycles,)) from their present values, one column each cycle.
 
-        All of them begin on the same cycle. Whatever gives one of them another value ends the waveform. Misuse, and
-        nothing moves, for what the wire cannot carry, or for a set-point without a value to begin from.
+        All start on the same cycle. Setting another value for one of them ends the waveform. Raises Misuse, without a
+        motion, for a value that the wire cannot carry or for a set-point without a value.
         """
         rows = np.array([self._row(name) for name in offsets], np.int64)
         table = np.array(list(offsets.values()), np.float64)
@@ -144,12 +144,12 @@ class Commander:
 
     @property
     def played(self) -> Played:
-        """How far the last waveform has come."""
+        """The progress of the last waveform."""
         state = self._setpoints.waveform[0]
         return Played(int(state["cycle"]), int(state["cycles"]), bool(state["playing"]))
 
     def recall(self, duration: float) -> tuple[str, ...]:
-        """End the waveform: its set-points go back to where it began, in ``duration`` s; return their names."""
+        """End the waveform and move its set-points back to their start values in ``duration`` s; return their names."""
         count = self._setpoints.waveform[0]["count"]
         rows, starts = self._setpoints.rows[:count], self._setpoints.track[:count, 0]
         names = tuple(self._table.signals[row].name for row in rows)
@@ -160,14 +160,14 @@ class Commander:
         return names
 
     def freeze(self) -> None:
-        """End all ramps and the waveform where they are."""
+        """Stop all ramps and the waveform at their present values."""
         self._moving.end_moves(self._setpoints, self._mutex.address)
 
     def _change(self, rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
         self._moving.set_values(self._setpoints, self._mutex.address, rows, values)
 
     def _checked(self, values: Mapping[str, float]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Return rows and values of set-points that the wire can carry; ValueError or Misuse for any other."""
+        """Return rows and values of set-points that the wire can carry. Raises ValueError or Misuse for any other."""
         rows = [self._row(name) for name in values]
         return np.array(rows, np.int64), np.array(
             [self._table[name].check(float(value)) for name, value in values.items()], np.float64
@@ -180,7 +180,7 @@ class Commander:
         return self._table.index[name]
 
     def _cycle(self) -> None:
-        """Hand a cycle to the outlet: in virtual time, and to whatever only Python can send."""
+        """Pass a cycle to the outlet: in virtual time, and for transports without a compiled cycle."""
         if self.failure is not None:
             return
         with self._mutex:
@@ -190,7 +190,7 @@ class Commander:
             self._wiring.outlet.send(values, self._clock.now())
         except LinkLost as failure:
             self._fail(failure)
-        except Exception as error:  # it would end the thread of the cycle, and nobody would know
+        except Exception as error:  # it would end the thread of the cycle unnoticed
             self._fail(LinkLost(f"{type(error).__name__}: {error}"))
 
     def _fail(self, failure: LinkLost) -> None:

@@ -1,8 +1,8 @@
-"""``astb-hub``: a python-can bus on a socketcand server that notices when the server is gone and loses no frame.
+"""``astb-hub``: a python-can bus on a socketcand server that detects the loss of the server and loses no frame.
 
-python-can comes with a client for the same protocol (``socketcand``). This one exists because that one cannot open on
-a busy bus, receives "nothing" for ever at full load once the server has died, fails on empty frames, garbles remote
-frames, and needs ten seconds to tell that nobody listens. Any tool built on python-can can use it::
+python-can has a client for the same protocol (``socketcand``). That client has five defects. It cannot open on a busy
+bus. At full load it receives "nothing" for ever after the server has died. It fails on empty frames, corrupts remote
+frames, and needs ten seconds to detect a missing server. Any tool built on python-can can use this bus::
 
     can.Bus(interface="astb-hub", channel="vcan0", host="127.0.0.1", port=29536, ignore_config=True)
 """
@@ -29,9 +29,9 @@ _MOMENT: Final = 1.0  # s
 class HubBus(can.BusABC):
     """A CAN bus served by a socketcand server, such as the rig's hub.
 
-    Sending and receiving may happen in different threads, but only one thread may receive. There is no ``fileno()``:
-    a descriptor says nothing about the frames that already wait here, and python-can's Notifier would miss them.
-    Error frames of the server are counted in ``error_frames``, lines that make no sense in ``bad_lines``.
+    Sending and receiving may happen in different threads, but only one thread may receive. There is no ``fileno()``,
+    because python-can's Notifier would wait on it and miss the frames that are buffered here. Error frames of the
+    server are counted in ``error_frames``, unknown lines in ``bad_lines``.
     """
 
     def __init__(
@@ -45,8 +45,8 @@ class HubBus(can.BusABC):
     ) -> None:
         """Connect to the server at ``host``:``port`` and join its bus ``channel``.
 
-        ``timeout`` (s) bounds the connection, each answer of the server while opening, and each send.
-        Raises can.CanInitializationError, at once if nobody listens.
+        ``timeout`` (s) limits the connection, each answer of the server while opening, and each send.
+        Raises can.CanInitializationError, at once if no server listens.
         """
         self.channel = channel
         self._where = f"{channel} at {host}:{port}"
@@ -71,7 +71,7 @@ class HubBus(can.BusABC):
             )
             raise can.CanInitializationError(f"cannot open {self._where}: {reason}", error.errno) from None
         try:
-            #: Where others may write lines, each whole.
+            #: Socket for other writers, who must write whole lines.
             self.wire = Wire.on(self._socket.fileno(), lines=True)
             self.local_port = int(self._socket.getsockname()[1])
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -92,7 +92,7 @@ class HubBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def _expect(self, word: str, waiting: "deque[socketcand.Event]") -> None:
-        """Take the server's answer ``word``; what came along behind it stays in ``waiting``."""
+        """Receive the server's answer ``word``; events received after it stay in ``waiting``."""
         while not waiting:
             data = self._socket.recv(_READ_SIZE)
             if not data:
@@ -107,9 +107,9 @@ class HubBus(can.BusABC):
             )
 
     def recv_block(self, timeout: float | None = None) -> Block:
-        """Return all frames that have come, in order, as one block; wait at most ``timeout`` s for the first.
+        """Return all received frames, in order, as one block; wait at most ``timeout`` s for the first.
 
-        The block is empty if nothing came in that time; None waits as long as it takes.
+        The block is empty if none was received in that time; None waits without limit.
 
         Times are the server's, ns since the epoch. Filters set on the bus do not apply here.
         Raises can.CanOperationError once the server is gone, after the last of its frames has been returned.
@@ -136,14 +136,14 @@ class HubBus(can.BusABC):
             try:
                 self._socket.sendall(lines)
             except OSError as error:
-                # Perhaps half a line is out: the connection cannot be used any more.
+                # Part of a line may have been sent, so that the connection is unusable.
                 reason = f"frames could not be sent ({error.strerror or error})"
                 raise can.CanOperationError(self._lose(reason)) from None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send one message; ``timeout`` is ignored, the bus's own applies.
 
-        Raises can.CanOperationError for what the protocol cannot carry: remote, error and FD frames.
+        Raises can.CanOperationError for frames that the protocol does not support: remote, error and FD frames.
         """
         del timeout
         for unfit, what in (
@@ -184,7 +184,7 @@ class HubBus(can.BusABC):
         return message, False
 
     def _read(self, timeout: float | None) -> None:
-        """Wait until something comes and sort it; the loss of the server raises."""
+        """Wait for input and sort it. Raises an error if the server is lost."""
         if self._lost:
             raise can.CanOperationError(self._lost)
         try:
@@ -202,9 +202,9 @@ class HubBus(can.BusABC):
             raise can.CanOperationError(self._lose(reason)) from None
 
     def _readable(self, timeout: float | None) -> bool:
-        """Wait until something comes, at most ``timeout`` s (None: a moment).
+        """Wait for input, at most ``timeout`` s (None: a moment).
 
-        poll() and not epoll: a waiting epoll sleeps on, sometimes, when another thread closes the socket.
+        Uses poll() because epoll sometimes does not wake when another thread closes the socket.
         """
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
@@ -227,7 +227,7 @@ class HubBus(can.BusABC):
                     _LOG.debug("%s: %s", self._where, event)
 
     def _lose(self, reason: str) -> str:
-        """Remember why the server cannot be reached any more, if this is the first reason, and return the first."""
+        """Store the reason of the loss of the server if it is the first one; return the first reason."""
         self._lost = self._lost or f"{self._where} is lost: {reason}"
         return self._lost
 
@@ -245,7 +245,7 @@ class HubBus(can.BusABC):
 
 
 def _is_error_frame(identifier: str, stamp: str) -> bool:
-    """Tell ``< error 20000004 1700000000.123456 >``, a frame, from ``< error in words >``."""
+    """Distinguish ``< error 20000004 1700000000.123456 >``, a frame, from ``< error in words >``."""
     try:
         int(identifier, 16)
         float(stamp)

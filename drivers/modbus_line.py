@@ -25,33 +25,33 @@ from drivers.modbus_words import HEADER, instead
 Client = ModbusTcpClient | ModbusSerialClient
 
 SEE_TO_IT: Final = "; see that it runs and can be reached"
-#: How often a device that closes after each answer is seen to do so until it is not waited for any more.
+#: Number of closed connections after answers from which on a device is assumed to close after each answer.
 _HABIT: Final = 2
 _PAUSE: Final = round(20 * ms * NS)
 _LOOK: Final = round(1 * ms * NS)
 #: Functions whose answers repeat the address of the request.
 _WRITING: Final = frozenset({5, 6, 15, 16})
-#: How long a line is left silent after a request whose answer is lost, in time-outs.
+#: Silent time of a line after a request whose answer was lost, in time-outs.
 _SILENT: Final = 2.0
-#: How long a line must be silent after a late answer: so many times what the slowest answer so far took, and at least.
+#: Silent time of a line after a late answer, as a multiple of the slowest answer so far, and its minimum.
 _SLOWEST, _GAP_MIN = 2.0, 20 * ms
 
 
 class SharedClient:
     """A pymodbus client and its connection, for one port or several that take turns.
 
-    ``each``: the connection is opened for each request; so it is too with a device that is seen to close it after each
-    answer. ``echo``: what gives back another unit or transaction is no answer.
-    Whoever calls `execute`, `lose` or `hang_up` has the lock.
+    ``each``: the connection is opened for each request; also for a device that closes it after each answer. ``echo``:
+    a reply with another unit or transaction is not an answer. Callers of `execute`, `lose` or `hang_up` hold the
+    lock.
     """
 
     def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:
         self.client, self.where, self.each = client, where, each
         self._clock = RealClock()
         self.lock = threading.Lock()
-        self.closings = 0  #: how often the device closed the connection after an answer
-        self.discarded = 0  #: answers that belong to no pending request
-        self.latest = 0.0  #: s from a request until its answer, of the latest one that was discarded
+        self.closings = 0  #: number of connections that the device closed after an answer
+        self.discarded = 0  #: answers without a pending request
+        self.latest = 0.0  #: s from the request to the answer, of the latest discarded answer
         self._framed = isinstance(client.framer, FramerSocket)
         self._echo = echo or not self._framed
         self._request = self._came = b""
@@ -66,11 +66,11 @@ class SharedClient:
         client.transaction.trace_packet = self._packet
 
     def join(self, port: object) -> None:
-        """Let ``port`` be one of those that keep the connection open."""
+        """Add ``port`` to those that keep the connection open."""
         self._users.add(id(port))
 
     def leave(self, port: object) -> None:
-        """Close the connection, if no other port is on it."""
+        """Remove ``port``, and close the connection if it was the last one."""
         self._users.discard(id(port))
         if not self._users:
             with self.lock:
@@ -78,16 +78,16 @@ class SharedClient:
 
     @property
     def used(self) -> bool:
-        """Whether a port is on it."""
+        """Whether a port uses the connection."""
         return bool(self._users)
 
     @property
     def unnumbered(self) -> bool:
-        """Whether nothing in an answer tells to which request it belongs."""
+        """Whether answers have no number that assigns them to a request."""
         return not self._framed
 
     def execute(self, request: Callable[[], ModbusPDU], *, repeatable: bool) -> ModbusPDU:
-        """Return the reply. A ``repeatable`` request is sent again after a device hung up, and after a lost answer."""
+        """Return the reply. A ``repeatable`` request is sent again if the device had closed, or after a lost answer."""
         doubtful = self._settle()
         self._came = b""
         self._look()
@@ -124,18 +124,18 @@ class SharedClient:
             raise ModbusException("another address")
 
     def lose(self) -> None:
-        """Note that a request got no answer: one that comes late must not be taken for the next one."""
+        """Record that a request got no answer, so that a late one is not assigned to the next request."""
         if self._framed:
             self.hang_up()
             return
         self._lost = self._lost or self._sent
-        # Where something came, it was most likely the answer, damaged.
+        # Received bytes were most likely the answer, but damaged.
         wait = self._gap() if self._came else _SILENT * self._timeout()
         start = self._clock.now() if self._came else self._sent
         self._silent_until = start + round(wait * NS)
 
     def _settle(self) -> bool:
-        """Leave a line silent after a lost answer and read it empty; return whether an answer was lost."""
+        """Wait until a line is silent after a lost answer, and discard its input; return whether an answer was lost."""
         if not self._lost:
             return False
         left = (self._silent_until - self._clock.now()) / NS
@@ -144,7 +144,7 @@ class SharedClient:
         return True
 
     def _read_empty(self, within: float) -> None:
-        """Discard what comes within so many s, and then until the line is silent, or for as long again."""
+        """Discard input for ``within`` s, then until the line is silent, at most for as long again."""
         came = False
         until = self._clock.now() + round(within * NS)
         end = until + round((within + self._gap()) * NS)
@@ -152,13 +152,13 @@ class SharedClient:
             while self._receive(min(until, end)):
                 came, until = True, self._clock.now() + round(self._gap() * NS)
                 self.latest = max(self.latest, (self._clock.now() - (self._lost or self._sent)) / NS)
-        except OSError:  # a gateway that hung up may still have an answer for whoever comes next
+        except OSError:  # a gateway that closed may deliver the answer to the next client
             self.client.close()
             self._clock.sleep_until(min(until, end))
         self.discarded += came
 
     def _receive(self, until: int) -> bytes:
-        """Return what comes until a time (ns), b"" for nothing; OSError if the connection has ended."""
+        """Return the bytes received until a time (ns), b"" for none. Raises OSError if the connection has ended."""
         found = self.client.socket
         if found is None:
             self._clock.sleep_until(until)
@@ -183,7 +183,7 @@ class SharedClient:
         return self.client.comm_params.timeout_connect or 0.0
 
     def reason(self, error: Exception) -> str:
-        """Return in words why there was no reply."""
+        """Return as text why there was no reply."""
         if isinstance(error, ConnectionException | ConnectionError):
             if not self._there:
                 return "no connection; is the rig running?"
@@ -206,7 +206,7 @@ class SharedClient:
         self._answers = 0
 
     def _packet(self, sending: bool, data: bytes) -> bytes:
-        """See what goes and comes; whatever answers where there is no echo is taken for the answer."""
+        """Record sent and received bytes. Without an echo, any received bytes count as the answer."""
         if sending:
             self._request, self._sent = data, self._clock.now()
         else:
@@ -225,7 +225,7 @@ class SharedClient:
             self.discarded += at <= len(data) and self._request[:2] != number.to_bytes(2, "big")
 
     def _look(self) -> None:
-        """Notice whether the device has hung up since its last answer, or sent more than it was asked for."""
+        """Detect whether the device has closed since its last answer, or sent unrequested bytes."""
         found = self.client.socket
         if not isinstance(found, socket.socket):
             if found is not None and found.in_waiting:
@@ -253,7 +253,7 @@ class SharedClient:
         self.each = self.each or self._in_a_row >= _HABIT
 
     def _connect(self) -> None:
-        """Connect if need be; one that has just hung up, or has not noticed that we did, is given time."""
+        """Connect if necessary, with a delay for a device that has just closed or has not detected our closing."""
         self._there = False
         deadline = self._clock.now() + round(self._timeout() * NS)
         while not self.client.connect():

@@ -1,8 +1,8 @@
-"""With `modbus_line` the one place that knows pymodbus, which renames its interface in nearly every release.
+"""Access to Modbus devices. Only this module and `modbus_line` use pymodbus, whose interface changes often.
 
-A ``ModbusPort`` reads and writes numbers and says in words what went wrong. Behind it is pymodbus' synchronous
-client, on a socket or a serial line (``open_modbus``, ``open_serial``) or on a function that answers requests
-(``InMemoryModbus``): the bytes are the same.
+A ``ModbusPort`` reads and writes numbers and raises errors with a plain text. It uses pymodbus' synchronous client
+on a socket or a serial line (``open_modbus``, ``open_serial``), or on a function that answers requests
+(``InMemoryModbus``). The bytes are the same.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ from drivers.errors import LinkLost, Refused
 from drivers.modbus_line import SharedClient
 from drivers.modbus_words import SerialLine, in_registers, request_in_words
 
-# Whatever pymodbus logs as an error is raised here as an exception; without this it is also printed.
+# Errors that pymodbus logs are raised here as exceptions; without this handler they are also printed.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 _EXTENDED_ACCESS: Final = 3
@@ -49,8 +49,8 @@ class ModbusPort:
         self.line, self._unit = line, unit
         self._client: Any = line.client
         self._where = line.where
-        self.meaning: Mapping[int, str] = MEANING  #: of the codes with which the device refuses
-        self.discarded = 0  #: answers that belong to no pending request, mostly because they came too late
+        self.meaning: Mapping[int, str] = MEANING  #: texts of the exception codes of the device
+        self.discarded = 0  #: answers without a pending request, mostly late ones
         self._asking = 0  # the thread that waits for an answer
         self._postponed: list[Callable[[], None]] = []
         #: The TCP ports from which requests have gone out: a connection that broke is opened again from another.
@@ -58,9 +58,9 @@ class ModbusPort:
         line.join(self)
 
     def between_requests(self, call: Callable[[], None]) -> None:
-        """Call ``call`` now, or right after the request that this very thread is waiting for.
+        """Call ``call`` now, or after the request for which this thread is waiting.
 
-        In virtual time whoever waits for an answer lets time pass, and does what falls due meanwhile.
+        In virtual time a thread that waits for an answer advances the clock, which runs other tasks.
         """
         if self._asking == threading.get_ident():
             self._postponed.append(call)
@@ -233,11 +233,11 @@ def open_modbus(
     echo: bool = True,
     shared: bool = False,
 ) -> ModbusPort:
-    """Connect to a device; ``timeout`` (s) bounds the connection and every answer, ``within`` (s) the first connection.
+    """Connect to a device. ``timeout`` (s) limits the connection and each answer, ``within`` (s) the first connection.
 
-    ``rtu``: its frames are those of a serial line. ``each``: a connection for each request. ``echo``: answers say which
-    unit and request they are of. ``shared``: with whoever else asks for it at the same address. LinkLost if nobody
-    answers there.
+    ``rtu``: frames are those of a serial line. ``each``: a connection for each request. ``echo``: answers repeat unit
+    and request number. ``shared``: share the connection with other ports at the same address. Raises LinkLost without
+    an answer.
     """
     where = f"{host}:{port}"
 
@@ -252,7 +252,7 @@ def open_modbus(
 
 
 def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> ModbusPort:
-    """Open a serial line, which all ports on it share; LinkLost if there is none, or somebody else has it."""
+    """Open a serial line, shared by all ports on it. Raises LinkLost if it is missing or used by another process."""
 
     def connect() -> SharedClient:
         client = ModbusSerialClient(
@@ -275,14 +275,14 @@ def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> M
 
 
 def _timed(line: SharedClient, timeout: float) -> SharedClient:
-    """Let every answer take ``timeout`` s, whatever the first connection was given."""
+    """Set the time limit of each answer to ``timeout`` s, whatever the first connection had."""
     for params in (line.client.comm_params, line.client.transaction.comm_params):
         params.timeout_connect = timeout
     return line
 
 
 def _one_line(address: object, connect: Callable[[], SharedClient]) -> SharedClient:
-    """Return the line at ``address`` that somebody has already, or a new one."""
+    """Return the line at ``address`` if it is open already, or a new one."""
     with _sharing:
         found = _shared.get(address)
         if found is None or not found.used:
@@ -293,7 +293,7 @@ def _one_line(address: object, connect: Callable[[], SharedClient]) -> SharedCli
 class InMemoryModbus(ModbusPort):
     """A ``ModbusPort`` without a socket: ``answer(adu)`` is called for each request, in the calling thread.
 
-    An empty answer is a device that stays silent.
+    An empty answer represents a silent device.
     """
 
     def __init__(self, answer: Callable[[bytes], bytes], unit: int = 1) -> None:
@@ -301,7 +301,7 @@ class InMemoryModbus(ModbusPort):
 
 
 class _FunctionClient(ModbusTcpClient):
-    """pymodbus' client with a function in the place of its socket."""
+    """pymodbus' client with a function instead of its socket."""
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
         super().__init__("in memory", retries=0)

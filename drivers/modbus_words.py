@@ -1,27 +1,27 @@
-"""What a Modbus request is in words, whether it can be one at all, and what came in the place of its answer."""
+"""Texts for Modbus requests and wrong answers, and checks that a request is valid."""
 
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-#: Transaction, protocol, length, unit.
+#: Header of Modbus/TCP: transaction, protocol, length, unit.
 HEADER: Final = struct.Struct(">HHHB")
 
 
 @dataclass(frozen=True, slots=True)
 class SerialLine:
-    """How bits travel on a serial line."""
+    """The settings of a serial line."""
 
     device: str
     baudrate: int = 19200
     parity: str = "none"
     stopbits: int = 1
-    local_echo: bool = False  #: what is sent comes back, as from some adapters of two wires
+    local_echo: bool = False  #: sent bytes are received again, as with some two-wire adapters
 
 
 def request_in_words(verb: str, address: int, count: int, count_max: int, where: str) -> str:
-    """Return what is asked of ``where``; ValueError if no request can carry it."""
+    """Return the text of a request to ``where``. Raises ValueError if no request can have these numbers."""
     what = f"{verb} {address}" + (f" to {address + count - 1}" if count > 1 else "") + f" of {where}"
     if not 1 <= count <= count_max:
         raise ValueError(f"{verb}: count = {count} does not fit in one request (1 to {count_max})")
@@ -31,7 +31,7 @@ def request_in_words(verb: str, address: int, count: int, count_max: int, where:
 
 
 def in_registers(what: str, values: Sequence[int]) -> list[int]:
-    """Return ``values`` as numbers of registers; ValueError for one that does not fit."""
+    """Return ``values`` as register contents. Raises ValueError for one that does not fit."""
     numbers = [int(value) for value in values]
     for value in numbers:
         if not 0 <= value <= 0xFFFF:
@@ -40,7 +40,7 @@ def in_registers(what: str, values: Sequence[int]) -> list[int]:
 
 
 def instead(request: bytes, came: bytes, *, framed: bool) -> str:
-    """Return what came in the place of an answer to ``request``; ``framed``: both have the head of Modbus/TCP."""
+    """Return as text what was received instead of an answer; ``framed``: both have a Modbus/TCP header."""
     if not came:
         return ""
     if not framed:

@@ -1,4 +1,4 @@
-"""A log of CAN frames of any form that is known: the ending says which, and its clock must be one."""
+"""Reading of CAN logs in all supported formats. The file name ending selects the format."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def _writer(path: Path) -> Any:
     return can.Logger(path)
 
 
-#: What reads returns frames, of a path, an account, and how the stamps of a candump are meant; what writes returns a
-#: writer of python-can. MDF files may hold frames beside columns.
+#: The reader returns frames; its arguments are a path, an account, and the meaning of the stamps of a candump. The
+#: writer returns a writer of python-can. MDF files may hold frames in addition to columns.
 FORMS: Final = (
     FileForm("BLF", (".blf",), _blf, _writer),
     FileForm("ASC", (".asc",), lambda path, account, _: read_asc(path, account), _writer),
@@ -41,7 +41,7 @@ FORMS: Final = (
     FileForm("GVRET", (), lambda path, account, _: read_gvret(path, account), recognises=is_gvret),
     FileForm("MDF", (".mf4", ".mdf"), lambda path, account, _: read_mdf_frames(path, account)),
 )
-#: What is said of those that are not read.
+#: Text for logs of other formats.
 _ENDINGS: Final = ", ".join(endings([one for one in FORMS if one.write is not None]))
 OTHER_FORMS: Final = f"known are {_ENDINGS}, which the programs that write others can often export"
 _OTHERS: Final = {
@@ -51,10 +51,12 @@ _OTHERS: Final = {
     ";$FILEVERSION": "in the form of .trc",
 }
 _SECOND: Final = 10**9
-_DISORDER: Final = 10 * 10**6  #: ns by which interfaces that are read in turn may be out of order
+_DISORDER: Final = 10 * 10**6  #: ns by which frames may be out of order, because interfaces are read in turn
 _LEAP: Final = 86_400 * _SECOND
-_PAUSE: Final = 50  #: usual intervals without a frame that are told, if they take a second
-_UNIX: Final = 10**17  #: ns; earlier times count from the beginning of something
+_PAUSE: Final = (
+    50  #: number of usual intervals without a frame that is reported as a gap, if it lasts a second
+)
+_UNIX: Final = 10**17  #: ns; earlier times do not count from 1970
 
 
 def frames_form(path: Path, dbc: bool) -> FileForm | None:
@@ -64,10 +66,10 @@ def frames_form(path: Path, dbc: bool) -> FileForm | None:
 
 
 def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Frames:
-    """Return the data frames of a log, in the order of their times; all else is counted in ``account``.
+    """Return the data frames of a log, in the order of their times; all others are counted in ``account``.
 
-    ``stamps`` says how those of a candump are meant, where the file does not. CanLogError for what is no log, for one
-    without a frame, and for a clock that goes back or leaps.
+    ``stamps`` gives the meaning of those of a candump, if the file does not state it. Raises CanLogError for a file
+    of another format, for a log without a frame, and for a clock that goes back or jumps.
     """
     form = form_of(path, FORMS)
     if form is None or form.read is None:
@@ -82,7 +84,7 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
 
 
 def _without(path: Path, ending: str, account: Account) -> str:
-    """Return why a file gave no frame."""
+    """Return why a file has no frame."""
     if UNKNOWN not in account.counts:
         told = f" ({account.left_out})" if account.counts else ""
         return f"{path} holds no data frame{told}"
@@ -92,7 +94,7 @@ def _without(path: Path, ending: str, account: Account) -> str:
 
 
 def log_of_others(path: Path) -> str:
-    """Return which form of a log that is not read, or not under this ending, a file begins as; empty for any other."""
+    """Return the format of a log that is unsupported, or has another ending, by its first bytes; empty if unknown."""
     try:
         first = next(lines_of(path, Account()), None)
     except CanLogError:
@@ -137,7 +139,7 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
 
 
 def _put_in_order(path: Path, frames: Frames, times: np.ndarray, account: Account) -> None:
-    """Sort frames of which some were written a little late: never those of one identifier."""
+    """Sort frames that were written slightly late; frames of one identifier are never reordered."""
     which = np.frombuffer(frames.which, np.dtype("l"))
     order = np.argsort(which, kind="stable")
     same = np.diff(which[order]) == 0

@@ -1,4 +1,4 @@
-"""What a wiring's description comes to: where each signal comes from, where it goes to, and what it means."""
+"""The content of a wiring's description: source, target and meaning of each signal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.wiring.contract import Capabilities, Order, Sequences
 from drivers.wiring.conversion import Conversion
 from drivers.wiring.expression import Combine
 
-#: What the host plays where the rig has no function generator; these are no lines of a description then.
+#: Signals that the host simulates if the rig has no function generator; a description then has no lines for them.
 PLAYED: Final = (
     "generator.",
     "action.program_run",
@@ -28,14 +28,14 @@ PLAYED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where a measurement, status or contact comes from."""
+    """The source of a measurement, status or contact."""
 
     points: tuple[str, ...]
-    combine: Combine | None  #: None: the first point is it
+    combine: Combine | None  #: None: the first point is the value
     conversion: Conversion
 
     def si(self, values: Sequence[float]) -> float:
-        """Return the SI value for the numbers of the points; NaN if one of them is no number, or infinite."""
+        """Return the SI value for the numbers of the points; NaN if one of them is NaN or infinite."""
         if not all(map(math.isfinite, values)):
             return math.nan
         return self.conversion.si(values[0] if self.combine is None else self.combine(values))
@@ -43,16 +43,16 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where a set-point goes."""
+    """The target of a set-point."""
 
     point: str
     conversion: Conversion
-    given: str = ""  #: the point that tells its value when the bench connects
+    given: str = ""  #: the point with its value when the bench connects
 
 
 @dataclass(frozen=True, slots=True)
 class Greetings:
-    """What the wiring itself says, points and actions, when it has connected, parts, and has written settings."""
+    """Orders of the wiring itself: after connecting, before disconnecting, and after writing settings."""
 
     open: tuple[Order, ...]
     close: tuple[Order, ...]
@@ -61,20 +61,20 @@ class Greetings:
 
 @dataclass(frozen=True, slots=True)
 class SettingTarget:
-    """Where a setting goes and where it is read back; ``fixed`` settings go nowhere."""
+    """The target of a setting and the point that reads it back; ``fixed`` settings are not written."""
 
     point: str
     read: str  #: "": remembered
     conversion: Conversion
-    within: float  #: s that the rig may take until ``read`` tells it
-    tolerance: float  #: SI, by which what is read may differ from what was written
+    within: float  #: s, time limit until ``read`` has the new value
+    tolerance: float  #: SI, permitted difference between the written and the read value
     fixed: float | None
     initial: float  #: NaN: unknown
 
 
 @dataclass(frozen=True, slots=True)
 class PlayerLimits:
-    """How far a roll lifts an actuator (m/rad), and how steep a wave may be (SI per second)."""
+    """The lift of an actuator by a roll (m/rad), and the limits for the slope of a wave (SI per second)."""
 
     lever: float
     speed: float
@@ -84,7 +84,7 @@ class PlayerLimits:
 
 @dataclass(frozen=True)
 class Description:
-    """What a wiring file says, checked as far as it can be without its transports."""
+    """The content of a wiring file, checked as far as possible without its transports."""
 
     where: Path
     digest: str  #: SHA-256 of the keys and of the user's functions
@@ -100,19 +100,15 @@ class Description:
     sources: Mapping[str, Source]
     setpoints: Mapping[str, Target]
     settings: Mapping[str, SettingTarget]
-    actions: Mapping[
-        str, tuple[str, tuple[float, ...]]
-    ]  #: point, and what is written to it, one after the other
+    actions: Mapping[str, tuple[str, tuple[float, ...]]]  #: point, and the values written to it in order
     absent: Mapping[str, str]
-    points: tuple[
-        tuple[str, str, bool], ...
-    ]  #: every point that is named: its key, itself, whether it is written
+    points: tuple[tuple[str, str, bool], ...]  #: every named point: its key, its name, whether it is written
     direct: str = ""  #: the transport of kind astb, if there is one
-    carried: frozenset[str] = frozenset()  #: the signals that it carries: all that no line is for
+    carried: frozenset[str] = frozenset()  #: the signals that it carries: all without a line
 
     @cached_property
     def played(self) -> frozenset[str]:
-        """The signals that the bench itself answers for, because the rig has no generator."""
+        """Signals that the bench simulates because the rig has no generator."""
         return frozenset(
             signal.name
             for signal in self.table.signals
@@ -121,5 +117,5 @@ class Description:
 
     @cached_property
     def remembered(self) -> tuple[str, ...]:
-        """The settings that no point tells."""
+        """Settings that no point reports."""
         return tuple(name for name, one in self.settings.items() if one.fixed is None and not one.read)

@@ -1,4 +1,4 @@
-"""The wiring of somebody who only listens: nothing is sent by itself, so a dead commander does not look alive."""
+"""A wiring that only listens: it sends nothing by itself, so that a dead commander is not taken for a live one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from drivers.wiring.lines import Description, Greetings
 
 
 def listening(description: Description) -> Description:
-    """Return ``description`` without what is sent by itself: signs of life, streamed messages, words on connecting.
+    """Return ``description`` without periodic sending: heartbeats, streamed messages, orders on connecting.
 
-    One to a rig that knows one commander at a time does not become him. What a transport of somebody's own sends is its
-    own affair: only the keys ``alive`` and ``every`` are left out.
+    It never becomes the commander of a rig that has a lease. Of a user's own transport only the keys ``alive`` and
+    ``every`` are removed.
     """
     transports = {name: _silent(table) for name, table in description.transports.items()}
     return replace(description, transports=transports, greetings=Greetings((), (), ()))

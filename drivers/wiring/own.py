@@ -1,4 +1,4 @@
-"""The wiring of a rig that speaks our table: the description that comes with the bench, over ports of somebody's."""
+"""The wiring of a rig that implements our table: the supplied description, over given ports."""
 
 from __future__ import annotations
 
@@ -50,6 +50,6 @@ def own_wiring(
     absent: Mapping[str, str] | None = None,
     rig: str = "the rig",
 ) -> DescribedWiring:
-    """Return the wiring of a rig that speaks ``table``, over two ports that are open and that it closes."""
+    """Return the wiring of a rig that implements ``table``, over two open ports, which it closes."""
     told = own_description(table=table, absent=absent)
     return open_described(rig, told, {TRANSPORT: lambda: (can, modbus)})

@@ -1,4 +1,4 @@
-"""The way of set-points from a wiring to its transports: nothing before somebody commands, and no refusal unheard."""
+"""Streaming of set-points from a wiring to its transports: nothing before the first command, no unreported refusal."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from drivers.errors import BenchError, Misuse, Refused
 from drivers.wiring.contract import Floats, LifeSigns, Refusing, Transport
 from drivers.wiring.lines import Description
 
-#: How long an active rig may refuse set-points: one may be lost on the way into a state.
+#: Time for which an active rig may refuse set-points, because single ones may get lost during a change of state.
 _REFUSED_FOR: Final = round(300 * ms * NS)
 _NEVER: Final = 1 << 62
 
 
 class Streaming:
-    """Hands the set-points of a description to its ``transports``, cycle by cycle."""
+    """Passes the set-points of a description to its ``transports``, cycle by cycle."""
 
     def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
         self._rig, self._description, self._transports = rig, description, transports
         table = description.table
-        #: Set-points that have a value only once somebody gives them one; what is chosen begins as its first choice.
+        #: Set-points that have no value until a command sets it. Those that are choices start with the first choice.
         self._numeric: Final = [
             table.index[name]
             for name, one in description.setpoints.items()
@@ -35,11 +35,11 @@ class Streaming:
         self._active_since = _NEVER
 
     def open(self) -> None:
-        """Note that nobody has commanded yet on this connection."""
+        """Reset to the state before the first command on this connection."""
         self.commanded, self._active_since = False, _NEVER
 
     def begin(self, clock: Clock) -> None:
-        """Let what goes out by itself go out from now on, and the rig receive it before the first command."""
+        """Start heartbeats and cyclic messages, and wait until the rig has received some before the first command."""
         if not self.commanded and (heard := self._give_life_signs()):
             wait = heard + self._description.capabilities.latency
             clock.sleep_until(clock.now() + round(wait * NS))
@@ -53,9 +53,9 @@ class Streaming:
     def send(
         self, values: Floats, offsets: Mapping[int, float], time: int, *, active: bool
     ) -> BenchError | None:
-        """Stream set-points (SI, by table row, NaN where none was given) with ``offsets``; return what failed.
+        """Stream set-points (SI, by table row, NaN where nothing is set) with ``offsets``; return an error or None.
 
-        A rig that is ``active`` is to take them: what it goes on refusing has failed.
+        A refusal is an error if it lasts while the rig is ``active``.
         """
         self._active_since = min(self._active_since, time) if active else _NEVER
         if not self.commanded:
@@ -66,10 +66,13 @@ class Streaming:
         if not any(streams.values()):
             return None
         failure: BenchError | None = None
-        for name, points in streams.items():  # all: a sign of life may go another way than set-points
+        for (
+            name,
+            points,
+        ) in streams.items():  # all transports, because the heartbeat may use another one than the set-points
             try:
                 self._transports[name].stream(points, time)
-            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to know of it
+            except ValueError as error:  # beyond the range of the rig's numbers; the plan must know it
                 failure = failure or Misuse(f"set-points cannot be sent to {self._rig}: {error}")
         return failure or self._refused(time)
 
@@ -83,7 +86,7 @@ class Streaming:
         return None
 
     def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:
-        """Return what goes to each transport: the rig's numbers by point."""
+        """Return the rig's numbers by point, for each transport."""
         table = self._description.table
         streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
         for name, target in self._description.setpoints.items():
@@ -99,7 +102,7 @@ class Streaming:
 
 
 def by_transport(points: Iterable[str]) -> dict[str, list[str]]:
-    """Return the names of points, given in full, by transport."""
+    """Return the names of points by transport; the input has full names."""
     found: dict[str, list[str]] = {}
     for point in dict.fromkeys(points):
         transport, _, name = point.partition(".")

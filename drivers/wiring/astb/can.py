@@ -1,6 +1,6 @@
-"""Our own CAN: the table's frames become samples, and set-points become the protected frames of every cycle.
+"""CAN of our own table: decoded frames become samples, and set-points become the protected frames of each cycle.
 
-Commands that a bus echoes back are not readings: only messages *from the rig* are decoded.
+Only messages *from the rig* are decoded, because a bus may echo commands.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 STALE_AFTER: Final = 100 * ms
 STALE_PERIODS: Final = 3
 NEVER: Final = 2**62
-#: How long the stream goes on while the interpreter is stuck, and how often Python says that it is not.
+#: Time for which the stream continues while the interpreter is blocked, and the period at which Python renews it.
 AUTONOMY: Final = round(500 * ms * NS)
 _GRANT: Final = round(100 * ms * NS)
 _PRIORITY: Final = 5  #: above everything that computes, below a rig on the same machine
 
 
 def stale_limits(table: Table) -> Ints:
-    """Return for every table row after how many ns without a frame it is stale.
+    """Return for every table row the age (ns) above which it is stale.
 
-    0 for what CAN does not carry; never for what is sent on events only, whose last news stays true.
+    0 for rows that CAN does not carry. Rows sent only on events never become stale, as the last event remains valid.
     """
     limits = np.zeros(len(table.signals), np.int64)
     for message in table.messages:
@@ -50,11 +50,11 @@ def stale_limits(table: Table) -> Ints:
 
 
 class AstbListener:
-    """Decodes what our rig sends, and calls ``receive`` with the samples.
+    """Decodes frames of the rig, and calls ``receive`` with the samples.
 
-    ``stamps`` converts the time stamps of the frames to times of ``clock``; None where they have that clock already.
-    With ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals that this rig has elsewhere:
-    the rows of our table that stand in their place are ignored.
+    ``stamps`` converts the time stamps of the frames to times of ``clock``; None if they use that clock already. With
+    ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals that this rig has elsewhere; rows
+    of our table at their places are ignored.
     """
 
     def __init__(
@@ -69,18 +69,18 @@ class AstbListener:
 
         self._samples = Samples
         self._clock, self._stamps, self._receive = clock, stamps, receive
-        self._newest = 0  # ns, of the samples
+        self._newest = 0  # ns, time of the newest samples
         self._decoder = Decoder(table, from_rig=True)
         self._map_hash_row = table.index["rig.map_hash"]
         self._lock = threading.Lock()
-        #: Where the rig's map has something else than our table: which rows count; None for all.
+        #: Rows that are valid if the rig's map differs from our table; None for all.
         self._rows_here: npt.NDArray[np.bool_] | None = None
         if absent:
             self._rows_here = np.ones(len(table.signals), np.bool_)
             self._rows_here[[table.index[name] for name in absent]] = False
 
     def receive(self, block: Block) -> None:
-        """Take a block of frames in order of arrival."""
+        """Decode a block of frames in order of arrival."""
         with self._lock:
             if self._stamps is not None:
                 block = self._stamps.times(block, self._clock)
@@ -91,18 +91,18 @@ class AstbListener:
         if samples.times.size:
             times = samples.times
             fresh: Ints | int = times
-            if self._stamps is not None:  # a better offset must not let the times of a signal go back
+            if self._stamps is not None:  # the times of a signal must not decrease when the offset improves
                 times = np.maximum.accumulate(np.maximum(times, self._newest))
                 self._newest, fresh = int(times[-1]), self._clock.now()
             self._receive(times, samples.signals, samples.values, fresh)
 
     @property
     def map_hash(self) -> float:
-        """Which map the rig says it speaks; NaN before it has told."""
+        """The map hash that the rig reports; NaN before the first report."""
         return self._decoder.latest.item(self._map_hash_row)
 
     def tally(self) -> dict[str, int]:
-        """Return how many frames were accepted, lost, repeated, malformed… since the start."""
+        """Return the counts of frames since the start: accepted, lost, repeated, malformed…"""
         from bench_protocol.can_codec import Tally
 
         with self._lock:
@@ -112,7 +112,7 @@ class AstbListener:
 class AstbOutlet:
     """Sends the protected command messages, one block per cycle.
 
-    In real time the stream goes on while the interpreter is held by what computes, for ``AUTONOMY`` at most
+    In real time the stream continues while a computation holds the interpreter, for ``AUTONOMY`` at most
     (`drivers.cycle`).
     """
 
@@ -125,15 +125,15 @@ class AstbOutlet:
         self._rows = self._encoder.rows(commands)
 
     def bear(self, token: int) -> None:
-        """Let all that is sent from now on be that of the holder with ``token``; not while the cycle goes on."""
+        """Set the token of all frames from now on; not to be called while the cycle runs."""
         self._encoder.bind(token)
 
     def send(self, values: Floats, time: int) -> None:
-        """Send a block by the port: in virtual time, and on buses that only Python can write to."""
+        """Send a block by the port: in virtual time, and on buses without a wire for compiled code."""
         self._port.send(self._encoder.encode(values, self._rows, time))
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
-        """Let compiled code write to the port's wire, if it has one."""
+        """Start the cycle in compiled code if the port has a wire; otherwise return None."""
         from drivers import cycle
 
         wire = self._port.wire
@@ -144,7 +144,7 @@ class AstbOutlet:
 
 
 class _PunctualTask:
-    """The compiled cycle in a thread of its own, and Python's word from time to time that the plan lives."""
+    """The compiled cycle in its own thread. Python periodically grants further cycles as long as the plan runs."""
 
     def __init__(self, state: Cycle, wire: Wire, stream: CyclicStream, clock: RealClock) -> None:
         self._counts, self._ahead = state.counts, AUTONOMY // stream.period
@@ -158,7 +158,7 @@ class _PunctualTask:
             mutex, wire_mutex = stream.mutex.address, wire.mutex.address
             error = run_cycles(state, mutex, wire.descriptor, wire_mutex, wire.lines, begin, period)
             if error:
-                wire.cut()  # half a line may be out
+                wire.cut()  # an incomplete line may have been sent
                 stream.failed(LinkLost(f"frames could not be sent: {os.strerror(error)}"))
 
         self._grant()

@@ -1,4 +1,4 @@
-"""One message of a CAN transport: how it is coded and guarded, what it carries, and what goes round with it."""
+"""One message of a CAN transport: coding, protection, values and state of transmission."""
 
 from __future__ import annotations
 
@@ -18,39 +18,41 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Message:
-    """One message: how it is coded and guarded, what it carries, and what goes round with it."""
+    """One message: coding, protection, values and state of transmission."""
 
     name: str
     coding: Coding
     decoding: Decoding
     keys: MessageKeys
-    stale: float  #: s
+    stale: float  #: s without a frame after which its points are stale
     nulls: dict[str, list[float]]
-    limits: dict[str, tuple[float, float]]  #: of each signal, as it is coded
-    every: float = 0.0  #: how often it is sent (s); 0 for when it is written
+    limits: dict[str, tuple[float, float]]  #: lowest and highest number of each signal in its coding
+    every: float = 0.0  #: period of sending (s); 0 to send when written
     counter_period: int = 0
     checksum: Checksum | None = None
-    checksum_coding: Coding | None = None  #: of the checksum alone
+    checksum_coding: Coding | None = None  #: coding of the checksum alone
     checksum_mask: int = 0
-    given: dict[str, float] = field(default_factory=dict)  #: what is sent before anybody writes, by signal
-    values: dict[str, float] = field(default_factory=dict)  #: what is sent, by signal
-    count: int = -1  #: last sent
-    heard: int = -1  #: last received
-    when: int = -1  #: ns, last received
+    given: dict[str, float] = field(default_factory=dict)  #: values sent before the first write, by signal
+    values: dict[str, float] = field(default_factory=dict)  #: present values to send, by signal
+    count: int = -1  #: last counter sent
+    heard: int = -1  #: last counter received
+    when: int = -1  #: ns, last reception
     points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
-    refused: str = ""  #: why nothing of it can be used, of what the DBC says
-    source: int | None = None  #: J1939: the address that it is heard from
-    source_when: int = -1  #: ns, last heard from there
-    _placed: dict[int, int] = field(default_factory=dict)  #: checksums in their place, by value
+    refused: str = ""  #: why the message is unusable, by the DBC
+    source: int | None = None  #: J1939: address of the accepted sender
+    source_when: int = -1  #: ns, last reception from there
+    _placed: dict[int, int] = field(
+        default_factory=dict
+    )  #: bits of a frame with only the checksum, by its value
 
     def begin(self) -> None:
-        """Forget what was sent and received on an earlier connection."""
+        """Reset the state of an earlier connection."""
         self.values, self.count, self.heard, self.when = dict(self.given), -1, -1, -1
         self.source, self.source_when = self.keys.source, -1
 
     @property
     def j1939(self) -> bool:
-        """Whether it is known by its group, whoever sends it."""
+        """Whether it is identified by its group, for any sender."""
         return self.decoding.message.j1939
 
     @property
@@ -60,45 +62,45 @@ class Message:
 
     @property
     def identifier(self) -> int:
-        """What it is sent with."""
+        """The identifier with which it is sent."""
         own = self.j1939 and self.keys.source is not None
         return self.coding.frame_id & ~0xFF | (self.keys.source or 0) if own else self.coding.frame_id
 
     @property
     def guards(self) -> set[str]:
-        """Signals that the transport fills in by itself."""
+        """Signals that the transport sets itself."""
         own = {self.keys.counter, self.keys.checksum["signal"] if self.keys.checksum else None}
         return {name for name in own if name}
 
     @property
     def selector(self) -> str:
-        """The signal that says which page is sent; empty if all is sent always."""
+        """The signal with the page number; empty without pages."""
         selectors = [signal.name for signal in self.coding.signals if signal.is_multiplexer]
         return selectors[0] if selectors else ""
 
     @property
     def sendable(self) -> bool:
-        """Whether its pages are of one level, which is all that can be written."""
+        """Whether its pages have one level. Nested pages cannot be written."""
         return sum(signal.is_multiplexer for signal in self.coding.signals) <= 1
 
     def unreadable(self, signal: str) -> str:
-        """Return why no frame has a value of ``signal``, in words; empty if frames have."""
+        """Return as text why no frame has a value of ``signal``; empty if frames have one."""
         if signal in self.decoding.outside:
             return f"it does not fit into the {self.coding.length} bytes of {self.name}"
         twice = [one.name for one in self.coding.signals].count(signal) > 1
         return f"{self.name} has two signals of this name" if twice else ""
 
     def pages(self) -> list[int]:
-        """Return the numbers of its pages; none if all is sent always."""
+        """Return its page numbers; none without pages."""
         return sorted({page for signal in self.coding.signals for page in signal.multiplexer_ids or ()})
 
     def page_of(self, signal: str) -> int | None:
-        """Return the page on which ``signal`` is sent; None if on all."""
+        """Return the page of ``signal``; None if all pages have it."""
         ids = self.coding.get_signal_by_name(signal).multiplexer_ids
         return ids[0] if ids else None
 
     def on_page(self, page: int | None) -> list[str]:
-        """Return the signals to be given with a page, without those that are filled in."""
+        """Return the signals of a page that need a value, without those set by the transport."""
         return [
             signal.name
             for signal in self.coding.signals
@@ -112,7 +114,7 @@ class Message:
         return [name for name in self.on_page(page) if name not in self.values]
 
     def encode(self, page: int | None) -> bytes:
-        """Return the data of the next frame of a page."""
+        """Return the data of the next frame of a page, with its counter and checksum."""
         signals = {name: self.values[name] for name in self.on_page(page)}
         if self.selector:
             signals[self.selector] = page if page is not None else self.values.get(self.selector, 0)
@@ -126,7 +128,7 @@ class Message:
         return (bare | self._place(self.checksum(self.identifier, data))).to_bytes(len(data), "big")
 
     def sound(self, data: bytes) -> bool:
-        """Return whether the checksum of a received frame is right; not if the frame ends before it."""
+        """Return whether the checksum of a received frame is correct; False if the frame ends before it."""
         if self.checksum is None:
             return True
         more = 8 * (len(data) - self.coding.length)  # bits; a frame may be longer or shorter than described
@@ -138,7 +140,7 @@ class Message:
         return bits & mask == _shifted(self._place(self.checksum(self.identifier, bare)), more)
 
     def _place(self, checksum: int) -> int:
-        """Return the bits of a frame that has ``checksum`` and nothing else."""
+        """Return the bits of a frame that has only the checksum ``checksum``."""
         bits = self._placed.get(checksum)
         if bits is None:
             assert self.checksum_coding is not None and self.keys.checksum is not None
@@ -147,7 +149,7 @@ class Message:
         return bits
 
     def decode(self, data: bytes) -> dict[str, float]:
-        """Return the numbers in a received frame by point, as far as it goes; NaN where there is none."""
+        """Return the numbers of a received frame by point, as far as it goes; NaN for "not available"."""
         names = self.points
         found = {names[signal]: value for signal, value in self.decoding.values(data, Account())}
         for signal, nulls in self.nulls.items():

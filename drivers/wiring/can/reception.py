@@ -1,4 +1,4 @@
-"""Which message a frame on the bus is, and what became of all that came, in words."""
+"""Assignment of received frames to messages, and counts of dropped frames."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench_protocol.units import NS
 from drivers.wiring.can.message import Message
 from drivers.wiring.contract import Remark
 
-#: How many identifiers of others are told.
+#: Number of foreign identifiers that are listed in a remark.
 _TOLD_MAX: Final = 6
 _WORDS: Final = {
     "corrupt": "a wrong checksum, or too short for one",
@@ -21,13 +21,13 @@ _WORDS: Final = {
     "repeated": "the same count as before",
     "lost": "missing by their count",
 }
-#: What takes readings away, beyond one frame in a hundred.
+#: Kinds of loss that make readings doubtful, if they affect more than one frame in a hundred.
 _DOUBTFUL: Final = ("corrupt", "unknown", "repeated", "lost", "foreign")
 _FEW: Final = 0.01
 
 
 class Reception:
-    """Knows frames by identifier, or with J1939 by group, and counts what came: heard, dropped, of nobody."""
+    """Identifies frames by identifier, or with J1939 by group, and counts received, dropped and foreign ones."""
 
     def __init__(self, messages: Mapping[str, Message], is_ours: Callable[[str], bool]) -> None:
         self._messages, self._is_ours = messages, is_ours
@@ -41,14 +41,14 @@ class Reception:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what came on an earlier connection."""
+        """Reset the counts of an earlier connection."""
         #: Frames lost, repeated, corrupt, short, of an unknown page, of another source, by message.
         self.counts: dict[str, dict[str, int]] = {}
         self.received: Counter[str] = Counter()
         self._strangers: Counter[tuple[int, bool]] = Counter()
 
     def message(self, identifier: int, extended: bool, time: int) -> Message | None:
-        """Return the message that a frame is, which came at ``time`` (ns); None for one that is dropped."""
+        """Return the message of a frame received at ``time`` (ns); None for a frame that is dropped."""
         found = exact = self._exact.get((identifier, extended))
         if found is None and extended:
             found = self._groups.get(j1939.group_of(identifier))
@@ -63,7 +63,7 @@ class Reception:
         return found
 
     def _from_its_source(self, message: Message, identifier: int, exact: bool, time: int) -> bool:
-        """Whether a frame comes from the one that is listened to: two that send a group are two machines."""
+        """Return whether a frame comes from the accepted source; two sources of one group are two devices."""
         source = j1939.source_of(identifier)
         if message.keys.source is not None:
             return source == message.keys.source
@@ -75,13 +75,13 @@ class Reception:
         return source == message.source
 
     def note(self, message: Message, what: str, count: int = 1) -> None:
-        """Count what befell frames of a message."""
+        """Add to a count of frames of a message."""
         if count:
             tally = self.counts.setdefault(message.name, {})
             tally[what] = tally.get(what, 0) + count
 
     def instead(self) -> str:
-        """Return what came while no message was heard; empty if nothing did."""
+        """Return as text which frames arrived although no message was accepted; empty if none did."""
         came = [
             f"{name} ({', '.join(f'{count} frames: {_WORDS[what]}' for what, count in tally.items())})"
             for name, tally in self.counts.items()
@@ -95,7 +95,7 @@ class Reception:
         return [*told, *([f"{rest} other identifiers"] if rest else [])]
 
     def remarks(self) -> list[Remark]:
-        """Return what was dropped or read in part, and what else is on the bus."""
+        """Return remarks on frames that were dropped or read in part, and on other frames on the bus."""
         found = []
         for name, tally in self.counts.items():
             whole = self.received[name] + sum(tally.get(what, 0) for what in _DOUBTFUL)
@@ -109,6 +109,6 @@ class Reception:
 
 
 def _only(group: list[Message]) -> Message | None:
-    """Return the message that all frames of a group are: the only one, or the only one that is anybody's."""
+    """Return the message of all frames of a group: the only one, or the only one without a source address."""
     anybody = [one for one in group if j1939.source_of(one.coding.frame_id) == j1939.NOBODY]
     return group[0] if len(group) == 1 else anybody[0] if len(anybody) == 1 else None
