@@ -1,4 +1,4 @@
-"""Two runs beside each other: what was otherwise in rig, specimen and parameters, in limits, in results, in curves."""
+"""Comparison of two runs: differences of rig, specimen, parameters, limits, results and curves."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Kind = Literal["changed", "only in A", "only in B"]
 
 
 class Fact(msgspec.Struct, frozen=True):
-    """Something that was otherwise before the run began."""
+    """A difference in the conditions before the runs began."""
 
     what: str
     a: str
@@ -27,7 +27,7 @@ class Fact(msgspec.Struct, frozen=True):
 
 
 class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
-    """A check of both runs, or of one; ``change`` is b - a in SI, ``share`` that over a's size; None is unknown."""
+    """A check of one or both runs; ``change`` is b - a in SI, ``share`` is change / |a|; None: unknown."""
 
     phase: str
     name: str
@@ -35,13 +35,13 @@ class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
     b: Check | None
     change: float | None
     share: float | None
-    change_expanded: float | None = None  #: as if both values were independent
+    change_expanded: float | None = None  #: expanded uncertainty, for independent values
     limits_changed: bool
     verdict_changed: bool
 
     @property
     def exceeds(self) -> bool | None:
-        """Whether the change is more than its uncertainty; None where nobody knows."""
+        """Whether the change is more than its uncertainty; None if one of them is unknown."""
         if self.change is None or self.change_expanded is None:
             return None
         return abs(self.change) > self.change_expanded
@@ -58,21 +58,21 @@ class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
-    """Run A beside run B."""
+    """Comparison of run A with run B."""
 
-    a: str  #: as it was given
+    a: str  #: the path as given
     b: str
-    names: tuple[str, str]  #: of their folders, with as much of the way to them as tells them apart
+    names: tuple[str, str]  #: of their folders, with as many parent folders as make them different
     facts: list[Fact]
     verdicts: tuple[str, str]
     circumstances: tuple[str, str]  #: simulated, virtual time, effects and changes; empty for a real rig
     checks: list[CheckPair]
     curves: list[CurvePair]
-    lonely_curves: list[str]  #: which only one of them has, and which
+    lonely_curves: list[str]  #: curves of only one run, with the run
 
 
 def compare_runs(a: Path, b: Path) -> Comparison:
-    """Return what tells the runs in the directories ``a`` and ``b`` apart. RecordError if one is no run."""
+    """Compare the runs in the directories ``a`` and ``b``. RecordError if one is no run."""
     (one, told, first), (other, also_told, second) = open_run(a), open_run(b)
     curves, lonely = _curve_pairs(one.curves, other.curves)
     return Comparison(
@@ -89,7 +89,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
 
 
 def _names(a: Path, b: Path) -> tuple[str, str]:
-    """The last parts of two paths, as many as tell one from the other."""
+    """Return the last parts of two paths, as many as make them different."""
     one, other = (path.resolve().parts for path in (a, b))
     for count in range(1, max(len(one), len(other)) + 1):
         if one[-count:] != other[-count:]:
@@ -99,17 +99,17 @@ def _names(a: Path, b: Path) -> tuple[str, str]:
 
 def _all_facts(result: Result, facts: dict[str, Any]) -> dict[str, str]:
     told = {name: value for name, value in facts.items() if name not in {"title", "instruction"}}
-    if isinstance(parameters := told.get("parameters"), dict):  # the effects stand beside, in words
+    if isinstance(parameters := told.get("parameters"), dict):  # `circumstances` lists the effects in words
         told["parameters"] = {name: value for name, value in parameters.items() if name != "effects"}
     if isinstance(
         instruments := told.get("instruments"), dict
-    ):  # their file's checksum tells if they were others
+    ):  # the checksum of their file shows a difference
         told["instruments"] = {name: value for name, value in instruments.items() if name != "pieces"}
     told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
     if result.specimen is not None:
         told["specimen"] = msgspec.to_builtins(result.specimen)
     return {
-        # Of a checksum its beginning tells enough.
+        # The first 12 digits of a checksum are enough.
         name: "" if value is None else str(value)[:12] if name.endswith("sha256") else str(value)
         for name, value in flattened(told)
     }
@@ -124,7 +124,7 @@ def _facts(a: dict[str, str], b: dict[str, str]) -> list[Fact]:
 
 
 def _check_pairs(a: list[Check], b: list[Check]) -> list[CheckPair]:
-    """Pair checks of the same phase and name; the second of a name with the second."""
+    """Pair checks of the same phase and name, in their order."""
     return [_check_pair(key, one, other) for key, one, other in _paired(a, b, lambda c: (c.phase, c.name))]
 
 
@@ -160,7 +160,7 @@ def _curve_pairs(a: list[Curve], b: list[Curve]) -> tuple[list[CurvePair], list[
 
 
 def _apart(a: Curve, b: Curve) -> float | None:
-    """How far two sweeps lie apart where both are known: over A's places, B being interpolated between its own."""
+    """Return the relative r.m.s. difference of two sweeps at the abscissas of A in the common range; B interpolated."""
     import numpy as np
 
     if a.kind != "sweep" or b.kind != "sweep":
@@ -180,7 +180,7 @@ def _apart(a: Curve, b: Curve) -> float | None:
 
 
 def _paired(a: list[Any], b: list[Any], key: Any) -> Iterable[tuple[Any, Any, Any]]:
-    """Pair what has the same key, in the order of ``a`` and then of ``b``; None stands for what is missing."""
+    """Pair items with the same key, in the order of ``a`` and then of ``b``; None replaces a missing item."""
     left: dict[Any, list[Any]] = defaultdict(list)
     for one in b:
         left[key(one)].append(one)

@@ -1,12 +1,12 @@
-"""The shape of a record on disk: its files, its columns, and the small things that travel as metadata.
+"""The format of a record on disk: its files, columns and metadata.
 
-A record is one directory.  While the run lasts, and for good if it was killed, it holds ``record.arrows`` (an Arrow
-IPC stream: whatever has been written can be read, wherever the file breaks off); afterwards ``record.parquet``
-with the columns
+A record is one directory. During the run, and afterwards if the run was killed, it holds ``record.arrows``. This is an
+Arrow IPC stream, which can be read up to the point where the file is cut off. After the run it holds
+``record.parquet`` with the columns
 
 * ``time_ns``: int64, nanoseconds on the clock of the run;
 * ``signal``: dictionary of string, the signal's name in the table of signals;
-* ``value``: float64 in SI units; NaN where the rig had none to give;
+* ``value``: float64 in SI units; NaN if the rig had no value;
 
 and key-value metadata: one JSON value under ``astb.<key>`` for each entry of the meta data, with ``astb.format``,
 ``astb.start_ns``, ``astb.signals`` and ``astb.events`` always present.
@@ -40,15 +40,15 @@ ICE = 273.15
 
 
 class RecordError(Exception):
-    """A record that cannot be written or read; the text says which, why, and what would help."""
+    """A record cannot be written or read; the text gives the record, the reason and a remedy."""
 
 
 class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a reader of the record must know of one signal.
+    """Description of one signal for readers of the record.
 
-    ``scale`` is the SI value of one display unit (``1e-3`` for ``mm``), so ``value / scale`` is what people read.
-    Signals of one ``quantity`` share a panel of the report; without a quantity a signal is recorded, not drawn.
-    ``names`` gives a discrete signal's values their words and makes it a strip instead of a line.
+    ``scale`` is the SI value of one display unit (``1e-3`` for ``mm``), so ``value / scale`` is the displayed value.
+    Signals of one ``quantity`` share a panel of the report; a signal without a quantity is recorded, not drawn.
+    ``names`` maps the values of a discrete signal to words; the report draws such a signal as a strip.
     """
 
     name: str
@@ -68,21 +68,21 @@ class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def title(self) -> str:
-        """The label where there is one, else the name."""
+        """The label, or the name if there is no label."""
         return self.label or self.name
 
     @property
     def shown_unit(self) -> str:
-        """The unit in which people read it: what is recorded in kelvin is a temperature, told in degrees Celsius."""
+        """The display unit; temperatures are recorded in kelvin and displayed in degrees Celsius."""
         return "degC" if self.unit == "K" else self.unit
 
     def shown(self, value: Any) -> Any:
-        """Return a value, or an array of values (SI), in the unit in which people read it."""
+        """Return a value, or an array of values (SI), in the display unit."""
         return (value - (ICE if self.unit == "K" else 0.0)) / self.scale
 
 
 class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Something that happened at one instant: ``kind`` is one word (state, trip, check, phase, ...)."""
+    """An event at one instant; ``kind`` is one word (state, trip, check, phase, ...)."""
 
     time_ns: int
     kind: str
@@ -91,7 +91,7 @@ class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A named stretch of the run, in seconds since the record began; level 0 holds set-up, main and tear-down."""
+    """A named part of the run, in seconds since the record began; level 0 has set-up, main and tear-down."""
 
     name: str
     start: float
@@ -105,7 +105,7 @@ class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Condition(msgspec.Struct, frozen=True):
-    """What had to be so before a plan began, and what was found; ``met`` is None where nothing told it."""
+    """A precondition of a plan, and the state that was found; ``met`` is None if it could not be determined."""
 
     text: str
     met: bool | None
@@ -113,9 +113,9 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
-    """The phases told by begin and end events, in the order in which they began.
+    """Return the phases between begin and end events, in the order of their begin.
 
-    A phase that nobody ended, because the run was cut off, ends with the record.
+    A phase without an end event, because the run was cut off, ends with the record.
     """
     finished: list[Phase] = []
     order: list[int] = []
@@ -133,7 +133,7 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
         if event.data.get("edge") == "begin":
             still_open.append((index, event))
         elif any(begin.text == event.text for _, begin in still_open):
-            # What an exception left open inside a phase ends together with it.
+            # Inner phases that an exception left open end together with the outer one.
             while still_open[-1][1].text != event.text:
                 finish(event.time_ns)
             finish(event.time_ns)
@@ -143,7 +143,7 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
 
 
 def put(path: Path, data: bytes) -> None:
-    """Write a file under another name until it is whole: whoever finds it finds all of it."""
+    """Write a file under another name first, and rename it when it is complete: readers never see a part of it."""
     unfinished = path.with_name(path.name + ".part")
     with whole(unfinished, path):
         unfinished.write_bytes(data)
@@ -151,7 +151,7 @@ def put(path: Path, data: bytes) -> None:
 
 @contextmanager
 def whole(unfinished: Path, path: Path) -> Iterator[None]:
-    """Let a file be written as ``unfinished``, and then be ``path``; of one that cannot be, nothing is left."""
+    """Rename the file ``unfinished``, which the block writes, to ``path``; delete it if that fails."""
     try:
         yield
         unfinished.replace(path)
@@ -162,18 +162,18 @@ def whole(unfinished: Path, path: Path) -> Iterator[None]:
 
 
 def encode(value: Any) -> bytes:
-    """One value as JSON whose bytes depend on the value alone (keys sorted, NaN as null)."""
+    """Return a value as JSON whose bytes depend on the value alone (keys sorted, NaN as null)."""
     return msgspec.json.encode(msgspec.to_builtins(value, str_keys=True), order="sorted")
 
 
 def flat(column: Any) -> Any:
-    """A column of an Arrow table as one array: Arrow gives it in chunks, even where there is only one."""
+    """Return a column of an Arrow table as one array; Arrow stores it in chunks, even if there is only one."""
     whole = column.combine_chunks() if hasattr(column, "combine_chunks") else column
     return whole.chunk(0) if hasattr(whole, "chunk") else whole
 
 
 def as_array(column: Any) -> npt.NDArray[Any]:
-    """The numbers of a column without gaps, not copied. Arrow's own ``to_numpy`` would import pandas: half a second."""
+    """Return the numbers of a column without gaps, not copied. Arrow's ``to_numpy`` would import pandas (0.5 s)."""
     import numpy as np
 
     return np.from_dlpack(flat(column))

@@ -1,4 +1,4 @@
-"""What the model that ran beside a run said of it, kept in the run's directory."""
+"""Results of the twin, the model that runs in parallel with a run; kept in the directory of the run."""
 
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,7 @@ from bench_records.disk import kept
 from bench_records.layout import RecordError, put
 
 TWIN: Final = "twin.json"
-#: The parts of a summary, in order, as people read them.
+#: Headings of the parts of a summary, in order.
 PARTS: Final = {
     "wrong": "What is wrong",
     "sure": "How sure",
@@ -20,7 +20,7 @@ PARTS: Final = {
 
 
 class Judged(msgspec.Struct, frozen=True):
-    """A part of the run, in s: the rig agreed with its model, or did not, or nobody can say (``why``)."""
+    """A part of the run (times in s): whether the rig agreed with its model; None if it cannot be judged (``why``)."""
 
     start: float
     end: float
@@ -29,26 +29,31 @@ class Judged(msgspec.Struct, frozen=True):
 
 
 class PossibleCause(msgspec.Struct, frozen=True):
-    """A cause with which the model agrees with the rig; size and interval (k = 2) in SI, times in s of the run."""
+    """A cause that explains a deviation; size and interval (k = 2) in SI, times in s of the run."""
 
     name: str
     title: str
-    size: float  #: where it grows, the last one
+    size: float  #: the last one, if it grows
     low: float
     high: float
-    shown: str  #: size and interval as people read them
+    shown: str  #: size and interval in display units
     form: str = "at once"  #: or "growing", or "gone again"
-    since: float | None = None  #: None of one that was there when the model began to look
-    until: float | None = None  #: when it had grown to its size, or was gone; None: not yet
+    since: float | None = None  #: None if it was present when the twin started
+    until: float | None = None  #: end of its growth, or of its presence; None: not yet
 
 
 class Said(msgspec.Struct, frozen=True):
-    """What was said of a parting when the run had come to ``at`` s: one word, and what could explain it then.
+    """State of a deviation at the time ``at`` (s of the run): one word, and the possible causes at that time.
 
-    *told* at first, before anybody looks for causes where that takes long; then *explained*, or *unknown* where nothing
-    of the catalogue does so; *surer* where fewer causes are left or the size is known better; *otherwise* where the
-    causes, their forms or sizes are others; *withdrawn* where what came since makes it no parting; *over* where the rig
-    agrees again.
+    The words are:
+
+    * *told*: detected; the search for causes may follow later, because it can take long;
+    * *explained*: at least one cause explains it;
+    * *unknown*: no cause of the catalogue explains it;
+    * *surer*: fewer causes are possible, or the size is known better;
+    * *otherwise*: the causes, their forms or their sizes have changed;
+    * *withdrawn*: later data show that there is no deviation;
+    * *over*: the rig agrees with the model again.
     """
 
     at: float
@@ -58,7 +63,7 @@ class Said(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True):
-    """The first screen of a parting: what is wrong and how large, how sure, what proves it, what to do next."""
+    """Summary of a deviation: the fault and its size, the certainty, the evidence and the next step."""
 
     wrong: str
     sure: str
@@ -67,10 +72,11 @@ class Summary(msgspec.Struct, frozen=True):
 
 
 class Parting(msgspec.Struct, frozen=True):
-    """Rig and model part: told at ``told`` s, begun about ``since`` s, first in ``channel`` (values in SI).
+    """Deviation of the rig from its model: detected at ``told`` s, begun at about ``since`` s, first in ``channel``.
 
-    ``measured``, ``expected`` and ``band`` (k = 2) are means over the block in which it was told. Each of ``causes``
-    explains it alone. Where there is none, each of ``pairs`` does so together; without these nothing does.
+    ``measured``, ``expected`` and ``band`` (k = 2) are means in SI over the block in which it was detected. Each of
+    ``causes`` explains the deviation alone. Without such a cause, each of ``pairs`` is two causes that explain it
+    together. If both are empty, the deviation has no known explanation.
     """
 
     told: float
@@ -81,25 +87,25 @@ class Parting(msgspec.Struct, frozen=True):
     band: float
     causes: tuple[PossibleCause, ...] = ()
     sentence: str = ""
-    earliest: float | None = None  #: with a cause, the interval (k = 2) in which it began; None without
+    earliest: float | None = None  #: start of the interval (k = 2) of the begin; None without a cause
     latest: float | None = None
     pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
-    course: tuple[Said, ...] = ()  #: how it went, in order
-    over: float | None = None  #: from when on (s) the rig agrees again, at the latest
+    course: tuple[Said, ...] = ()  #: its states, in order of time
+    over: float | None = None  #: latest time (s) from which the rig agrees again
     withdrawn: bool = False
-    searched: bool = True  #: False as long as nobody has looked for causes
+    searched: bool = True  #: False before the search for causes
     summary: Summary | None = None  #: None in stories of earlier versions
 
     @property
     def lasts(self) -> bool:
-        """Whether rig and model still part, as far as is known."""
+        """Whether the deviation still lasts, by the data so far."""
         return self.over is None and not self.withdrawn
 
 
 class Compared(msgspec.Struct, frozen=True):
-    """A channel beside its model in blocks of time (SI): mean reading, what was expected, and the band (k = 2) of that.
+    """Means of a channel and its model over blocks of time (SI): reading, expected value, and its band (k = 2).
 
-    None where nothing was read.
+    None for a block without readings.
     """
 
     channel: str
@@ -111,7 +117,7 @@ class Compared(msgspec.Struct, frozen=True):
 class LastMinute(msgspec.Struct, frozen=True):
     """All channels in the last minute that could be judged; ``times`` are the middles of blocks, in s of the run.
 
-    Between two stretches stands a block in which nothing was read.
+    A block without readings separates two judged parts.
     """
 
     times: tuple[float, ...]
@@ -119,7 +125,7 @@ class LastMinute(msgspec.Struct, frozen=True):
 
 
 class TwinStory(msgspec.Struct, frozen=True):
-    """All that was said of a run until ``until`` s; ``model`` is the parameter set or file that ran beside it."""
+    """All results of the twin up to ``until`` s of the run; ``model`` is its parameter set or file."""
 
     model: str
     until: float
@@ -134,23 +140,23 @@ class TwinStory(msgspec.Struct, frozen=True):
 
     @property
     def deviations(self) -> tuple[Parting, ...]:
-        """All partings that were not withdrawn, those that are over included."""
+        """All deviations that were not withdrawn, including those that are over."""
         return tuple(one for one in self.partings if not one.withdrawn)
 
     @property
     def parted(self) -> Parting | None:
-        """The last parting that lasts; None if the rig agrees with its model now."""
+        """The last deviation that lasts; None if the rig agrees with its model now."""
         return next((one for one in reversed(self.partings) if one.lasts), None)
 
 
 def write_twin(directory: Path, story: TwinStory) -> None:
-    """Put a story into the directory of its run. ``NotKept`` if the disk refuses it."""
+    """Write the results of the twin into the directory of its run. ``NotKept`` if the disk refuses it."""
     with kept(directory / TWIN):
         put(directory / TWIN, msgspec.json.format(msgspec.json.encode(story), indent=2) + b"\n")
 
 
 def read_twin(directory: Path) -> TwinStory | None:
-    """Return what was said of a run; None where no model ran beside it. RecordError if the file is damaged."""
+    """Return the results of the twin; None for a run without one. RecordError if the file is damaged."""
     path = directory / TWIN
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""The twin of a run as its plan sees it: the model that runs beside the rig, if one does, and whether they part."""
+"""Interface of a plan to the twin, the model that runs in parallel with the rig, and to its deviations."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ from bench_records.twin import Parting
 
 
 class Beside(Protocol):
-    """What a plan may ask the twin. It never waits for one in real time: what is known by now is the answer."""
+    """State of the twin for a plan. Reads return the present state; in real time they never wait for the model."""
 
     @property
     def watching(self) -> bool:
@@ -14,11 +14,11 @@ class Beside(Protocol):
 
     @property
     def parted(self) -> Parting | None:
-        """Since when and why perhaps rig and model have parted; None if they go along, or nobody watches."""
+        """The present deviation of rig and model; None if they agree or there is no twin."""
 
 
 class Alone:
-    """No twin watches the run."""
+    """Stand-in for a run without a twin."""
 
     watching = False
     parted: Parting | None = None

@@ -1,4 +1,4 @@
-"""The signals that stop a run: each stops one part of it, and none keeps it from writing down what it found."""
+"""Signals that stop a run: each stops one part of the run, and none prevents the run from writing its results."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Final, Self
 
-#: What Ctrl-C, whoever ends the process, a terminal that is closed, and Ctrl-\ send.
+#: Signals of Ctrl-C, of a request to end the process, of a closed terminal, and of Ctrl-\.
 STOPPING: Final = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 )
 
 
 class Interruptions:
-    """Keeps the signals that stop a run until a part is carried out that may be stopped: a context manager.
+    """Context manager that defers the signals that stop a run until a part of the run that may be stopped.
 
-    What nobody heard until the end is then said to whoever listened before. Only the main thread hears signals:
-    elsewhere, and of a signal that nobody listens to, nothing changes.
+    Signals that are still pending at the exit go to the handlers that were installed before. Only the main thread
+    receives signals: in other threads, and for signals without a Python handler, nothing changes.
     """
 
     def __init__(self) -> None:
@@ -37,13 +37,13 @@ class Interruptions:
 
     def __exit__(self, *_: object) -> None:
         for number, before in self._before.items():
-            if signal.getsignal(number) == self._hear:  # whoever heard it may have changed that
+            if signal.getsignal(number) == self._hear:  # a handler may have replaced it
                 signal.signal(number, before)
         self._deliver()
 
     @contextmanager
     def heard(self) -> Iterator[None]:
-        """Let one signal stop what is done while the block lasts, at once if it has come already."""
+        """Allow one signal to stop the block; a pending signal stops it at once."""
         self._deliver()
         self._open = True
         try:
@@ -59,7 +59,7 @@ class Interruptions:
         self._before[number](number, frame)
 
     def _deliver(self) -> None:
-        """Say what came meanwhile to whoever listened before: several of a kind are one."""
+        """Call the former handlers for the pending signals, once for each signal number."""
         waiting, self._waiting = dict.fromkeys(self._waiting), []
         for number in waiting:
             self._before[number](number, None)

@@ -1,4 +1,4 @@
-"""One execution of a plan, in which it measures, checks and tells how far it is."""
+"""One execution of a plan: its measurements, checks and progress."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
     from test_plans.loads import Band
 
 
-#: What the rig counts: ticks that began more than one period after their deadline.
+#: Signal that counts the ticks that began more than one period after their deadline.
 LATE_TICKS: Final = "rig.late_ticks"
 #: Why a plain number has no uncertainty.
 PLAIN: Final = "the plan does not say"
 
 
 class PlanError(Exception):
-    """A plan that is written wrongly: the text names it and says what is missing."""
+    """Error in the code of a plan; the text names the plan and the missing part."""
 
 
 class Watcher(Protocol):
-    """Who follows a run while it lasts: a progress bar, a log, nobody."""
+    """Receiver of the progress of a run, for example a progress bar or a log."""
 
     def say(self, text: str) -> None:
         """Note what the plan is doing now."""
@@ -73,7 +73,7 @@ class EventLog(Protocol):
 
 
 class Nobody:
-    """A watcher that is not there."""
+    """Watcher that ignores all calls."""
 
     def say(self, text: str) -> None:
         pass
@@ -89,7 +89,7 @@ class Nobody:
 
 
 class Heard:
-    """Tells a watcher as long as it hears: a display that breaks must not keep a run from its tear-down."""
+    """Forwards calls to a watcher until one raises: a broken display must not prevent the tear-down of a run."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
@@ -109,13 +109,13 @@ class Heard:
     def _tell(self, tell: Callable[[Watcher], None]) -> None:
         try:
             tell(self._watcher)
-        except (Exception, SystemExit):  # rich ends the program when nobody reads its pipe any more
+        except (Exception, SystemExit):  # rich raises SystemExit on a broken pipe
             self._watcher = Nobody()
 
 
 @dataclass(slots=True)
 class Run:
-    """One execution of a plan: the bench, the specimen on it, and everything that the plan concludes."""
+    """One execution of a plan: the bench, the specimen on it, and all results."""
 
     bench: Bench
     log: EventLog
@@ -128,15 +128,15 @@ class Run:
     suspension: Suspension = field(default_factory=Suspension)
     values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
     judges: bool = True  #: as the plan
-    twin: Beside = field(default_factory=Alone)  #: the model beside it, if one watches
-    held: list[tuple[int, int]] = field(default_factory=list)  #: from when to when it was held (ns)
+    twin: Beside = field(default_factory=Alone)  #: the model that runs in parallel, if any
+    held: list[tuple[int, int]] = field(default_factory=list)  #: start and end of each hold (ns)
     preconditions: list[Condition] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)  #: what whoever reads the result has to know
+    warnings: list[str] = field(default_factory=list)  #: shown with the result
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
-    disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks while a check was measured
-    #: Parts of the plan that follow the present one; None where nothing carries out a plan.
+    disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks during the measurement, by check
+    #: Parts of the plan that follow the present one; None outside the execution of a plan.
     to_come: Sequence[Any] | None = None
     _told: str = ""
     _in_hold: bool = False
@@ -165,13 +165,15 @@ class Run:
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
-        A `CheckName` as ``name`` brings the sentence that says what is measured and why that matters.
+        A `CheckName` as ``name`` adds a sentence that explains the measured quantity and its purpose.
 
-        A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. One without
-        is marginal within ``margin``, a fraction of the band, of a limit, unless it is `Exact`. A value is *not
-        available* if its U is more than half the width of its limits and reaches into them. ``unit`` is what people
-        read. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met. What was
-        measured ``since`` a time (ns), while the run was held, is *not available*.
+        A value with an uncertainty U passes if its probability of conformity is high enough, and is *marginal* if it
+        lies within the limits with a lower probability (see `judged`). A value without U is *marginal* within
+        ``margin`` (a fraction of the band) of a limit, unless it is `Exact`. A check is *not available* if U is more
+        than half the width of the limits and value ± U reaches into them, or if a hold began after the time ``since``
+        (ns). ``unit`` is the display unit.
+
+        Raises PlanError for an undeclared unit, and ValueError for limits that no value can break or meet.
         """
         if unit not in FACTORS:
             raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
@@ -184,7 +186,7 @@ class Run:
         found = value if isinstance(value, Measured) else Measured(value, unknown=PLAIN)
         if found.expanded is not None and low is not None and high is not None:
             U, width = found.expanded, high - low
-            # Not even the middle of the band would pass; what is surely outside fails all the same.
+            # With this U even the middle of the band could not pass. A value outside by more than U still fails.
             if width < 2 * U and low - U <= found.value <= high + U:
                 shown = [f"{one / FACTORS[unit]:.3g} {unit}" for one in (found.value, U, width)]
                 why = "{} ± {} cannot be judged: the limits are only {} wide".format(*shown)
@@ -215,8 +217,8 @@ class Run:
     def measured(self, evaluate: Evaluation, *captures: Captured, **how: Any) -> Measured:
         """Return what ``evaluate(*captures)`` computes from readings, with its uncertainty.
 
-        See `uncertainty.measured`, of which this is the one value; the instruments are those of the rig. What needs
-        its dimensions is given ``run.rig`` among the captures: they are uncertain, too.
+        See `uncertainty.measured`; this is for an evaluation with one value. The instruments are those of the rig.
+        If the evaluation needs dimensions of the rig, pass ``run.rig`` as a capture: dimensions are uncertain, too.
         """
         (one,) = self.measure(evaluate, *captures, **how)
         return one
@@ -226,7 +228,7 @@ class Run:
     ) -> tuple[Measured, ...]:
         """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties.
 
-        ``over`` is how long (s) means were taken, of as many samples as came in that time.
+        ``over`` is the averaging time (s); the number of samples follows from the receive rates.
         """
         came = self.bench.receiver.rates
         if over:
@@ -235,17 +237,17 @@ class Run:
         return measured(evaluate, *captures, instruments=self.instruments, came=came, stamps=stamps, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
-        """Return whether the rig has all that ``checks`` need; if not, these are *not available*, and why.
+        """Return whether the rig has all ``needs`` of ``checks``; if not, record these as *not available*.
 
-        Needed are signals, and dimensions by name. Ask before anything moves for the sake of these checks alone, and
-        leave them out if the answer is no.
+        ``needs`` are names of signals and dimensions. Call this before any motion that only these checks require, and
+        skip the motion if it returns False.
         """
         if lacking := self.lacks(*needs):
             self.lack(checks, lacking)
         return not lacking
 
     def lacks(self, *needs: str) -> str:
-        """Return in words which of the signals and dimensions the rig does not have; "" if it has them all."""
+        """Return a text that names the missing signals and dimensions; "" if the rig has all."""
         told = (
             self.bench.lacks(*(name for name in needs if not is_dimension(name))),
             self.rig.lacks(*filter(is_dimension, needs)),
@@ -253,10 +255,10 @@ class Run:
         return "; ".join(filter(None, told))
 
     def hold_point(self, where: str) -> bool:
-        """Say that the run can be held here, between two measurements; return whether it was.
+        """Hold the run here, between two measurements, if a hold was requested; return whether it was held.
 
-        It is, if somebody has asked for it. All valves are shut meanwhile and set-points go on being sent; what the gas
-        does in that time is the plan's to undo (`steps.stand_again`). HeldTooLong if nobody lets it go on.
+        During the hold all valves are shut and set-points are still sent. The plan must restore the state of the gas
+        afterwards (`steps.stand_again`). Raises HeldTooLong if the hold is not released in time.
         """
         if not (by := self.suspension.wanted_by):
             self._look_for_hold_points()
@@ -275,7 +277,7 @@ class Run:
         return True
 
     def _look_for_hold_points(self) -> None:
-        """Let nobody wait for a hold point where the plan has none left."""
+        """Cancel a requested hold if the plan has no hold point left."""
         if self.to_come is None or self._in_hold:
             return
         self.suspension.left = can_still_be_held(sys._getframe(1), self.to_come)
@@ -292,7 +294,7 @@ class Run:
 
     def _judged(self, one: Check) -> None:
         self.checks.append(one)
-        # Whole, for whoever reads the record of a run that was killed before it had a result.
+        # The complete check is kept, because a killed run has a record but no result.
         self.keep("check", str(one), verdict=one.verdict.value, whole=asdict(one))
         self.watcher.checked(one)
 
@@ -305,10 +307,10 @@ class Run:
         deed: str = "",
         checks: Iterable[str] = (),
     ) -> str:
-        """Ask the operator; return the answer, "" if there is none: then ``checks`` are *not available*, and why.
+        """Ask the operator; return the answer. Without one, return "" and record ``checks`` as *not available*.
 
-        The bench is commanded and watched meanwhile. ``within`` (s) bounds the wait, ``deed`` tells a simulated rig
-        what it can do by itself (`Question`). Whoever answers *abort* ends the run.
+        The bench is commanded and monitored during the wait. ``within`` (s) limits the wait. ``deed`` names the action
+        that a simulated rig can perform without an operator (`Question`). The answer *abort* ends the run.
         """
         asked = Question(question, tuple(answers), within, deed)
         try:
@@ -318,10 +320,10 @@ class Run:
             return ""
 
     def confirm(self, what: str, *checks: str, within: float = 10 * minutes, deed: str = "") -> bool:
-        """Ask the operator to do something; return whether it was done. If not, ``checks`` are *not available*.
+        """Ask the operator to do ``what``; return whether it was done. If not, ``checks`` are *not available*.
 
-        Ask before anything moves for the sake of these checks, and leave them out if the answer is no. Whoever was
-        asked and says nothing may be at work on the rig: that ends the run (Aborted).
+        Call this before any motion that only these checks require, and skip the motion if it returns False. If the
+        operator does not answer in time, a person may be at work on the rig: the run ends (Aborted).
         """
         try:
             answer = answer_to(self, Question(what, (DONE, NOT_POSSIBLE), within, deed)).text
@@ -336,7 +338,7 @@ class Run:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Name a stretch of the run; phases may lie inside one another."""
+        """Name a part of the run; phases may be nested."""
         self._open.append(name)
         self._late_at_last = self.bench.readings.glimpse(LATE_TICKS)
         self._late_at_begin.append(self._late_at_last)
@@ -387,7 +389,7 @@ class Run:
     ) -> None:
         """Keep a table of few ``ys`` over ``xs`` (SI) for the report, with the ``limits`` of each point, if any.
 
-        What was measured with an uncertainty has it in the table, too.
+        The table includes the uncertainties of `Measured` values.
         """
         pairs, points = [(band.low, band.high) for band in limits], list(ys)
         numbers = [float(one) for one in points]
@@ -397,29 +399,29 @@ class Run:
         self.curves.append(one)
 
     def say(self, text: str) -> None:
-        """Tell whoever watches, and the record, what is going on."""
+        """Send a note to the watcher and the record."""
         self.keep("note", text)
         self.follow(text)
 
     def warn(self, text: str) -> None:
-        """Tell whoever watches, the record, and whoever reads the result."""
+        """Send a warning to the watcher, the record and the result."""
         self.warnings.append(text)
         self.say(text)
 
     def follow(self, text: str) -> None:
-        """Tell whoever watches what is going on now."""
+        """Send a note to the watcher only."""
         self.watcher.say(text)
 
     def keep(self, kind: str, text: str, **data: Any) -> None:
-        """Let the record keep an event.
+        """Write an event to the record.
 
-        A disk that fails must not keep the tear-down from its work: the record says so itself when it is closed.
+        A disk error must not prevent the tear-down; the record reports the error when it is closed.
         """
         with suppress(RecordError):
             self.log.event(self.now, kind, text, **data)
 
     def progress(self, fraction: float) -> None:
-        """Tell whoever watches how much of the plan is done (0 to 1)."""
+        """Send the completed fraction of the plan (0 to 1) to the watcher."""
         self.watcher.progress(min(max(fraction, 0.0), 1.0))
 
     @property

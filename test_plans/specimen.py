@@ -1,7 +1,7 @@
-"""The specimen on the bench: type, serial number, drawing and limits, read from a TOML file of its own.
+"""The specimen on the bench: type, serial number, drawing and limits, read from a TOML file.
 
-Every value has a unit, a source and a provenance (measured, data sheet or assumed). What is missing is told when a
-plan asks for it, what nobody understands when the file is read.
+Every value has a unit, a source and a provenance (measured, data sheet or assumed). Unknown keys are an error when the
+file is read. Missing limits are an error when a plan needs them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
 #: The kind of its named files.
 PACKAGE: Final = "specimens"
-#: The one that plans take without being told.
+#: Name of the default specimen.
 ORDINARY: Final = "astb"
 
 #: What a drawing states, each with its SI unit.
@@ -33,13 +33,13 @@ DRAWING: Final = {
     "emergency_stiffness_vertical": "N/m",
     "emergency_stiffness_lateral": "N/m",
 }
-#: Which part of a preload shell and rubber bear at most, or press on the air: the rest is pressure times area.
+#: Largest difference between preload and pressure times area, as a fraction of the preload; shell and rubber carry it.
 BORNE_OTHERWISE: Final = 0.05
-#: Of which bench the limits of roll, of the track and of the gust are stated, each with its SI unit.
+#: Properties of the bench for which the limits of roll, track and gust hold, each with its SI unit.
 BENCH: Final = {"spring_half_spacing": "m", "bolster_mass": "kg"}
 LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
-#: What may be limited under any load, each with its SI unit. What one plan alone asks for stands beside these, in a
-#: table with its name.
+#: Quantities with limits that hold under any load, each with its SI unit. Limits that only one plan needs are in a
+#: table with the name of that plan.
 LIMITS: Final = {
     "rest_height": "m",
     "air_loss_per_minute": "1",
@@ -64,7 +64,7 @@ LIMITS: Final = {
     "leveling_fill_time": "s",
     "leveling_exhaust_time": "s",
 }
-#: What may be limited under one load, likewise.
+#: Quantities with limits that hold under one load, each with its SI unit.
 LOAD_LIMITS: Final = {
     "carried": "N",
     "pressure": "Pa",
@@ -90,12 +90,12 @@ LOAD_LIMITS: Final = {
 }
 _NAMES: Final = ("type", "serial_number", "drawing")
 MODEL: Final = "model"
-#: What a limit may be stated over, and the SI value of one.
+#: Abscissas of a limit curve, each with the SI value of its unit.
 OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm, "plate_mm": mm, "roll_mrad": mrad}
 _ENDS: Final = ("low", "high")
 _EXPECTED: Final = ("expected", "tolerance")
 _BANDS: Final = (_ENDS, ("low",), ("high",), _EXPECTED, *((over, *_EXPECTED) for over in OVER))
-#: What errors call the file.
+#: Name of the file in errors.
 _FILE: Final = "a specimen"
 
 
@@ -118,7 +118,7 @@ class Specimen:
     loads: Mapping[str, Load]
     bench: Mapping[str, float] = field(
         default_factory=dict
-    )  #: what limits of its own motion hold for; may be empty
+    )  #: bench for which the limits of roll, track and gust hold; may be empty
     model: str = (
         ""  #: parameter set of a simulation of it: a name, or the path of a file; "" if none is known
     )
@@ -132,14 +132,14 @@ class Specimen:
         return self.loads[name]
 
     def load_of(self, name: str, preload: float) -> Load:
-        """Return a load case beside ``name``, of ``preload`` (N), for which nobody has stated what is good."""
+        """Return a load case like ``name``, with another ``preload`` (N) and without limits."""
         load = self.load(name)
         limits = Limits(f"{load.limits.where} at {preload / 1e3:g} kN", {}, {})
         return replace(load, preload=preload, fill_pressure=preload / self.effective_area, limits=limits)
 
     @property
     def facts(self) -> dict[str, str]:
-        """What record and report say of it."""
+        """Entries for record and report."""
         return {
             "type": self.type,
             "serial_number": self.serial_number,
@@ -151,7 +151,7 @@ class Specimen:
 
 @cache
 def ordinary() -> Specimen:
-    """Return the specimen that plans take without being told."""
+    """Return the default specimen."""
     return read_specimen(ORDINARY)
 
 
@@ -163,7 +163,7 @@ def packaged() -> list[str]:
 def read_specimen(name: str | Path) -> Specimen:
     """Return the specimen of a TOML file, or the one that comes with the bench under this name.
 
-    SpecimenError, with file, key, value and unit, if the file cannot be read or says what nobody understands.
+    SpecimenError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """
     path = place_of(PACKAGE, name)
     try:
@@ -213,7 +213,7 @@ def _name(key: str, content: Mapping[str, Any]) -> str:
 
 
 def _model(path: Path, content: Mapping[str, Any]) -> str:
-    """Return the parameter set that the file names: a path is one from the file."""
+    """Return the parameter set that the file names; a path is relative to the folder of the file."""
     if MODEL not in content:
         return ""
     name = _name(MODEL, content)
@@ -228,7 +228,7 @@ def _load(file: str, name: str, case: Any) -> Load:
 
 
 def _contradictions(specimen: Specimen) -> Iterator[str]:
-    """Yield where a file says two things of which only one can be."""
+    """Yield a text for each pair of entries that contradict each other."""
     area = specimen.effective_area
     for load in specimen.loads.values():
         where, preload = f"load_case.{load.name}", f"preload = {load.preload / kN:g} kN"
@@ -290,12 +290,12 @@ def _limits(file: str, where: str, raw_limits: Any, known: Mapping[str, str]) ->
 
 
 def _is_group(raw: Any) -> bool:
-    """Tell a table of limits from one limit."""
+    """Return whether ``raw`` is a table of limits, and not one limit."""
     return isinstance(raw, dict) and bool(raw) and all(isinstance(one, dict) for one in raw.values())
 
 
 def _limit(key: str, raw: Any, si: str | None) -> tuple[Band | dict[float, Band], str]:
-    """Return a limit, and the SI unit that it is stated in; without ``si`` any unit fits."""
+    """Return a limit and its SI unit; without ``si`` any unit is accepted."""
     entry = read_entry(key, raw, si, _BANDS)
     stated = UNITS[entry.unit].si
     if over := next((over for over in OVER if over in entry.parts), ""):

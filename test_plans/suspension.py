@@ -1,7 +1,7 @@
-"""Holding a run: who may ask for it, how the bench is kept meanwhile, and how the run goes on.
+"""Hold and resume of a run: the request, the state of the bench during the hold, and the release.
 
-A plan says where it can be held, between its measurements. There the function generator stands, ramps have ended, all
-valves are shut and the set-points go on being sent; afterwards the valves are what they were.
+A plan defines its hold points, between measurements. During a hold the function generator is stopped, ramps have
+ended, all valves are shut and set-points are still sent. Afterwards the valves return to their former modes.
 """
 
 from __future__ import annotations
@@ -12,51 +12,51 @@ from bench_protocol.units import minutes
 from bench_protocol.words import SIDES
 from test_plans.asking import Asking, wait_for_somebody
 
-#: Longer nobody may keep the springs under air and load; then the run is given up and they are let down.
+#: Longest hold (s) with the springs under air and load; after it the run ends and its tear-down relieves the springs.
 HOLD_WITHIN: Final = 30 * minutes
 _MODES: Final = tuple(f"air.{side}_mode" for side in SIDES)
 
 
 class HeldTooLong(Exception):
-    """Nobody let a held run go on."""
+    """A held run was not released in time."""
 
 
 class Suspension:
-    """Whether somebody wants a run to be held, and where it is held; from any thread, or a signal's handler."""
+    """Requested and actual hold of a run; may be called from any thread or signal handler."""
 
     def __init__(self) -> None:
-        # Single assignments: a handler of a signal must not wait for a lock.
+        # Single assignments, because a signal handler must not wait for a lock.
         self._wanted_by = ""
         self._held_at = ""
         self._stopped_by = ""
-        #: Whether the plan may come to a place where it can be held.
+        #: Whether the plan can still reach a hold point.
         self.left = True
 
     @property
     def stopped_by(self) -> str:
-        """Who ends the run, "" if nobody has said so."""
+        """Name of the source that ends the run; "" if there is none."""
         return self._stopped_by
 
     def stop(self, by: str) -> None:
-        """Note who ends the run; a signal does it."""
+        """Set the source that ends the run, unless it is set already; called by a signal handler."""
         self._stopped_by = self._stopped_by or by
 
     @property
     def wanted_by(self) -> str:
-        """Who wants the run to be held, "" if nobody does."""
+        """Name of the source that requests a hold; "" if there is none."""
         return self._wanted_by
 
     @property
     def held_at(self) -> str:
-        """Where the run is held now, "" if it is not."""
+        """Hold point at which the run is held now; "" if it is not held."""
         return self._held_at
 
     def request(self, by: str) -> None:
-        """Hold the run at the next place where its plan allows it."""
+        """Request a hold at the next hold point of the plan."""
         self._wanted_by = by
 
     def resume(self) -> None:
-        """Let the run go on, or take the request back."""
+        """Release the hold, or cancel the request."""
         self._wanted_by = ""
 
     def toggle(self, by: str) -> None:
@@ -64,7 +64,7 @@ class Suspension:
         self._wanted_by = "" if self._wanted_by else by
 
     def hold(self, run: Asking, where: str, within: float) -> None:
-        """Keep the bench as it is until the run may go on. HeldTooLong after ``within`` s, and it has been let go."""
+        """Hold the bench until the run is released. Raises HeldTooLong after ``within`` s, and clears the request."""
         bench = run.bench
         self._held_at = where
         try:
@@ -79,7 +79,7 @@ class Suspension:
             if modes:
                 bench.settings.write(modes)
         except BaseException:
-            self._wanted_by = ""  # what is given up is not held at the next place
+            self._wanted_by = ""  # an aborted run is not held at the next hold point
             raise
         finally:
-            self._held_at = ""  # somebody who asks again meanwhile is heard at the next place
+            self._held_at = ""  # a new request in the meantime applies at the next hold point

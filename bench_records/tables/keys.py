@@ -1,4 +1,4 @@
-"""The keys that say how a foreign table is to be read, as far as the file does not say it itself."""
+"""Keys that describe the format of a third-party table, as far as the file does not define it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ Decimal = Literal[".", ","]
 
 
 class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[file]``: what is not given is recognised where it is certain, and asked for where it is not."""
+    """``[file]``: a missing key is detected from the file if that is unambiguous; else the reader requests it."""
 
-    format: str | None = None  #: else the suffix says it
+    format: str | None = None  #: default: by the suffix
     delimiter: str | None = None
     header: bool = True
     decimal: Decimal | None = None
-    skip_rows: int | None = None  #: lines above the head; else the head is where the names are
+    skip_rows: int | None = None  #: lines above the head; default: the head is the line with the names
     encoding: str = ""
-    dates: Literal["dmy", "mdy"] | None = None  #: what 03/09/2026 is
-    zone: str | None = None  #: of dates that name none, such as "Europe/Berlin": summer time
+    dates: Literal["dmy", "mdy"] | None = None  #: order of day and month in dates such as 03/09/2026
+    zone: str | None = None  #: of dates without a zone, such as "Europe/Berlin", with summer time
 
     rate: float | None = None  #: rows a second (Hz) of a table without a clock
 
@@ -35,27 +35,27 @@ class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which column of a file is meant, and what is special about its cells."""
+    """A column of a file, and the format of its cells."""
 
     column: ColumnName
-    thousands: str | None = None  #: what stands between digits in threes
-    decimal: Decimal | None = None  #: where it differs from that of the file
+    thousands: str | None = None  #: separator of thousands
+    decimal: Decimal | None = None  #: if it differs from that of the file
     group: ColumnName | None = None  #: of an MDF file: number from 0, or name, of the group
-    raw: bool = False  #: of an MDF file: the numbers that stand there, not what they are converted to
-    time: ColumnName | None = None  #: the column of its own clock, where it has one
-    #: What stands for no value: numbers, such as 9.9e37 or -9999, and texts, such as "OVLD"; []: nothing does.
+    raw: bool = False  #: of an MDF file: read the raw numbers, without conversion
+    time: ColumnName | None = None  #: the column of its own clock, if it has one
+    #: Codes for a missing value: numbers, such as 9.9e37 or -9999, and texts, such as "OVLD"; []: no codes.
     null: list[float | str] | None = None
-    ignore_head_unit: bool = False  #: the head of the column states a wrong unit, or none that is known
+    ignore_head_unit: bool = False  #: the head of the column has a wrong or unknown unit
 
     @property
     def codes(self) -> list[float] | None:
-        """The numbers that stand for no value; None where nothing is said of it."""
+        """The numeric codes for a missing value; None if ``null`` is not given."""
         return None if self.null is None else [one for one in self.null if not isinstance(one, str)]
 
 
 class TimeSource(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The column of the clock; ``unit`` is that of numbers, dates and times of day need none."""
+    """The column of the clock; ``unit`` applies to numbers, not to dates and times of day."""
 
     column: ColumnName = "time"
-    unit: str | None = None  #: else the head says it, or it is s
-    date: ColumnName | None = None  #: the column of the dates, where the other one holds times of day only
+    unit: str | None = None  #: default: the unit in the head, else s
+    date: ColumnName | None = None  #: the column of the dates, if ``column`` has times of day only
