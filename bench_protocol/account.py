@@ -1,4 +1,4 @@
-"""What a reader of somebody's file tells beside its numbers: how it took the file, and what it left out, counted."""
+"""Account of the reading of a user's file: assumptions that the reader made, and counts of skipped items."""
 
 from __future__ import annotations
 
@@ -8,32 +8,34 @@ from typing import Any
 
 @dataclass
 class Account:
-    """The account of one reading. What a reader refuses is an error instead, with file, place and what would be right.
+    """The account of one reading. Errors are not part of it; they are raised with file, place and a valid value.
 
-    It goes with what was read: into the last lines of a command, and into the record or the finding made of it.
+    It accompanies the data: it is printed by a command and stored in the record or finding made from the data.
     """
 
-    taken: list[str] = field(default_factory=list)  #: how it was read, where somebody could think otherwise
+    taken: list[str] = field(default_factory=list)  #: assumptions of the reader where the file is ambiguous
     counts: dict[str, int] = field(
         default_factory=dict
-    )  #: what was left out, "CAN FD frame(s)", and how often
-    first: dict[str, str] = field(default_factory=dict)  #: where the first of them stood, "line 12"
-    quality: list[dict[str, Any]] = field(default_factory=list)  #: what checks of the data found
+    )  #: kind of skipped item ("CAN FD frame(s)") and its count
+    first: dict[str, str] = field(
+        default_factory=dict
+    )  #: place of the first skipped item of each kind, "line 12"
+    quality: list[dict[str, Any]] = field(default_factory=list)  #: results of checks of the data
 
     def take(self, sentence: str) -> None:
-        """Say, once, how the file was taken: "the times are Unix times; the record begins at …"."""
+        """Add an assumption, once: "the times are Unix times; the record begins at …"."""
         if sentence not in self.taken:
             self.taken.append(sentence)
 
     def leave_out(self, what: str, count: int = 1, at: str = "") -> None:
-        """Count what is left out: ``what`` in words with "(s)" where many have an s, ``at`` the first one's place."""
+        """Count skipped items: ``what`` as text with "(s)" for the plural, ``at`` the place of the first one."""
         if count > 0:
             self.counts[what] = self.counts.get(what, 0) + count
             if at:
                 self.first.setdefault(what, at)
 
     def add(self, other: Account) -> None:
-        """Take over what another reading tells."""
+        """Add the content of another account."""
         for sentence in other.taken:
             self.take(sentence)
         self.quality += other.quality
@@ -42,7 +44,7 @@ class Account:
 
     @property
     def left_out(self) -> str:
-        """What was left out, in words: "50 CAN FD frames, 1 error frame"; empty if nothing was."""
+        """The skipped items as text: "50 CAN FD frames, 1 error frame"; empty if there are none."""
         return ", ".join(
             f"{count} {what.replace('(s)', '' if count == 1 else 's')}{self._where(what, count)}"
             for what, count in self.counts.items()
@@ -54,11 +56,11 @@ class Account:
         return f" ({self.first[what]})" if count == 1 else f" (the first: {self.first[what]})"
 
     def lines(self) -> list[str]:
-        """Return what a person has to know of the reading, a sentence each."""
+        """Return the content as sentences for users."""
         return [*self.taken, *([f"left out: {self.left_out}"] if self.counts else [])]
 
     def as_meta(self) -> dict[str, Any]:
-        """Return what a record's meta data keep of it, under one key; nothing if there is nothing to tell."""
+        """Return the meta data for a record, under one key; empty without content."""
         told = {"taken": self.taken, "left_out": self.counts, "quality": self.quality}
         kept = {key: value for key, value in told.items() if value}
         return {"reading": kept} if kept else {}

@@ -1,6 +1,6 @@
-"""The car that is computed where springs are measured: its law, once for a host's Python and a rig's compiled tick.
+"""Equations of motion of a simulated car on the measured springs, for Python on a host and for a compiled tick.
 
-Each function stands for itself and asks for nothing but numbers: a rig compiles it, a host calls it as it is.
+The functions use numbers only: a rig compiles them, a host calls them in Python.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, Final
 
 #: Points of a bump stop's force over travel.
 STOP_POINTS: Final = 9
-#: Motions of a car, and ways in which its springs are moved: sideways, up, in roll.
+#: Degrees of freedom of a car, and of its springs: lateral, vertical, roll.
 WAYS: Final = 3
 
 
@@ -25,7 +25,7 @@ def _no_stop() -> list[float]:
 
 @dataclass(slots=True)
 class MovingCar:
-    """Half a car on one bogie (SI): what it is, what acts on it, how it moves. A rig has a record of these fields."""
+    """Half a car on one bogie (SI): parameters, loads and motion. A rig has a record of these fields."""
 
     mass: float = 0.0
     inertia: float = 0.0
@@ -40,10 +40,10 @@ class MovingCar:
     bump_stop_force: list[float] = field(default_factory=_no_stop)
     anti_roll_stiffness: float = 0.0
     wind: float = 0.0  #: force, N
-    track: list[float] = field(default_factory=_still)  #: where the bogie is
+    track: list[float] = field(default_factory=_still)  #: position of the bogie
     track_rate: list[float] = field(default_factory=_still)
-    springs: list[float] = field(default_factory=_still)  #: what they do to it (`places.Springs`)
-    place: list[float] = field(default_factory=_still)  #: of its centre of gravity
+    springs: list[float] = field(default_factory=_still)  #: load of the springs on the car (`places.Springs`)
+    place: list[float] = field(default_factory=_still)  #: position of its centre of gravity
     speed: list[float] = field(default_factory=_still)
     acceleration: list[float] = field(default_factory=_still)
     bump_stop: float = 0.0  #: its force on the car, N
@@ -55,15 +55,16 @@ def track_wave(phase: float) -> float:
 
 
 def track_slope(phase: float) -> float:
-    """Its rate per wave, π sin 2πx."""
+    """Derivative of `track_wave` by the phase, π sin 2πx."""
     return pi * sin(2.0 * pi * phase)
 
 
 def move_car(car: Any, dt: float) -> None:
-    """Let a `MovingCar` go on by ``dt`` s under wind, track and springs: speeds first, then places (symplectic Euler).
+    """Advance a `MovingCar` by ``dt`` s under wind, track and springs: speeds first, then places (symplectic Euler).
 
-    m ÿ = W + F_y + F_d + F_bs,  m z̈ = F_z,  J φ̈ = M + e F_y + e_d F_d + e_s F_bs − h_w W − K_arb (φ − φ_t) + m g e φ,
-    with damper and bump stop between the car and the track; the stop's force is linear between its points, and beyond.
+    m ÿ = W + F_y + F_d + F_bs,  m z̈ = F_z,  J φ̈ = M + e F_y + e_d F_d + e_s F_bs − h_w W − K_arb (φ − φ_t) + m g e
+    φ, with damper and bump stop between the car and the track. The stop's force is linear between its points, and
+    beyond.
     """
     roll = car.place[2]
     damper = -car.damper_rate * (car.speed[0] - car.track_rate[0] + car.damper_depth * car.speed[2])
@@ -98,9 +99,9 @@ def move_car(car: Any, dt: float) -> None:
 
 
 def springs_ahead(car: Any, ahead: float, lateral: float, vertical: float, rolled: float) -> Any:
-    """Return how the springs of a `MovingCar` will stand ``ahead`` s from now (`places.Place`), as three numbers.
+    """Return the predicted pose of the springs of a `MovingCar` in ``ahead`` s (`places.Place`), as three numbers.
 
-    At its present accelerations, on a track that will be ``lateral``, ``vertical`` and ``rolled``.
+    Assumes constant accelerations, and the track at ``lateral``, ``vertical`` and ``rolled``.
     """
     half = 0.5 * ahead * ahead
     y = car.place[0] + ahead * car.speed[0] + half * car.acceleration[0]
@@ -110,5 +111,5 @@ def springs_ahead(car: Any, ahead: float, lateral: float, vertical: float, rolle
 
 
 def floor_acceleration(car: Any) -> Any:
-    """The lateral acceleration of the floor (m/s²), without the weight that is felt on a floor that leans."""
+    """Return the lateral acceleration of the floor (m/s²), without the component of gravity on a tilted floor."""
     return car.acceleration[0] + car.floor_depth * car.acceleration[2]

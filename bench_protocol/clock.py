@@ -20,11 +20,11 @@ from bench_protocol.units import NS
 
 _prctl: Final = c_function("prctl", ctypes.c_int, ctypes.c_int, *(4 * [ctypes.c_ulong]))
 _PR_SET_TIMERSLACK: Final = 29
-#: A thread that computes may keep another one waiting for this long (Python's default is 5 ms), in s.
+#: Longest time (s) for which a computing thread may block another one (Python's default is 5 ms).
 _SWITCH_INTERVAL: Final = 0.0005
 _NICE: Final = -10
 _GIVES_WAY: Final = 5
-#: Periodic callbacks are short (a command frame): below a rig's tick, above everything that computes.
+#: Periodic callbacks are short (a command frame): below a rig's tick, above all computations.
 _CYCLE_PRIORITY: Final = 5
 
 
@@ -36,7 +36,7 @@ class Task(Protocol):
 
 
 class Clock(Protocol):
-    """Where time comes from and where it passes."""
+    """A source of time that threads can wait for."""
 
     def now(self) -> int:
         """Return the time in ns since the clock's own origin; it never goes back."""
@@ -49,7 +49,7 @@ class Clock(Protocol):
 
 
 class _ThreadTask:
-    """A thread of its own that calls back on absolute deadlines."""
+    """A thread that calls back on absolute deadlines."""
 
     def __init__(self, clock: "RealClock", period: int, callback: Callable[[], None]) -> None:
         self._stopped = threading.Event()
@@ -86,7 +86,7 @@ class RealClock:
         return elapsed if self._scale == 1.0 else int(elapsed * self._scale)
 
     def monotonic(self, instant: int) -> int:
-        """Return when ``instant`` (ns of this clock) is by the machine's monotonic clock (ns)."""
+        """Convert ``instant`` (ns of this clock) to the machine's monotonic clock (ns)."""
         return self._origin + (instant if self._scale == 1.0 else round(instant / self._scale))
 
     def sleep_until(self, deadline: int) -> None:
@@ -106,10 +106,10 @@ class _VirtualTask:
 
 
 class VirtualClock:
-    """Time that passes only while somebody sleeps: the world is advanced in between, as fast as it can be.
+    """Time that advances only while a thread sleeps; the simulation runs in between, as fast as possible.
 
-    ``attach`` gives the clock its world: a function ``advance(until_ns)`` that brings everything simulated to that
-    time. Callbacks due at the same instant run in the order in which they were registered.
+    ``attach`` connects the simulation: a function ``advance(until_ns)`` that brings it to that time. Callbacks due at
+    the same instant run in the order in which they were registered.
     """
 
     def __init__(self) -> None:
@@ -119,7 +119,7 @@ class VirtualClock:
         self._worlds: list[Callable[[int], None]] = []
 
     def attach(self, advance: Callable[[int], None]) -> None:
-        """Let ``advance(until_ns)`` be called for every stretch of time that passes."""
+        """Call ``advance(until_ns)`` for every interval of time that passes."""
         self._worlds.append(advance)
 
     def now(self) -> int:
@@ -133,7 +133,7 @@ class VirtualClock:
             try:
                 self._pass_to(due)
                 task.callback()
-            except KeyboardInterrupt:  # what comes after it needs the task
+            except KeyboardInterrupt:  # the caller needs the task afterwards
                 heapq.heappush(self._due, (due + task.period, order, task))
                 raise
             if not task.cancelled:
@@ -154,7 +154,7 @@ class VirtualClock:
 
 
 def every_without_late(clock: Clock, period: int, callback: Callable[[], None]) -> Task:
-    """As ``clock.every``; calls that a stall made late are left out, where they would all come at once."""
+    """As ``clock.every``, but calls that a stall has delayed are skipped instead of made all at once."""
     last = clock.now()
 
     def cycle() -> None:
@@ -178,10 +178,10 @@ def utc_date() -> str:
 
 
 def hurry(priority: int) -> None:
-    """Let this thread be woken as punctually as the machine allows.
+    """Reduce the wake-up latency of this thread as far as the machine permits.
 
-    1 ns of timer slack, which needs no privilege, takes the median lateness from 78 to 27 µs; real-time scheduling
-    with ``priority`` (1 to 99) holds it under load, where the user may have it. Does nothing where neither exists.
+    1 ns of timer slack, which needs no privilege, reduces the median lateness from 78 to 27 µs. Real-time scheduling
+    with ``priority`` (1 to 99) keeps it under load, if the user has the permission. Without either it does nothing.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     with contextlib.suppress(OSError, AttributeError):
@@ -189,20 +189,20 @@ def hurry(priority: int) -> None:
 
 
 def processor_time() -> float:
-    """Return for how many s processors have worked for this process by now."""
+    """Return the processor time (s) that this process has used."""
     return time.process_time()
 
 
 def give_way() -> None:
-    """Put this whole process behind what holds deadlines, whoever started it."""
+    """Lower the priority of this whole process below those with deadlines."""
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, _GIVES_WAY)
 
 
 def hurry_process() -> None:
-    """Put this whole process before others on a busy machine, where the user may; and let its threads alternate often.
+    """Raise the priority of this whole process, if the user has the permission, and switch threads more often.
 
-    A punctual thread is no use while another one of its process holds the interpreter and waits for a processor.
+    A punctual thread is late if another thread of its process holds the interpreter and waits for a processor.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
     with contextlib.suppress(OSError, AttributeError):

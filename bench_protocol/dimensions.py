@@ -1,6 +1,6 @@
-"""The dimensions of a rig: masses, spacings, heights, frames and lags, from a TOML file, each with its uncertainty.
+"""The dimensions of a rig: masses, distances, heights, frames and lags, from a TOML file, with their uncertainty.
 
-A dimension that a file does not state is not known: what needs it cannot be measured on that rig.
+A dimension that is missing in the file is unknown. Quantities that need it cannot be measured on that rig.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from bench_protocol.table_signals import BY_GROUP, FURTHER
 from bench_protocol.units import UNITS
 from bench_protocol.words import SIDES
 
-#: The kind of its named files.
+#: Package of the named files of dimensions.
 PACKAGE: Final = "dimensions"
 
 
 class Span(NamedTuple):
-    """The SI unit of a dimension, and between which values it is plausible for a railway bench."""
+    """The SI unit of a dimension, and its plausible range for a railway bench."""
 
     si: str
     low: float
     high: float
 
 
-#: Table ``dimension``: what a rig has one of. Heights above a point may be negative. Gravity is that of the Earth.
+#: Table ``dimension``: scalars of the rig. Heights above a point may be negative. Gravity is that of the Earth.
 SPANS: Final = {
     "bolster_mass": Span("kg", 10.0, 50e3),
     "gravity": Span("m/s2", 9.76, 9.84),
@@ -57,19 +57,19 @@ DIMENSIONS: Final = {name: one.si for name, one in SPANS.items()}
 _ACROSS: Final = Span("m", -3.0, 3.0)
 _PLACE: Final = Span("m", -5.0, 5.0)
 _DIRECTION: Final = Span("1", -1e6, 1e6)
-#: Thermometers are slow.
+#: Long lags occur with thermometers.
 _LAG: Final = Span("s", 0.0, 60.0)
-#: Table ``across``: how far to the left of the middle a laser or an actuator stands (m).
+#: Table ``across``: distance of a laser or an actuator to the left of the middle (m).
 ACROSS: Final = (*(f"{side}.height" for side in SIDES), *(f"vertical_{side}" for side in SIDES))
-#: Table ``load_cell``: where each cell stands, and which way the push on the bolster goes that reads positive.
+#: Table ``load_cell``: the place of each cell, and the direction of the force on the bolster that reads positive.
 LOAD_CELLS: Final = (
     *BY_GROUP[Group.VERTICAL_LOAD_CELL],
     *BY_GROUP[Group.LATERAL_LOAD_CELL],
     *(signal.name for signal in FURTHER),
 )
-#: Both are told ahead, to the left and up; places from the middle of the platform, where the springs stand on it.
+#: Axes of both: ahead, to the left and up. Places are relative to the middle of the platform top.
 WAYS: Final = ("ahead", "across", "up")
-#: Table ``lag``: how late a transducer's readings are (s), of first order.
+#: Table ``lag``: first-order lag of the readings of a transducer (s).
 LAGS: Final = (
     *(
         signal
@@ -89,12 +89,12 @@ _SHAPES: Final = (("value",), ("value", "uncertainty"))
 
 
 class DimensionsError(ValueError):
-    """A file of dimensions does not say what is needed, or says what nobody understands."""
+    """A file of dimensions lacks a needed value, or has an invalid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A value (SI) with the half-width of what it may be off by, all in between being as likely."""
+    """A value (SI) with the half-width of its uncertainty, uniformly distributed."""
 
     value: float
     uncertainty: float
@@ -104,14 +104,14 @@ class Dimension:
 
 @dataclass(frozen=True, slots=True)
 class Dimensions:
-    """What is known of a rig's dimensions, by name: ``bolster_mass``, `across` and `lag` of a place or a signal."""
+    """The known dimensions of a rig, by name: ``bolster_mass``, `across` and `lag` of a place or a signal."""
 
     file: str = ""
     sha256: str = ""
     known: Mapping[str, Dimension] = field(default_factory=dict)
 
     def built(self, values: Mapping[str, float]) -> Dimensions:
-        """Return those of a rig that is built with other ``values`` (SI): a file's uncertainties stay."""
+        """Return dimensions with other ``values`` (SI) of the rig and the uncertainties of the file."""
         known = dict(self.known)
         changed = {
             name: value
@@ -127,7 +127,7 @@ class Dimensions:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a record says of them: the file, and each with its uncertainty (SI) and where it is from."""
+        """The data for a record: the file, and each dimension with its uncertainty (SI) and source."""
         if not self.known:
             return {}
         return {
@@ -141,33 +141,33 @@ class Dimensions:
 
 
 def across(what: str) -> str:
-    """Return the name of how far to the left of the middle (m) a transducer or an actuator stands."""
+    """Return the name of the distance of a transducer or actuator to the left of the middle (m)."""
     return f"{what} across"
 
 
 @cache
 def place(cell: str) -> tuple[str, str, str]:
-    """Return the names of where a load cell stands (m): ahead, to the left and up."""
+    """Return the names of the coordinates of a load cell (m): ahead, to the left and up."""
     ahead, left, up = (f"{cell} {way}" for way in WAYS)
     return ahead, left, up
 
 
 @cache
 def direction(cell: str) -> tuple[str, str, str]:
-    """Return the names of which way a load cell pushes the bolster when it reads positive: a unit vector."""
+    """Return the names of the unit vector along which a load cell pushes the bolster when it reads positive."""
     ahead, left, up = (f"{cell} pushes {way}" for way in WAYS)
     return ahead, left, up
 
 
 def lag(signal: str) -> str:
-    """Return the name of how late the readings of a ``signal`` are (s)."""
+    """Return the name of the lag of the readings of a ``signal`` (s)."""
     return f"{signal} lag"
 
 
-#: The table of the load cells, and what is told of each: its names and their SI unit.
+#: The table of the load cells, and the values of each: names and SI unit.
 CELLS: Final = "load_cell"
 _OF_A_CELL: Final = {"place": (place, _PLACE), "direction": (direction, _DIRECTION)}
-#: All names that a file can state, with the SI unit.
+#: All names that a file can have, with the SI unit.
 NAMES: Final[Mapping[str, str]] = {
     **DIMENSIONS,
     **{across(one): "m" for one in ACROSS},
@@ -175,7 +175,7 @@ NAMES: Final[Mapping[str, str]] = {
     **{name: "1" for cell in LOAD_CELLS for name in direction(cell)},
     **{lag(signal): "s" for signal in LAGS},
 }
-#: Those of a rig of which nobody has said any.
+#: Dimensions of a rig without a file.
 UNKNOWN: Final = Dimensions()
 
 
@@ -186,9 +186,9 @@ def ordinary() -> Dimensions:
 
 
 def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
-    """Return the dimensions of a TOML file, seen from ``home``, or those that come with the bench under this name.
+    """Return the dimensions of a TOML file, relative to ``home``, or the supplied ones with this name.
 
-    DimensionsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
+    Raises DimensionsError, with file, key, value and unit, if the file cannot be read or has an invalid value.
     """
     path, sha256, content = read_named(PACKAGE, name, home, DimensionsError)
     wrong: list[str] = []
@@ -275,7 +275,7 @@ def _dimension(where: str, raw: Any, span: Span) -> Dimension:
 
 
 def _plausible(value: float, span: Span) -> str:
-    """Return the span in words, and in which other unit the ``value`` would lie in it."""
+    """Return the range as text, with another unit in which ``value`` would be inside it."""
     fitting = [
         name
         for name, unit in UNITS.items()

@@ -1,11 +1,11 @@
-"""The extras: libraries that are installed only where somebody asks for them, and what is said where they are not."""
+"""Extras: optional libraries, and the messages if they are missing."""
 
 from importlib.util import find_spec
 from typing import Final, NamedTuple
 
 
 class Extra(NamedTuple):
-    """What an extra is for, and the libraries that it consists of."""
+    """The purpose of an extra, and its libraries."""
 
     purpose: str
     libraries: tuple[str, ...]
@@ -21,24 +21,24 @@ EXTRAS: Final = {
 
 
 def installed(extra: str) -> bool:
-    """Return whether all libraries of an extra are there, without importing them."""
+    """Return whether all libraries of an extra are installed, without importing them."""
     return all(map(_found, EXTRAS[extra].libraries))
 
 
 def lacking(extra: str, who: str) -> str:
-    """Return what ``who`` (a plural) lacks, in a sentence that says how to install it."""
+    """Return a sentence with the missing extra of ``who`` (a plural) and the command to install it."""
     libraries = EXTRAS[extra].libraries
     verb = "is" if len(libraries) == 1 else "are"
     return f"{who} need {' and '.join(libraries)}, which {verb} not installed: {mend(extra)}"
 
 
 def mend(extra: str) -> str:
-    """Return the command that installs an extra: its libraries by name, as the bench may have come from anywhere."""
+    """Return the command that installs an extra: its libraries by name, as it works for any installation."""
     return " ".join(("pip install", *(f"'{one}'" for one in requirements(extra))))
 
 
 def requirements(extra: str) -> list[str]:
-    """Return the libraries of an extra as pip takes them, without versions where nobody installed the bench."""
+    """Return the requirements of an extra for pip, without versions if the bench is not an installed package."""
     from importlib import metadata
 
     from packaging.requirements import Requirement
@@ -58,5 +58,5 @@ def requirements(extra: str) -> list[str]:
 def _found(library: str) -> bool:
     try:
         return find_spec(library) is not None
-    except ValueError:  # None stands in its place
+    except ValueError:  # None marks a module as missing
         return False

@@ -1,4 +1,4 @@
-"""The forms of the files that are read and written: how a file is recognised, and what reads and writes it."""
+"""Table rows for file formats: how a file is recognised, and which functions read and write it."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ _PACKED: Final = ".gz"
 
 
 class FileForm(NamedTuple):
-    """One form of files; a reader is one function in a file of its own, and one row with it in a table of these."""
+    """One file format. Its reader is a function in its own module."""
 
-    name: str  #: as a key calls it
-    endings: tuple[str, ...]  #: in small letters; the first one is the usual one
+    name: str  #: its name in keys
+    endings: tuple[str, ...]  #: in lower case; the first one is the usual one
     read: Callable[..., Any] | None = None
     write: Callable[..., Any] | None = None
-    recognises: Callable[[Path], bool] | None = None  #: whatever a file is called
+    recognises: Callable[[Path], bool] | None = None  #: checks the content, whatever the file name is
 
 
 def ending_of(path: Path) -> str:
-    """Return the ending that says the form, in small letters; that of what is packed."""
+    """Return the ending that selects the format, in lower case; for a packed file that of its content."""
     ending = path.suffix.lower()
     return Path(path.stem).suffix.lower() if ending == _PACKED else ending
 
 
 def form_of(path: Path, forms: Sequence[FileForm]) -> FileForm | None:
-    """Return the form that recognises a file, else the first one that has its ending; None if there is none."""
+    """Return the format that recognises a file, else the first one with its ending; None if there is none."""
     for one in forms:
         if one.recognises is not None and path.is_file() and one.recognises(path):
             return one
@@ -34,5 +34,5 @@ def form_of(path: Path, forms: Sequence[FileForm]) -> FileForm | None:
 
 
 def endings(forms: Sequence[FileForm]) -> list[str]:
-    """Return the endings of forms, each once."""
+    """Return the endings of formats, each once."""
     return list(dict.fromkeys(ending for one in forms for ending in one.endings))

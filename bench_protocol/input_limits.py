@@ -1,4 +1,4 @@
-"""How much of somebody else's file is taken in: its bytes, columns, rows and depth, its times and its numbers."""
+"""Limits for files of users: bytes, columns, rows, depth, times and numbers."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 _MiB: Final = 1 << 20
-#: What is raised of a file that goes beyond what is taken in.
+#: The error for a file that exceeds a limit.
 Unfit = file_text.Unfit
 
-#: A file that people write, or that describes something: TOML, JSON, a list of registers.
+#: A file that people write, or a description: TOML, JSON, a list of registers.
 DESCRIPTION_BYTES: Final = 4 * _MiB
-#: A result, a note or a finding: those of the longest plans have some 100 KiB, and JSON takes 25 times as much memory.
+#: A result, a note or a finding: the longest plans need some 100 KiB, and JSON takes 25 times as much memory.
 RESULT_BYTES: Final = 16 * _MiB
-#: A DBC: the largest that are known have some 5 MiB, and cantools takes seventy times as much memory.
+#: A DBC: the largest known ones have some 5 MiB, and cantools takes seventy times as much memory.
 DBC_BYTES: Final = 8 * _MiB
-#: What stands between two quotation marks of a DBC: cantools takes two hundred times as much memory.
+#: A quoted text of a DBC: cantools takes two hundred times as much memory.
 QUOTED_BYTES: Final = 64 << 10
 #: One message of a DBC (J1939 has up to 1785 bytes), and all of them: cantools makes up to 30 bytes of memory of each.
 MESSAGE_BYTES: Final = 64 << 10
@@ -47,17 +47,17 @@ UNPACKED_FILES: Final = 10_000
 PARSED_BYTES: Final = 16 * _MiB
 #: The directory of an archive, which is read before its files can be counted.
 _DIRECTORY_BYTES: Final = 4 * _MiB
-#: What a small packed file of samples or frames may hold after unpacking; a larger one, so many times its size.
+#: Unpacked size of a small packed file of samples or frames; for a larger one, a multiple of its size.
 EXPANDED_BYTES: Final = 64 * _MiB
 EXPANSION: Final = 50
 #: Columns of a table, channels of a file, signals of a DBC.
 COLUMNS: Final = 10_000
 ROWS: Final = 100_000_000
-#: Rows times columns: 2 GB of them are in memory at once.
+#: Rows times columns: 2 GB of numbers, all in memory at once.
 CELLS: Final = 250_000_000
-#: How far (s) a time may lie from zero, which may be 1970: nanoseconds in 64 bits end after 292 years.
+#: Largest distance (s) of a time from zero, which may be 1970: nanoseconds in 64 bits end after 292 years.
 TIME: Final = 9.0e9
-#: Tables in tables, as a file for people may have them.
+#: Depth of nested tables in a file.
 DEPTH: Final = 32
 #: Tables that all dotted keys and headers of a TOML file may name: the parser takes 1 KiB for each.
 NAMED_TABLES: Final = 200_000
@@ -73,7 +73,7 @@ _DBC_LENGTH: Final = re.compile(rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|:\s*(\d+)\s*\|\
 _DBC_PAGES: Final = re.compile(rb"\bSG_MUL_VAL_[^;]*+")
 _DBC_RANGE: Final = re.compile(rb"(\d+)\s*-\s*(\d+)")
 _WHOLE: Final = 1 << 63
-#: What the parser's sentences begin with, and what is meant.
+#: Beginnings of messages of the parser, and their replacement.
 _TOML: Final = {
     "Cannot": "the key or the table is there twice",
     "Duplicate": "the key is there twice",
@@ -90,7 +90,7 @@ _TOML: Final = {
 
 
 def size(count: float) -> str:
-    """Return a number of bytes in words."""
+    """Return a number of bytes as text with a unit."""
     for unit in ("bytes", "KiB", "MiB"):
         if count < 1024:
             return f"{count:.4g} {unit}"
@@ -99,7 +99,7 @@ def size(count: float) -> str:
 
 
 def check_size(path: Path, limit: int) -> None:
-    """Refuse what is no ordinary file, or is longer than ``limit``: Unfit. OSError if there is none."""
+    """Raise Unfit for a file that is not an ordinary one, or is longer than ``limit``; OSError if it is missing."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise Unfit("is no ordinary file")
@@ -108,10 +108,10 @@ def check_size(path: Path, limit: int) -> None:
 
 
 def read_bounded(path: Path, limit: int = DESCRIPTION_BYTES) -> bytes:
-    """Return the content of a file that has ``limit`` bytes at most, else Unfit. OSError if it cannot be read."""
+    """Return the content of a file. Raises Unfit if it exceeds ``limit`` bytes, OSError if it cannot be read."""
     check_size(path, limit)
     with path.open("rb") as file:
-        content = file.read(limit + 1)  # it may be growing
+        content = file.read(limit + 1)  # one byte more, because the file may grow
     if len(content) > limit:
         raise Unfit(f"has more than {size(limit)}; that is what is read at most")
     return content
@@ -123,9 +123,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return the tables of a TOML file of which every number is finite. Unfit for what is none, or too deep.
+    """Return the tables of a TOML file. Raises Unfit for invalid TOML, infinite numbers or too deep nesting.
 
-    The byte order mark that some editors write is no part of it.
+    A leading byte order mark, as some editors write it, is ignored.
     """
     text = file_text.only_utf_8(content)
     _check_keys(text)
@@ -133,14 +133,14 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         tables = tomllib.loads(text)
     except RecursionError:
         raise Unfit(f"is nested too deep; {DEPTH} tables or lists in one another are enough") from None
-    except ValueError as error:  # also of Python itself, for whole numbers with thousands of digits
+    except ValueError as error:  # also raised by Python for integers with thousands of digits
         raise Unfit(f"is not TOML: {_in_words(str(error), text)}") from None
     _check_value("", tables, DEPTH)
     return tables
 
 
 def _check_keys(text: str) -> None:
-    """Refuse dotted keys and headers that are too deep, or name too many tables, before they cost memory: Unfit."""
+    """Raise Unfit, before memory is allocated, for keys and headers that are too deep or name too many tables."""
     bare = re.sub(r"[ \t]+", "", _TEXT.sub('"', text))
     tables = 0
     for found in re.finditer(r"[^\s\[\]{}=,]+", bare):
@@ -150,7 +150,7 @@ def _check_keys(text: str) -> None:
             raise Unfit(
                 f"is nested too deep in {name[:60]}; {DEPTH} tables or lists in one another are enough"
             )
-        tables += dots if dots > 1 else 0  # a number has one
+        tables += dots if dots > 1 else 0  # a number has one dot
     if tables > NAMED_TABLES:
         raise Unfit(
             f"names {tables} tables in dotted keys; at most {NAMED_TABLES} are read, so shorten the keys"
@@ -158,7 +158,7 @@ def _check_keys(text: str) -> None:
 
 
 def _in_words(error: str, text: str) -> str:
-    """What the parser says of a text, with the line that it speaks of."""
+    """Return the message of the parser as text, with the line it refers to."""
     place = re.search(r"\(at (?:line (\d+), column \d+|end of document)\)$", error)
     if place is None:
         return "a number has too many digits"
@@ -184,7 +184,7 @@ def _check_value(name: str, value: object, depth: int) -> None:
 
 
 def check_dbc(path: Path) -> None:
-    """Refuse a DBC that costs more memory than it is worth: Unfit. OSError if it cannot be read."""
+    """Raise Unfit for a DBC that needs too much memory, OSError if it cannot be read."""
     content = read_bounded(path, DBC_BYTES)
     for found in _DBC_TEXT.finditer(content):
         if len(found[1]) >= QUOTED_BYTES:
@@ -210,7 +210,7 @@ def check_dbc(path: Path) -> None:
 
 
 def _bounded(digits: bytes) -> int:
-    """A whole number, of which nobody wants more than 12 digits."""
+    """Return an integer, limited to 12 digits."""
     return int(digits[:12])
 
 
@@ -219,7 +219,7 @@ def _line(content: bytes, found: re.Match[bytes]) -> int:
 
 
 def check_expansion(path: Path, expanded: int) -> None:
-    """Refuse a file whose samples take ``expanded`` bytes when they are unpacked, far more than it has: Unfit."""
+    """Raise Unfit for a file whose samples take ``expanded`` bytes after unpacking, far more than its size."""
     packed = path.stat().st_size
     if expanded > max(EXPANDED_BYTES, EXPANSION * packed):
         raise Unfit(
@@ -229,7 +229,7 @@ def check_expansion(path: Path, expanded: int) -> None:
 
 
 def check_mdf(path: Path, groups: Iterable[Any]) -> None:
-    """Refuse an MDF file, opened by asammdf, whose samples take far more memory than it has: Unfit."""
+    """Raise Unfit for an MDF file, opened by asammdf, whose samples take far more memory than its size."""
     total = 0
     for group in groups:
         told = group.channel_group
@@ -246,9 +246,9 @@ def check_mdf(path: Path, groups: Iterable[Any]) -> None:
 
 
 def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
-    """Open a zip archive, unless it is none or unpacks to too much: Unfit. OSError if it cannot be read.
+    """Open a zip archive. Raises Unfit if it is invalid or unpacks to too much, OSError if it cannot be read.
 
-    Files named in ``parsed`` may have `PARSED_BYTES` each. `zipfile` unpacks no more of a file than its size here.
+    Files named in ``parsed`` may have `PARSED_BYTES` each. `zipfile` unpacks no more of a file than its stated size.
     """
     check_size(path, UNPACKED_BYTES)
     _check_directory(path)
@@ -275,7 +275,7 @@ def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
 
 
 def _check_directory(path: Path) -> None:
-    """Refuse what is no zip archive, and an archive of which the directory alone is too long: Unfit."""
+    """Raise Unfit for a file that is not a zip archive, or whose directory alone is too long."""
     with path.open("rb") as file:
         length = file.seek(0, 2)
         file.seek(max(length - (1 << 16) - 42, 0))
@@ -284,13 +284,13 @@ def _check_directory(path: Path) -> None:
     if place < 0 or place + 22 > len(tail):
         raise Unfit("is no zip archive")
     (directory,) = struct.unpack_from("<I", tail, place + 12)
-    # ZIP64, which has its sizes elsewhere, is for more than 65 535 files or 4 GiB.
+    # ZIP64 has its sizes in another place. It is for more than 65 535 files or 4 GiB.
     if directory > _DIRECTORY_BYTES or tail[max(place - 20, 0) : place].startswith(b"PK\6\7"):
         raise Unfit(f"lists more than {UNPACKED_FILES} files; at most so many are unpacked")
 
 
 def check_text_table(path: Path, delimiter: str | None = None) -> None:
-    """Refuse a table of text, or a log, that is too long or too wide: Unfit. OSError if it cannot be read.
+    """Raise Unfit for a text table or log that is too long or too wide, OSError if it cannot be read.
 
     Without ``delimiter`` its lines have no columns.
     """
@@ -313,7 +313,7 @@ def check_text_table(path: Path, delimiter: str | None = None) -> None:
 
 
 def check_shape(rows: int, columns: int, cells: int | None = None) -> None:
-    """Refuse a table with more rows, columns or cells than are taken in: Unfit."""
+    """Raise Unfit for a table with too many rows, columns or cells."""
     found = rows * columns if cells is None else cells
     for count, limit, what in ((columns, COLUMNS, "columns"), (rows, ROWS, "rows"), (found, CELLS, "cells")):
         if count > limit:
@@ -321,7 +321,7 @@ def check_shape(rows: int, columns: int, cells: int | None = None) -> None:
 
 
 def check_times(seconds: npt.NDArray[np.float64], what: str = "time") -> None:
-    """Refuse times (s) that are no numbers, or that nanoseconds in 64 bits do not hold: Unfit."""
+    """Raise Unfit for times (s) that are NaN or exceed nanoseconds in 64 bits."""
     import numpy as np
 
     wrong = ~(np.abs(seconds) <= TIME)
@@ -333,7 +333,7 @@ def check_times(seconds: npt.NDArray[np.float64], what: str = "time") -> None:
 
 
 def check_finite(values: npt.NDArray[np.float64], what: str) -> None:
-    """Refuse infinite numbers: Unfit. What is no number (NaN) was not measured, and passes."""
+    """Raise Unfit for infinite numbers. NaN is permitted; it means "not measured"."""
     import numpy as np
 
     wrong = np.isinf(values)

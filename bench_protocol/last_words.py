@@ -1,4 +1,4 @@
-"""Libraries that print what goes wrong while a half-made object is thrown away: nobody is to read that."""
+"""Suppression of errors that libraries print when a partly initialized object is destroyed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def no_last_words() -> Iterator[None]:
-    """Be silent about what destructors raise of objects that are thrown away within."""
+    """Suppress the output of errors that destructors raise inside the block."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:

@@ -1,7 +1,7 @@
-"""What moves springs on a bench and what tells of them: from their place to set-points, from load cells to their force.
+"""Geometry of a bench: from the pose of the springs to set-points, and from load cells to the force of the springs.
 
-``rig`` gives the dimensions (SI) by the names of `bench_protocol.dimensions`. A rig with a car in its tick and a host
-that computes the car do both alike.
+``rig`` has the dimensions (SI) by the names of `bench_protocol.dimensions`. A rig with a car in its tick and a host
+that computes the car use the same functions.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Rig = Mapping[str, float]
 
 
 class Springs(NamedTuple):
-    """What both springs do to what they carry, beyond that (N, N, N·m about the middle of their top plates)."""
+    """Change of the load of both springs on the body above (N, N, N·m about the middle of their top plates)."""
 
     lateral: float
     vertical: float
@@ -24,27 +24,27 @@ class Springs(NamedTuple):
 
 
 class Place(NamedTuple):
-    """How the springs stand (m, m, rad): sheared, lengthened, rolled."""
+    """The pose of the springs (m, m, rad): shear, change of height, roll."""
 
     shear: float
     height: float
     roll: float
 
 
-#: What is left of the way to the bench's own bump stop, for a sine of 5 mm.
+#: Remaining travel to the bench's own bump stop, for a sine of 5 mm.
 STOP_ROOM: Final = 7 * mm
-#: Shear up to which bolster and platform are moved so that the bench's own bump stop is not met: in proportion, so that
-#: nothing has a corner.
+#: Shear up to which the bench's own bump stop is avoided. Bolster and platform share the shear in proportion, so that
+#: the motion has no kink.
 SHEAR_MAX: Final = 80 * mm
-#: What springs do that stand where they rest.
+#: Load of springs at rest.
 STILL: Final = Springs(0.0, 0.0, 0.0)
 
 
 def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
-    """Return what one newton on a ``cell`` says of force and moment on the bolster: its column of the wrench.
+    """Return force and moment on the bolster for one newton on a ``cell``: its column of the wrench.
 
-    Along x ahead, y to the left and z up, and about them through the middle between the springs' top plates, where a
-    force that the springs oppose to a shear makes no moment of its own: w = Σ (d_k, r_k × d_k) f_k; moments in m.
+    Axes: x ahead, y to the left, z up, through the middle between the springs' top plates. About this point, the
+    reaction of the springs to a shear has no moment: w = Σ (d_k, r_k × d_k) f_k; moments per force in m.
     """
     x, y, z = (rig[name] for name in place(cell))
     d_x, d_y, d_z = pointing(rig, cell)
@@ -61,10 +61,10 @@ def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
 
 
 def setpoints_of(at: Place, rig: Rig, springs: Springs = STILL) -> dict[str, float]:
-    """Return where bolster and platform have to be for the springs to stand so, by the names of the set-points.
+    """Return the set-points of bolster and platform for a pose of the springs, by their names.
 
-    From where they are level; of what is asked it is linear. Frame and oil between piston and bolster give way to what
-    the ``springs`` do beyond where they rest.
+    They are relative to the level position and linear in the pose. Frame and oil between piston and bolster are
+    compliant; the set-points compensate for the change of load in ``springs``.
     """
     share = (rig["stop_gap"] - STOP_ROOM) / SHEAR_MAX
     platform = ((1.0 - share) * at.shear - rig["centre_height"] * at.roll) / (
@@ -87,7 +87,7 @@ def setpoints_of(at: Place, rig: Rig, springs: Springs = STILL) -> dict[str, flo
 
 
 def _given_way(springs: Springs, rig: Rig) -> dict[str, float]:
-    """Return by how much further each piston has to go (m), for what stands behind it gives way."""
+    """Return the additional travel of each piston (m) that compensates for the compliance behind it."""
     left, right = (rig[across(f"vertical_{side}")] for side in SIDES)
     above = rig["centre_height"] + rig["lateral_actuator_height"]
     moment = -springs.moment - above * springs.lateral

@@ -1,4 +1,4 @@
-"""What is in force on a bench that nobody commands: its settings at rest."""
+"""Settings at rest of a bench without a commander."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -7,11 +7,11 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.words import SIDES
 
-#: What hands have fitted stays fitted, and its settings say what that is.
+#: Parts fitted by hand do not change at rest, nor do the settings that describe them.
 FITTED: Final = ("rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
-#: Valves between chambers: while the bench holds they move no air, and return with the safe position.
+#: Valves between chambers: they move no air while the bench holds, and return with the safe position.
 CONNECTING: Final = (*(f"air.{side}_reservoir" for side in SIDES), "air.dpv")
-#: What is in force at rest, but for what is fitted: what a rig begins with.
+#: Values at rest except for fitted parts; a rig starts with them.
 REST: Final[Mapping[str, float]] = {
     signal.name: signal.default for signal in TABLE.of_kind(Kind.SETTING) if signal.name not in FITTED
 }

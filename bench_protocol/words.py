@@ -1,6 +1,6 @@
-"""The words of the bench that both ends of the wires use: states, reasons, modes, axes, waves, sides.
+"""Names and numbers that both ends of the wires use: states, reasons, modes, axes, waves, sides.
 
-What is numbered on the wires is an enum here; the tuples beside it are the names by number. Numbers stay once given.
+Names with numbers on the wires are enums. The tuples have the names by number. Assigned numbers never change.
 """
 
 import math
@@ -10,7 +10,7 @@ from typing import Final, Literal, get_args
 from bench_protocol.units import m
 
 SIDES: Final = ("left", "right")
-#: Where a value of a parameter or specimen file may come from.
+#: Sources of a value of a parameter or specimen file.
 PROVENANCES: Final = ("measured", "data sheet", "assumed", "derived")
 ACTUATORS: Final = ("vertical_left", "vertical_right", "lateral")
 #: Axes of the vibration platform.
@@ -44,7 +44,7 @@ class Program(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the bench left ACTIVE."""
+    """The cause for which the bench left ACTIVE."""
 
     NONE = 0
     COMMAND_LATE = 1
@@ -59,7 +59,7 @@ class Reason(IntEnum):
 
 
 class LimitKind(IntEnum):
-    """What a limit judges of a reading."""
+    """The property of a reading that a limit checks."""
 
     NONE = 0
     LOWER = 1
@@ -79,7 +79,7 @@ FAULTS: Final = (
     BenchState.ESTOP,
 )
 
-#: States in which the bench takes its safe position: held while there is pressure, vented, set down, let go.
+#: States in which the bench takes its safe position: hold while there is pressure, vent, lower, release.
 SAFE: Final = (
     BenchState.OFF,
     BenchState.BOOT,
@@ -88,7 +88,7 @@ SAFE: Final = (
     BenchState.FAULT_DISABLED,
     BenchState.ESTOP,
 )
-#: The action that brings it there: the actuators hold, the air is let off, then what hangs is set down.
+#: The action for the safe position: the actuators hold, the air is vented, then the suspended mass is lowered.
 TO_SAFE: Final = "action.disable"
 
 STATES: Final = tuple(state.name for state in BenchState)
@@ -110,13 +110,13 @@ REASONS: Final = (
     "spring lost",
 )
 assert len(REASONS) == len(Reason), "every reason has one text"
-#: Reasons that tell of the wires and of whoever commands, not of the bench.
+#: Reasons that concern the wires and the commander, not the bench.
 REASONS_OF_THE_LINK: Final = tuple(
     REASONS[reason]
     for reason in (Reason.COMMAND_LATE, Reason.COMMAND_LOST, Reason.DISCONNECTED, Reason.HEARTBEAT_LOST)
 )
 
-#: What the bench does with the air of its springs, whatever is ordered.
+#: State of the air of the springs, whatever is ordered.
 AirFate = Literal["let off", "shut in", "as ordered"]
 #: By state: in a safe position both springs stand open to the atmosphere, in a fault that holds nothing opens.
 AIR_BY_STATE: Final[dict[str, AirFate]] = {
@@ -140,7 +140,7 @@ CONTROL_MODES: Final[tuple[ControlMode, ...]] = get_args(ControlMode)
 AXES: Final[tuple[GeneratorAxis, ...]] = get_args(GeneratorAxis)
 WAVES: Final[tuple[GeneratorWave, ...]] = get_args(GeneratorWave)
 SWITCH: Final = ("off", "on")
-#: Peak speed of a wave of amplitude 1 and frequency 1 Hz.
+#: Peak speed of a wave with amplitude 1 and frequency 1 Hz.
 STEEPEST: Final[dict[str, float]] = {
     "sine": math.tau,
     "unilateral_cosine": math.pi,
@@ -148,8 +148,8 @@ STEEPEST: Final[dict[str, float]] = {
     "plateau": 0.5 * math.pi,
 }
 assert tuple(STEEPEST) == WAVES
-#: So many waves one programme of the function generator has at the most.
+#: Largest number of waves in one program of the function generator.
 WAVES_AT_ONCE: Final = 8
 
-#: Length of the connecting pipes that lie beside the bench and that ``rig.pipe`` fits.
+#: Length of the connecting pipes that belong to the bench and that ``rig.pipe`` fits.
 PIPE_LENGTH: Final = 1.5 * m

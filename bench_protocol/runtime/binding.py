@@ -1,4 +1,4 @@
-"""How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
+"""Compilation and calls of functions: a cache that covers all sources, and calls without type checks."""
 
 import os
 import pickle
@@ -16,16 +16,16 @@ import numpy as np
 from bench_protocol.runtime.file_locks import hold
 from bench_protocol.runtime.sources import digest_of
 
-#: Said once where an installation is not ours to write to, and the user has no folder for caches either.
+#: Printed once if neither the installation nor a cache folder of the user is writable.
 NOT_KEPT: Final = (
     "compiled functions cannot be kept, as neither this installation nor your folder for caches can be written to: "
     "every start compiles for a minute; NUMBA_CACHE_DIR may name a folder that can be"
 )
-#: Beside the cached functions of a package: who saves or loads one holds it locked.
+#: File in the cache folder of a package, locked while a function is saved or loaded.
 LOCK: Final = "astb.lock"
-#: The line on which a function begins, in numba's names of files.
+#: The line number of a function in numba's file names.
 _LINE: Final = re.compile(r"-\d+(?=\.py\d)")
-#: What reading a cache raises that holds what is no longer there, or half of it.
+#: Errors of loading from a cache with outdated or incomplete content.
 UNREADABLE: Final = (
     pickle.UnpicklingError,
     AttributeError,
@@ -38,14 +38,14 @@ UNREADABLE: Final = (
 
 
 def cached(function: Callable[..., Any], **options: Any) -> Any:
-    """Return ``function`` compiled when it is first called, and kept for other processes while its sources stay.
+    """Return ``function``, compiled at its first call, and cached for other processes until its sources change.
 
-    numba's cache looks at the file of the outermost function only, and would use yesterday's orifice in today's
-    kernel. `digest_of` covers all sources. Files are named without the line on which a function begins.
+    numba's cache checks only the file of the outermost function, and would use an outdated inner function.
+    `digest_of` covers all sources. File names do not contain the line number of a function.
     """
     try:
         dispatcher = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # numba finds neither a place beside the function nor one of the user's own
+    except RuntimeError:  # numba finds no writable cache folder
         warnings.warn(NOT_KEPT, RuntimeWarning, stacklevel=2)
         return numba.njit(**options)(function)
     if (cache_file := _cache_file(dispatcher)) is not None:
@@ -59,25 +59,25 @@ def cached(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
+    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not create arrays."""
     return cached(function, forceinline=True, _nrt=False)
 
 
 def folder_of(function: Any) -> str:
-    """Return the folder in which a compiled function is kept; "" where it is not."""
+    """Return the folder in which a compiled function is cached; "" if it is not."""
     return str(getattr(_cache_file(function), "_cache_path", ""))
 
 
 def _cache_file(dispatcher: Any) -> Any:
-    """Return where numba keeps what it has compiled; None in plain Python."""
+    """Return numba's cache file of a compiled function; None in plain Python."""
     return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
 
 
 def take_turns(cache_file: Any) -> None:
-    """Let one process at a time save or load what it compiled.
+    """Allow one process at a time to save or load compiled functions.
 
-    numba first writes into its index where a function will lie, and then the function: two processes that compile at
-    once may choose one place for two functions, and one that loads meanwhile finds there what yesterday's sources made.
+    numba first writes the place of a function into its index, and then the function. Without the lock, two processes
+    may choose the same place for two functions, and a process that loads may get an outdated one.
     """
     place = f"{cache_file._cache_path}/{LOCK}"
     load = cache_file.load
@@ -98,10 +98,10 @@ def take_turns(cache_file: Any) -> None:
 
 
 def _load(cache_file: Any, load: Callable[[Any], Any], key: Any) -> Any:
-    """Return what is kept under ``key``; None, and an empty cache, where it cannot be read.
+    """Return the cached function for ``key``. If the cache cannot be read, clear it and return None.
 
-    numba reads the whole index before it looks whether the sources are still the same: one that names a class of
-    last week's release, which has another name today, would stop everything after an update.
+    numba reads the whole index before it compares the sources. An index that names a class of an earlier release,
+    since renamed, would raise an error after every update.
     """
     try:
         return load(key)
@@ -111,10 +111,10 @@ def _load(cache_file: Any, load: Callable[[Any], Any], key: Any) -> Any:
 
 
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:
-    """Return ``function`` compiled for the types of ``arguments``, to be called with such arguments only.
+    """Return ``function`` compiled for the types of ``arguments``, to be called with arguments of these types only.
 
-    Finding out anew what its arguments are costs numba up to 25 µs a call. With ``NUMBA_DISABLE_JIT=1`` there is
-    nothing to bind: the plain function comes back, and sees records whose fields are attributes, as in compiled code.
+    The check of the types takes numba up to 25 µs a call. With ``NUMBA_DISABLE_JIT=1`` the plain function is
+    returned. It receives record arrays whose fields are attributes, as in compiled code.
     """
     if not hasattr(function, "get_overload"):
         return lambda *given: function(*(_with_attributes(argument) for argument in given))
@@ -136,11 +136,11 @@ def _with_attributes(argument: Any) -> Any:
 
 @contextmanager
 def _without_linear_algebra() -> Iterator[None]:
-    """Let numba start without scipy's BLAS, which it imports in advance for products of matrices: 0.15 s.
+    """Start numba without scipy's BLAS, which it imports for products of matrices and which takes 0.15 s.
 
-    No compiled function here multiplies matrices; one that did would be refused when it is compiled. A ``None`` among
-    the modules is Python's way to say that there is none; afterwards scipy can be imported as ever. Other threads may
-    import it meanwhile, so that it is only kept away where there are none.
+    No compiled function here multiplies matrices; the compilation of one that does would fail. ``None`` in
+    ``sys.modules`` marks a module as missing; scipy can be imported afterwards. Other threads may import it at the
+    same time. It is therefore only hidden if there are no other threads.
     """
     name = "scipy.linalg.cython_blas"
     if name in sys.modules or threading.active_count() > 1:

@@ -1,8 +1,8 @@
-"""The calls of the operating system and of the interpreter that compiled loops make: sleep, clock, mutex, eventfd.
+"""Calls of the operating system and the interpreter in compiled loops: sleep, clock, mutex, eventfd.
 
-Compiled code finds them by a name under which their address is entered here: so what was compiled can be kept, and is
-the same wherever it runs. Addresses are plain integers. With ``NUMBA_DISABLE_JIT=1`` the same functions are called
-through ctypes. Numbers are those of Linux on 64 bits.
+Compiled code finds a function by the name under which its address is registered here. It can therefore be cached and
+runs in any process. Addresses are plain integers. With ``NUMBA_DISABLE_JIT=1`` the same functions are called through
+ctypes. Constants are those of Linux on 64 bits.
 """
 
 import ctypes
@@ -19,7 +19,7 @@ from bench_protocol.units import NS
 _CLOCK_MONOTONIC: Final = 1
 _ABSOLUTE: Final = 1  # TIMER_ABSTIME
 _SECOND: Final = int(NS)
-#: A signal that cuts a wait short lets it begin anew, so often at most.
+#: Limit of repetitions of a wait that signals interrupt.
 _INTERRUPTIONS: Final = 100
 #: 64-bit words of the work space that clock and sleep need: a struct timespec.
 SPEC_WORDS: Final = 2
@@ -28,7 +28,7 @@ INT: Final = ctypes.c_int, types.int32
 ADDRESS: Final = ctypes.c_ssize_t, types.intp
 
 
-#: What compiled code may call must not be collected.
+#: Keeps references to functions that compiled code may call.
 _entered: Final[list[Any]] = []
 
 
@@ -57,7 +57,7 @@ unlock_mutex: Final = external("pthread_mutex_unlock", INT, ADDRESS)
 if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
     def leave_interpreter() -> int:
-        """Do nothing: plain Python cannot go on without the interpreter."""
+        """Do nothing: plain Python cannot run without the interpreter."""
         return 0
 
     def enter_interpreter(thread: int) -> None:
@@ -65,7 +65,7 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
         del thread
 
 else:
-    #: Gives the interpreter to other threads; what it returns is for `enter_interpreter`.
+    #: Release the interpreter for other threads; the result is the argument of `enter_interpreter`.
     leave_interpreter = external("PyEval_SaveThread", ADDRESS, find=interpreter_function)
     enter_interpreter = external(
         "PyEval_RestoreThread", (None, types.void), ADDRESS, find=interpreter_function
@@ -74,9 +74,9 @@ else:
 
 @inlined
 def lock_yielding(mutex: int) -> int:
-    """Lock the mutex at address ``mutex`` from a thread that has the interpreter; return what `unlock_yielding` needs.
+    """Lock the mutex at address ``mutex`` from a thread that has the interpreter; return the thread state.
 
-    Whoever holds it may be waiting for the interpreter: so it is not kept by who has to wait.
+    The interpreter is released while waiting, because the holder of the mutex may need it.
     """
     if _try_mutex(mutex) == 0:
         return 0
@@ -87,7 +87,7 @@ def lock_yielding(mutex: int) -> int:
 
 @inlined
 def unlock_yielding(mutex: int, thread: int) -> None:
-    """Unlock the mutex and take the interpreter back, if it was let go."""
+    """Unlock the mutex and take the interpreter back, if it was released."""
     unlock_mutex(mutex)
     if thread != 0:
         enter_interpreter(thread)
@@ -110,25 +110,25 @@ def sleep_until(deadline: int, spec: Any) -> None:
 
 @inlined
 def wake(descriptor: int, one: Any) -> None:
-    """Wake whoever waits for the eventfd ``descriptor``; ``one``: uint64[1] with a 1 in it."""
+    """Wake the reader of the eventfd ``descriptor``; ``one``: uint64[1] with a 1 in it."""
     _write(descriptor, one.ctypes.data, 8)
 
 
 @inlined
 def send_word(descriptor: int, place: int) -> bool:
-    """Write the 8 bytes at the address ``place``; False if nobody reads any more."""
+    """Write the 8 bytes at the address ``place``; False if no process reads any more."""
     return bool(_write(descriptor, place, 8) == 8)
 
 
 @inlined
 def receive_word(descriptor: int, place: int) -> bool:
-    """Wait for 8 bytes, which go to the address ``place``; False if nobody writes any more."""
+    """Read 8 bytes to the address ``place``, waiting for them; False if no process writes any more."""
     return bool(_read(descriptor, place, 8) == 8)
 
 
 @inlined
 def readable(descriptor: int, patience: int, place: int, spare: Any) -> bool:
-    """Wait for something to read for ``patience`` ms at most, or for the end; ``spare[place]``: int64."""
+    """Wait at most ``patience`` ms for input or the end of the stream; ``spare[place]``: int64 work space."""
     spare[place] = descriptor | 1 << 32  # struct pollfd: the descriptor, and POLLIN
     for _ in range(_INTERRUPTIONS):
         ready = _poll(spare.ctypes.data + 8 * place, 1, patience)

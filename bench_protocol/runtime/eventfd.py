@@ -1,4 +1,4 @@
-"""An eventfd: compiled code writes to it, and a loop of events wakes."""
+"""An eventfd, by which compiled code wakes an event loop."""
 
 import os
 from collections.abc import Iterator
@@ -19,10 +19,10 @@ def open_eventfd() -> Iterator[int]:
 
 
 def wake(eventfd: int) -> None:
-    """Wake whoever waits for it, from Python."""
+    """Wake its reader, from Python."""
     os.eventfd_write(eventfd, 1)
 
 
 def clear(eventfd: int) -> None:
-    """Let it wake nobody any more; BlockingIOError if nobody had written to it."""
+    """Reset it. Raises BlockingIOError if it was not written to."""
     os.eventfd_read(eventfd)

@@ -9,9 +9,9 @@ except ImportError:  # not a Unix
 
 
 def hold(file: IO[Any] | int, *, shared: bool = False, wait: bool = False) -> bool:
-    """Lock an open ``file`` until it is closed; False if another process holds it; or ``wait`` for that one.
+    """Lock an open ``file`` until it is closed. Returns False if another process holds it, or waits for it if ``wait``.
 
-    Where the system or the file system knows no such locks nobody can tell, and everybody holds it.
+    Returns True without a lock if the system or the file system does not support locks.
     """
     if fcntl is None:
         return True

@@ -1,7 +1,7 @@
-"""The C library of this process, and what stands in for its functions where it is not that of Linux.
+"""The C library of this process, and replacements of its functions on systems other than Linux.
 
-Compiled code names every function that it calls, and is not loaded where one is missing. In virtual time it calls
-only those of the mutex.
+Compiled code cannot be loaded if one of the functions that it names is missing. In virtual time it calls only those
+of the mutex.
 """
 
 import ctypes
@@ -49,18 +49,18 @@ _STAND_INS: Final[dict[str, Callable[..., int]]] = {
 def c_function(name: str, result: Any, *arguments: Any) -> Any:
     """Return the function ``name``, to be called from Python or, by its address, from compiled code.
 
-    Whoever waits in it lets go of the interpreter meanwhile. Where there is none: a lock of Python's in the place of a
-    mutex, and for all others one that does nothing and returns 0.
+    A call releases the interpreter while it waits. On systems other than Linux, a lock of Python replaces a mutex,
+    and a function that returns 0 replaces any other.
     """
     if _C is None:
         return ctypes.CFUNCTYPE(result, *arguments)(_STAND_INS.get(name, _nothing))
-    function = _C[name]  # a new object each time, unlike an attribute: others keep their types
+    function = _C[name]  # a new object each time, so that the types of other users are not changed
     function.restype, function.argtypes = result, arguments
     return function
 
 
 def interpreter_function(name: str, result: Any, *arguments: Any) -> Any:
-    """Return a function of Python's own C interface, as `c_function` does."""
+    """Return a function of Python's C interface, as `c_function` does."""
     function = ctypes.pythonapi[name]
     function.restype, function.argtypes = result, arguments
     return function

@@ -1,4 +1,4 @@
-"""A folder for what only one user of this machine may reach: sockets and tokens."""
+"""A folder that only one user of this machine can access: for sockets and tokens."""
 
 import contextlib
 import os
@@ -8,22 +8,22 @@ from pathlib import Path
 
 
 def own_folder() -> Path:
-    """Return where it is; `own_directory` makes it."""
+    """Return its path; `own_directory` creates it."""
     if own := os.environ.get("XDG_RUNTIME_DIR"):
         return Path(own) / "astb"
-    # Where users have no numbers, the folder for temporary files is this user's alone.
+    # On systems without user numbers, the folder for temporary files belongs to this user alone.
     return Path(tempfile.gettempdir()) / (f"astb-{os.getuid()}" if hasattr(os, "getuid") else "astb")
 
 
 def own_directory(folder: Path) -> None:
-    """Make ``folder`` for this user alone; PermissionError if it is somebody else's or open to others."""
+    """Create ``folder`` for this user alone. Raises PermissionError if another user owns it or has access."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
     require_own(folder)
 
 
 def require_own(folder: Path) -> None:
-    """PermissionError if ``folder`` is somebody else's or open to others; FileNotFoundError if there is none."""
+    """Raise PermissionError if another user owns ``folder`` or has access, FileNotFoundError if it is missing."""
     status = folder.lstat()
     others = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o077)
     if not stat.S_ISDIR(status.st_mode) or others:

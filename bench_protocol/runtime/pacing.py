@@ -1,4 +1,4 @@
-"""The pace of the compiled tick: absolute deadlines in real time and what a missed one means; or none at all."""
+"""Timing of the compiled tick: absolute deadlines in real time with a policy for late ticks, or no waiting at all."""
 
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
@@ -14,47 +14,47 @@ from bench_protocol.runtime.eventfd import wake
 from bench_protocol.units import NS, ms
 
 _PERIOD: Final = round(TICK * NS)
-#: After a stall this long the readers get this much time first.
+#: Pause after a stall, in which the readers run first.
 _STALL: Final = round(20 * ms * NS)
 _PAUSE: Final = round(3 * ms * NS)
 
 
 class Late(IntEnum):
-    """What happens to ticks whose time has passed."""
+    """Policy for ticks whose deadline has passed."""
 
-    CATCH_UP = 0  #: run them all, at once
-    SKIP = 1  #: let the rig's time stand still for as long
+    CATCH_UP = 0  #: run all of them at once
+    SKIP = 1  #: shift the rig's time by the delay
     FAULT = 2  #: catch up, but more than 100 ms is a fault of the bench
 
 
 PACING: Final = np.dtype(
     [
         ("paced", "<i8"),  # 1: in real time
-        ("stop", "<i8"),  # 1: come back before the next tick
+        ("stop", "<i8"),  # 1: return before the next tick
         ("policy", "<i8"),  # `Late`
         ("start", "<i8"),  # monotonic, ns
-        ("ticks", "<i8"),  # since start
+        ("ticks", "<i8"),  # number of ticks since start
         ("epoch", "<i8"),  # ns from the rig's time to the time of day
         ("behind", "<i8"),  # 1: the last tick was a stall late
-        ("stall", "<i8"),  # ns that the next tick takes longer, as if the machine stood still
+        ("stall", "<i8"),  # ns by which the next tick is delayed, to simulate a stall
         ("mutex", "<i8"),  # address of the mutex
-        ("eventfd", "<i8"),  # eventfd that tells of frames
-        ("logged", "<i8"),  # latenesses in the log
+        ("eventfd", "<i8"),  # eventfd that signals new frames
+        ("logged", "<i8"),  # number of latenesses in the log
     ]
 )
 
 
 class Pacing(NamedTuple):
-    """How the compiled tick keeps time."""
+    """State of the timing of the compiled tick."""
 
     record: npt.NDArray[np.void]  #: one `PACING`
     spec: npt.NDArray[np.int64]  #: work space of the clock
-    one: npt.NDArray[np.uint64]  #: what is written to the eventfd
-    log: npt.NDArray[np.int64]  #: the lateness (ns) of the first ticks, if somebody wants to know them all
+    one: npt.NDArray[np.uint64]  #: content for writing to the eventfd
+    log: npt.NDArray[np.int64]  #: lateness (ns) of the first ticks, if requested
 
     @classmethod
     def virtual(cls, log: int = 0) -> "Pacing":
-        """Return a pace without waiting; ``log``: of how many ticks the lateness is kept, once it is real."""
+        """Return a timing without waiting; ``log``: number of ticks whose lateness is recorded in real time."""
         return cls(
             np.zeros(1, PACING),
             np.zeros(SPEC_WORDS, np.int64),
@@ -64,24 +64,24 @@ class Pacing(NamedTuple):
 
     @property
     def real(self) -> bool:
-        """Whether the tick keeps real time now."""
+        """Whether the tick runs in real time now."""
         return bool(self.record[0]["paced"])
 
     @property
     def log_is_full(self) -> bool:
-        """Whether the lateness of as many ticks is known as were asked for."""
+        """Whether the requested number of latenesses is recorded."""
         return int(self.record[0]["logged"]) == self.log.size
 
     @property
     def stopped(self) -> bool:
-        """Whether the tick was told to come back."""
+        """Whether the tick was requested to return."""
         return bool(self.record[0]["stop"])
 
     def start(self, epoch: int, mutex: int, eventfd: int, policy: Late) -> None:
-        """Begin to keep real time: the next tick is due one period from now.
+        """Switch to real time: the next tick is due one period from now.
 
-        ``epoch``: ns from the rig's time to the time of day; ``mutex``: its address; ``eventfd``: written to when
-        frames have left.
+        ``epoch``: ns from the rig's time to the time of day; ``mutex``: its address; ``eventfd``: signals sent
+        frames.
         """
         record = self.record[0]
         record["start"], record["ticks"] = now(self.spec), 0
@@ -90,15 +90,15 @@ class Pacing(NamedTuple):
         record["paced"] = 1
 
     def stop(self) -> None:
-        """Let the tick come back before it runs again."""
+        """Request the tick to return before it runs again."""
         self.record[0]["stop"] = 1
 
     def end(self) -> None:
-        """Go back to time without waiting; the tick must have come back before."""
+        """Switch to time without waiting; the tick must have returned before."""
         self.record[0]["paced"] = self.record[0]["stop"] = 0
 
     def wake(self) -> None:
-        """Wake who waits for the eventfd, from Python."""
+        """Wake the reader of the eventfd, from Python."""
         wake(int(self.record[0]["eventfd"]))
 
     def dated(self, block: Block) -> Block:
@@ -108,13 +108,13 @@ class Pacing(NamedTuple):
         return dated
 
     def stall(self, duration: int) -> None:
-        """Let the next tick begin ``duration`` ns late, as if the machine stood still."""
+        """Delay the next tick by ``duration`` ns, to simulate a stall of the machine."""
         self.record[0]["stall"] = duration
 
 
 @inlined
 def await_tick(pacing: Any) -> int:
-    """Sleep until the next tick is due and lock the mutex; return how late that is (ns)."""
+    """Sleep until the next tick is due and lock the mutex; return its lateness (ns)."""
     p = pacing.record[0]
     p.ticks += 1
     deadline = p.start + p.ticks * _PERIOD
@@ -124,8 +124,8 @@ def await_tick(pacing: Any) -> int:
     instant = now(pacing.spec)
     late = instant - deadline
     if late > _STALL and p.behind == 0:
-        # The machine stood still, and with it the threads that read: commands that came in time lie in the sockets.
-        # Without this pause the catching up would count them as missing and trip the watchdog.
+        # The machine stalled, and the reading threads with it: commands that arrived in time are still in the sockets.
+        # Without this pause the late ticks would count them as missing and trip the watchdog.
         sleep_until(instant + _PAUSE, pacing.spec)
     p.behind = late > _STALL
     lock_mutex(p.mutex)
@@ -134,7 +134,7 @@ def await_tick(pacing: Any) -> int:
 
 @inlined
 def put_off(pacing: Any) -> None:
-    """Unlock the mutex before the tick has run: the next one that is awaited is this one."""
+    """Unlock the mutex without running the tick: the next call of `await_tick` waits for the same tick again."""
     p = pacing.record[0]
     p.ticks -= 1
     unlock_mutex(p.mutex)

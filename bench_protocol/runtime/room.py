@@ -1,9 +1,9 @@
-"""Room on a disk that is promised before it is needed."""
+"""Reservation of disk space."""
 
 import os
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Let an open file have ``size`` bytes (OSError if there is no such room); where nobody can promise, do nothing."""
+    """Reserve ``size`` bytes for an open file. Raises OSError if the disk is full. Does nothing if unsupported."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)

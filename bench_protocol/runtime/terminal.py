@@ -1,4 +1,4 @@
-"""The terminal that a person types at."""
+"""Functions for an interactive terminal."""
 
 import os
 from contextlib import suppress
@@ -11,15 +11,15 @@ except ImportError:  # not a Unix
 
 
 def forget_typed(terminal: IO[str]) -> None:
-    """Drop what was typed and not read yet, where the system can."""
+    """Discard pending keyboard input, if the system supports it."""
     if termios is not None:
         with suppress(OSError, termios.error):
             termios.tcflush(terminal.fileno(), termios.TCIFLUSH)
 
 
 def in_the_foreground(terminal: IO[str]) -> bool:
-    """Whether what is typed comes to this process; always, where a terminal knows no jobs."""
+    """Whether keyboard input goes to this process; True if the terminal has no job control."""
     try:
         return not hasattr(os, "tcgetpgrp") or os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
-    except OSError:  # a terminal that is not this session's has no jobs, and stops nobody
+    except OSError:  # a terminal of another session has no job control
         return True
