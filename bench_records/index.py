@@ -1,6 +1,6 @@
-"""The runs that a folder keeps, in a small database beside them that can be made anew from the folders at any time.
+"""Index of the runs in a folder: a small database in that folder, which can be rebuilt from the runs at any time.
 
-The folders are the truth: every question first looks for results that are new, changed or gone since the last one.
+The run folders are the source. Every query first reads results that are new, changed or removed since the last query.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bench_records.run_folder import SIGNS, RunFolder, facts_of, open_run
 from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"
-#: Another version of the tables is thrown away and made anew.
+#: A database with another version of the tables is deleted and rebuilt.
 VERSION: Final = 5
 WAIT: Final = 10.0
 _UNWRITABLE: Final = (
@@ -55,12 +55,12 @@ create index judged_by_name on judged (name);
 
 
 class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
-    """One run as the index knows it. ``began`` is ISO 8601 in UTC: when it ran, or, in virtual time, was written.
+    """One run in the index. ``began`` is ISO 8601 in UTC: the start, or in virtual time the time of writing.
 
-    ``verdict`` is an Outcome, or ``interrupted`` or ``running`` where there is no result; ``reason`` says more.
+    ``verdict`` is an Outcome, or ``interrupted`` or ``running`` without a result; ``reason`` explains it.
     """
 
-    directory: str  #: below the folder of the index
+    directory: str  #: relative to the folder of the index
     began: str
     plan: str
     title: str
@@ -72,13 +72,13 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     serial_number: str
     circumstances: str  #: simulated, virtual time, effects and changes; empty for a real rig in real time
     seed: int | None
-    duration: float  #: s; 0 of a run that goes on
+    duration: float  #: s; 0 for a run in progress
     parameters: dict[str, str]
     notes: int = 0  #: added afterwards
 
 
 class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
-    """One check of one run; value and limits in SI, ``scale`` being the SI value of one ``unit``."""
+    """One check of one run; value and limits in SI; ``scale`` is the SI value of one ``unit``."""
 
     run: KeptRun
     phase: str
@@ -97,13 +97,13 @@ _CHECK: Final = ("phase", "name", "value", "unit", "scale", "low", "high", "verd
 
 
 class RunIndex:
-    """The runs below ``folder``. RecordError if the folder is none, or the index can be neither read nor written."""
+    """The runs below ``folder``. RecordError if it is not a folder, or the index can be neither read nor written."""
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
             raise RecordError(f"{folder} is no folder with runs; `astb run --out FOLDER` makes one")
         self.folder = folder
-        #: Results that are not read, and why.
+        #: Results that cannot be read, with the reason.
         self.unreadable: dict[str, str] = {}
 
     def runs(self, **chosen: str | None) -> list[KeptRun]:
@@ -129,7 +129,7 @@ class RunIndex:
             return [KeptCheck(run=_kept(row[n:]), **dict(zip(_CHECK, row[:n], strict=True))) for row in rows]
 
     def notes(self, directory: str) -> list[Note]:
-        """Return what was added to a run afterwards, oldest first."""
+        """Return the notes that were added to a run afterwards, oldest first."""
         columns = Note.__struct_fields__
         with self._fresh() as base:
             rows = base.execute(
@@ -138,20 +138,20 @@ class RunIndex:
             return [Note(**dict(zip(columns, row, strict=True))) for row in rows]
 
     def names(self, column: str) -> list[str]:
-        """Return what a column holds: ``check`` for the names of checks, else a column of the runs."""
+        """Return the distinct values of a column of the runs, or the names of all checks for ``check``."""
         table, column = ("judged", "name") if column == "check" else ("run", column)
         with self._fresh() as base:
             return [row[0] for row in base.execute(f"select distinct {column} from {table} order by 1")]
 
     def rebuild(self) -> int:
-        """Throw the index away and make it from the folders; return how many runs there are."""
+        """Delete the index and rebuild it from the folders; return the number of runs."""
         (self.folder / INDEX).unlink(missing_ok=True)
         with self._fresh() as base:
             return int(base.execute("select count(*) from run").fetchone()[0])
 
     @contextmanager
     def _fresh(self) -> Iterator[sqlite3.Connection]:
-        """Yield the database after it has caught up with the folders."""
+        """Yield the database, updated from the folders."""
         path = self.folder / INDEX
         try:
             with closing(self._caught_up(path)) as base:
@@ -166,7 +166,7 @@ class RunIndex:
             raise RecordError(f"{path}: {error}; {remedy}") from None
 
     def _caught_up(self, path: Path) -> sqlite3.Connection:
-        """Open the database and let it catch up; on a disk that takes nothing more, in memory for this question."""
+        """Open and update the database; if the disk cannot be written, in memory for this query."""
         for place in (path, None):
             base = _opened(path) if place else _connected(":memory:")
             try:
@@ -189,13 +189,13 @@ class RunIndex:
         for directory in known.keys() - there.keys():
             base.execute("delete from run where directory = ?", (directory,))
         for directory, path in there.items():
-            with suppress(FileNotFoundError):  # somebody removes it just now
+            with suppress(FileNotFoundError):  # the file may be removed at the same time
                 stamp = _stamp(path)
                 if known.get(directory) == stamp:
                     continue
                 base.execute("delete from run where directory = ?", (directory,))
                 if path.name == PARQUET and not facts_of(path.parent).get("plan"):
-                    continue  # samples of somebody else's making, which were never a run
+                    continue  # third-party samples, not a run
                 try:
                     _insert(base, directory, stamp, open_run(path.parent), path)
                 except RecordError as error:
@@ -203,10 +203,9 @@ class RunIndex:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """Open the database; one of another version, or that is none, is made anew.
+    """Open the database; rebuild it if it has another version or is not a database.
 
-    Where nothing can be written, as in an archive or on a full disk, the index is kept in memory and made anew for
-    every question.
+    If the folder cannot be written, as in an archive or on a full disk, the index is built in memory for every query.
     """
     try:
         base = _connected(path)
@@ -223,7 +222,7 @@ def _opened(path: Path) -> sqlite3.Connection:
 def _connected(path: Path | str) -> sqlite3.Connection:
     base = sqlite3.connect(path, timeout=WAIT)
     try:
-        # Who asks at the same time waits here, and finds the tables made.
+        # A concurrent program waits here until the tables exist.
         base.execute("begin immediate")
         if base.execute("pragma user_version").fetchone()[0] != VERSION:
             tables = [name for (name,) in base.execute("select name from sqlite_master where type = 'table'")]
@@ -243,7 +242,7 @@ def _connected(path: Path | str) -> sqlite3.Connection:
 
 
 def _signs(folder: Path) -> Iterator[Path]:
-    """Yield of each run below ``folder`` the file that tells of it."""
+    """Yield for each run below ``folder`` the file that identifies it."""
     for here, _, files in os.walk(folder):
         if sign := next((name for name in SIGNS if name in files), None):
             yield Path(here) / sign
@@ -289,7 +288,7 @@ def _insert(base: sqlite3.Connection, directory: str, stamp: str, found: RunFold
 
 def _figures(one: Check) -> dict[str, Any]:
     found: dict[str, Any] = {name: getattr(one, name) for name in _CHECK}
-    # A NaN becomes NULL: nothing was measured.
+    # SQLite stores NaN as NULL: there is no measured value.
     return found | {"verdict": one.verdict.value, "value": one.number}
 
 

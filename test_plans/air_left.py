@@ -1,4 +1,4 @@
-"""What the springs hold, what the bench does with it and what a person has to do, by what is known at that moment."""
+"""Report of the air in the springs: the pressures, the reaction of the bench, and the instruction for a person."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ from test_plans.analysis.readings import CHAMBERS
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: What counts as depressurised.
+#: Springs below this pressure count as depressurised.
 RESIDUAL_PRESSURE: Final = 0.2 * bar
-#: What lifts the bolster: springs that hold less move nothing.
+#: Pressure that lifts the bolster; springs with less cannot move it.
 LIFTS: Final = 0.23 * bar
-#: What no two sound transducers of one pressure differ by.
+#: Largest difference of two intact transducers of one pressure.
 ZEROS_APART: Final = 0.1 * bar
 #: Air that flows through open valves moves a pressure by more than `PRESSURE_FALLS` in that time.
 WATCHED: Final = 5 * s
-#: How a sentence begins that warns a person.
+#: Begin of a warning to a person.
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
-#: What becomes of the air, by what the bench does with it in its present state.
+#: Sentence on the air, by the reaction of the bench in its present state.
 _BECOMES: Final = {
     "let off": "the bench, in {state}, vents the springs by itself",
     "shut in": "the bench, in {state}, keeps its valves shut, and vents the springs once it is disabled",
     "as ordered": "the bench, in {state}, keeps the air as last commanded",
     None: "it is not known what this rig does with the air in {state}",
 }
-#: What a bench does that does with the air as it was told, once the wire for that is lost.
+#: Addition for a bench that keeps the air as commanded, after the connection for commands is lost.
 _ALONE: Final = ", until it detects the loss of its commander: then it vents the springs by itself"
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What is known at this moment: pressures (Pa) by side and name, of the rest why not, and the bench's state."""
+    """Present data: pressures (Pa) by side and name, reasons for missing pressures, and the state of the bench."""
 
     pressures: dict[str, dict[str, float]]
     silent: list[str]
-    state: str  #: "" while nobody can tell
-    why: str  #: nobody can tell the state
+    state: str  #: "" if it is unknown
+    why: str  #: reason why the state is unknown
 
 
 def springs_are_empty(bench: Bench) -> bool:
-    """Return whether every transducer of the springs says so; one that is silent or stale says nothing."""
+    """Return whether every pressure of the springs is below `LIFTS`; False if one is missing or stale."""
     return _empty(_know(bench))
 
 
 def zeros_off(bench: Bench) -> str:
-    """Return in words which transducers are off: they read air in a chamber whose neighbour, joined with it, has none.
+    """Return a text on pressure transducers with a zero error: joined chambers, of which only one reads pressure.
 
-    Chambers have one pressure only at rest. While air flows, and also if no neighbour contradicts a reading, the result
-    is "". It waits for `WATCHED` if two readings differ.
+    Joined chambers have the same pressure only at rest. The result is "" while air flows, or if the readings agree.
+    Waits for `WATCHED` if two readings differ.
     """
     before = _know(bench)
     if not _contradictions(before):
@@ -71,7 +71,7 @@ def zeros_off(bench: Bench) -> str:
 
 
 def _contradictions(known: _Known) -> str:
-    """Return in words which pressures of joined chambers differ by more than two sound transducers do."""
+    """Return a text on the pressures of joined chambers that differ by more than two intact transducers do."""
     found = []
     for of_side in known.pressures.values():
         lowest = min(of_side, key=lambda name: of_side[name], default="")
@@ -88,7 +88,7 @@ def _contradictions(known: _Known) -> str:
 
 
 def air_left(bench: Bench) -> str:
-    """Return in words what the springs hold; where that may be air, first what to do, then what becomes of it."""
+    """Return a text on the pressure of the springs; if they may hold air, with an instruction and the next steps."""
     known = _know(bench)
     if _empty(known):
         return f"the springs are without pressure ({_sides(known)})"
@@ -100,7 +100,7 @@ def air_left(bench: Bench) -> str:
 
 
 def air_at_risk(bench: Bench) -> str:
-    """Return what `air_left` tells where springs whose pressure is measured are not known to be empty, else ""."""
+    """Return `air_left` if the pressure of the springs is measured and not known to be zero, else ""."""
     measured = any(_names(bench).values())
     return air_left(bench) if measured and not springs_are_empty(bench) else ""
 
@@ -111,7 +111,7 @@ def _empty(known: _Known) -> bool:
 
 
 def _becomes(bench: Bench, known: _Known) -> str:
-    """Return in words what the bench does with the air of the springs in the state it is known to be in."""
+    """Return a text on the reaction of the bench to the air of the springs in its present state."""
     if not known.state:
         return f"it is not known what the bench does with the air: {known.why}"
     fate = bench.wiring.sequences.air.get(known.state)
@@ -131,7 +131,7 @@ def _names(bench: Bench) -> dict[str, list[str]]:
 
 
 def _know(bench: Bench) -> _Known:
-    """Return what came by itself and is not stale, or where the wire for that is lost, what the rig answers now."""
+    """Return the received readings that are not stale; if their connection is lost, query the rig instead."""
     names = _names(bench)
     told, why = _asked(bench, names) if bench.lost else _came(bench, names)
     pressures = {

@@ -1,4 +1,4 @@
-"""The lease: who holds the bench, over both protocols, by which token, and when that ends."""
+"""The lease: the holder of the bench on both protocols, its token, and the end of the lease."""
 
 from collections.abc import Callable
 from random import Random, SystemRandom
@@ -27,21 +27,21 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 class Lease:
     """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
 
-    It is granted to a Modbus connection, and ends with it, or to a CAN connection that asks, and ends when it is silent
-    or closed. The holder has at most one connection on each wire, and each is identified by its name, never by a port
-    or by a token that others can read:
+    A lease is granted to a Modbus connection, and ends with this connection. Or it is granted to a CAN connection on
+    request, and ends when this is silent or closed. The holder has at most one connection on each wire. Each is
+    identified by its name, never by a port or by a token that other clients can read:
 
     * Granted on Modbus: the token is returned on that connection alone. The first CAN connection that commands with it
       is the holder's. When that one is closed, another token is drawn.
-    * Granted on CAN: every Modbus connection reads a key of its own in the place of the token. The CAN connection sends
-      the key of the one that may join.
+    * Granted on CAN: every Modbus connection reads its own key instead of the token. The CAN connection sends the key
+      of the Modbus connection that may join.
 
-    A lease ends, too, when the commander has been silent on both wires for long enough that the bench is safe: the
-    connections may be open and nobody behind them. A connection that has lost the lease so is refused until it asks
-    for it again.
+    A lease also ends when the commander has been silent on both wires for long enough that the bench is safe, because
+    open connections do not prove that a client still runs. A connection that has lost the lease in this way is refused
+    until it requests the lease again.
 
     ``on_change`` is called when the bench has a new holder or none, ``on_end`` when the holder of the bench, or one of
-    the two wires to it, is gone.
+    its two connections, is lost.
     """
 
     def __init__(
@@ -59,32 +59,32 @@ class Lease:
         self._key_chance = Random(f"key {seed}")
         self._keys: dict[str, int] = {}
         self._last = 0
-        #: The Modbus connection that holds the bench; None for nobody, or somebody who has only CAN.
+        #: The Modbus connection that holds the bench; None without a holder, or for a holder with CAN only.
         self.owner: str | None = None
         self.watchdog_ms = 0
         #: The Modbus connection that held this lease before the watchdog of its writes ran out; it may join again.
         self._former: str | None = None
-        #: Modbus connections that held the bench, were silent for too long, and do not know yet that they lost it.
+        #: Modbus connections that lost the lease because of silence, and have not requested it again.
         self._lapsed: frozenset[str] = frozenset()
         controls["commander"] = -1
         controls["write_deadline"] = -1
 
     @property
     def token(self) -> int:
-        """The token of the holder, 0 while nobody holds the bench."""
+        """The token of the holder; 0 without a holder."""
         return int(self._controls["token"])
 
     def draw_unpredictably(self) -> None:
-        """Draw tokens and keys from the operating system: no client can compute them."""
+        """Draw tokens and keys from the operating system, so that no client can compute them."""
         self._chance = self._key_chance = SystemRandom()
 
     # -- what peers may do ---------------------------------------------------------------------------------------
 
     def open_to(self, peer: str, word: int | None = None) -> bool:
-        """Return whether the Modbus connection ``peer`` may write, ``word`` to the lease register if at all.
+        """Return whether the Modbus connection ``peer`` may write; ``word`` is for the lease register, if any.
 
-        While nobody holds the bench everybody may, a hand with a command-line client needs no ceremony; but not who
-        has lost it and goes on as if it were his.
+        Without a holder every connection may write, so that a command-line client needs no lease. The exception is a
+        connection that lost the lease because of silence: it must write the lease register first.
         """
         if self.owner is not None:
             return self.owner == peer
@@ -93,9 +93,9 @@ class Lease:
         return peer == self._former and self.token == word
 
     def word_for(self, peer: str) -> int:
-        """Return what the Modbus connection ``peer`` reads in the lease register: the token if it is the holder's.
+        """Return the value of the lease register for the Modbus connection ``peer``.
 
-        0 while nobody holds the bench; for all others a key of their own.
+        It is the token for the holder, an own key for every other connection, and 0 without a holder.
         """
         if self.token == 0:
             return 0
@@ -112,18 +112,18 @@ class Lease:
         return self.owner is not None and self.owner == peer
 
     def commands(self, peer: str) -> bool:
-        """Return whether ``peer`` is a connection of the holder, who is commanding on CAN."""
+        """Return whether ``peer`` is a connection of the holder, and the holder is commanding on CAN."""
         c = self._controls
         return self.holds(peer) and c["commander"] >= 0 and c["tick"] - c["command_tick"] < LOST_TICKS
 
     def refuse(self, peer: str, identifier: int = 0) -> None:
-        """Count what only the holder may ask for: a Modbus request of ``peer``, or its frame with ``identifier``."""
+        """Count a request that only the holder may send: of Modbus, or a CAN frame with ``identifier``."""
         self._count(sender_of(peer), identifier)
 
     # -- taking and returning ------------------------------------------------------------------------------------
 
     def write(self, peer: str, word: int) -> None:
-        """Do what ``peer``, who may, wants with ``word`` in the lease register: take, join or keep it; 0 returns it."""
+        """Apply a permitted write of ``peer`` to the lease register: take, join or keep the lease; 0 returns it."""
         self._lapsed -= {peer}
         if word == 0:
             if self.owner == peer:
@@ -134,7 +134,7 @@ class Lease:
             self._join(peer)
 
     def ask(self) -> None:
-        """Answer the request that came on CAN: 0 asks for the lease, its token returns it, a key lets Modbus join."""
+        """Handle a lease request on CAN: 0 requests it, the token returns it, a key admits a Modbus connection."""
         c = self._controls
         c["asked"] = 0
         sender, word = int(c["asked_sender"]), int(c["asked_token"])
@@ -155,7 +155,7 @@ class Lease:
                     self._join(peer)
 
     def peer_lost(self, peer: str) -> None:
-        """Note that a connection is closed; the holder's ends the lease, or the CAN side of it."""
+        """Handle a closed connection; one of the holder ends the lease, or only its CAN part."""
         self._lapsed -= {peer}
         self._keys.pop(peer, None)
         if peer == self._former:
@@ -165,13 +165,13 @@ class Lease:
         if self.owner is None or self.owner == peer:
             self._end()
         else:
-            self._hand_out(self._draw())  # every client of the bus has read the present one
+            self._hand_out(self._draw())  # all clients of the bus have read the old token
             self._on_end()
 
     def decide(self, happened: Happened) -> None:
-        """Act on what the tick has seen of the holder."""
+        """Act on the events of the holder that the tick has detected."""
         if Happened.WRITES_LOST in happened:
-            # Its connection is as good as closed; who goes on commanding on CAN may join again.
+            # Treat the connection as closed; a holder that still commands on CAN may join again.
             self.watch(0)
             self._lapse()
             self._former, self.owner = self.owner, None
@@ -185,12 +185,12 @@ class Lease:
     # -- the watchdog of the holder's writes ---------------------------------------------------------------------
 
     def watch(self, milliseconds: int) -> None:
-        """Expect the holder's next write within so many milliseconds from now and from each write; 0 stops."""
+        """Set the timeout (ms) of the watchdog of the holder's writes, and restart it; 0 stops the watchdog."""
         self.watchdog_ms = milliseconds
         self.feed()
 
     def feed(self) -> None:
-        """Note that the holder has written something."""
+        """Restart the watchdog after a write of the holder."""
         c, ticks = self._controls, round(self.watchdog_ms * ms / TICK)
         c["write_tick"] = c["tick"]
         c["write_deadline"] = c["tick"] + ticks if ticks else -1
@@ -202,7 +202,7 @@ class Lease:
             self._lapsed |= {self.owner}
 
     def _join(self, peer: str) -> None:
-        """Let the Modbus connection ``peer`` be the holder's."""
+        """Make ``peer`` the Modbus connection of the holder."""
         self._keys.pop(peer, None)
         self.owner, self._former = peer, None
         self._controls["expiring"] = 0
@@ -214,7 +214,7 @@ class Lease:
         self._values[_IDENTIFIER_ROW] = identifier
 
     def _draw(self) -> int:
-        """Return a token that the CRC of a set-point tells from none at all, and from the last holder's."""
+        """Return a token whose CRC mark of a set-point differs from that of no token and of the last token."""
         marks = (mark_of(0), mark_of(self._last))
         while mark_of(token := self._unused(self._chance)) in marks:
             pass
@@ -222,13 +222,13 @@ class Lease:
         return token
 
     def _unused(self, chance: Random) -> int:
-        """Return a number that is neither a token nor a key of anybody."""
+        """Return a number that is in use neither as token nor as key."""
         while (word := chance.randrange(1, 0x10000)) in (HIDDEN_TOKEN, self.token, *self._keys.values()):
             pass
         return word
 
     def _hand_out(self, token: int, commander: int = -1) -> None:
-        """Let ``token`` be that of the holder; it is published once a ``commander`` is known, who sends it openly."""
+        """Set the ``token`` of the holder; publish it once a ``commander`` on CAN is known, which sends it openly."""
         c = self._controls
         c["token"], c["commander"] = token, commander
         c["suspects"] = c["tries"] = 0

@@ -1,4 +1,4 @@
-"""The supervisor: the state of the bench, and what follows from it for actuators, air, program and watchdog."""
+"""The supervisor: the state of the bench, and its effects on actuators, air, program and watchdog."""
 
 from typing import Any, Final
 
@@ -32,7 +32,7 @@ ASTRAY: Final = (
     "the car in the loop wanted more than the actuators can do, or felt no force: its ride has ended"
 )
 _BOOT_TICKS: Final = round(0.2 * s / TICK)
-#: What a limit that trips asks of the state machine; the milder actions ask nothing.
+#: Event for the state machine when a limit trips, by action; milder actions have no event.
 _ON_TRIP: Final = {
     LimitAction.PROGRAM_HOLD: Event.TRIP_PROGRAM_HOLD,
     LimitAction.PROGRAM_STOP: Event.TRIP_PROGRAM_STOP,
@@ -42,11 +42,11 @@ _ON_TRIP: Final = {
 
 
 class Supervisor:
-    """Decides between two ticks on what the tick reports and the wires ask for.
+    """Handles, between two ticks, the events of the tick and the requests from CAN and Modbus.
 
-    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row), has the limits and their
-    detectors in ``watched``, returns what is ``in_force`` to rest, tells ``black_box`` what happens, and reports errors
-    to ``emergencies``.
+    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row). ``watched`` has the limits
+    and their detectors. It resets the settings ``in_force``, logs events to ``black_box``, and reports errors to
+    ``emergencies``.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Supervisor:
         emergencies: Emergencies,
     ) -> None:
         self.estop = False
-        #: Whether there is power that could be switched on.
+        #: Whether mains power is available.
         self.mains = True
         self._controls = controls
         self._values = values
@@ -68,7 +68,7 @@ class Supervisor:
         self._black_box = black_box
         self._emergencies = emergencies
         self._bits = ControlBit.NONE  # of the last valid command
-        self._held = False  # before the fault that the bench reacts to
+        self._held = False  # whether actuators were engaged before the fault reaction
         self.machine = StateMachine(
             {
                 COMMAND_VALID: self.command_valid,
@@ -89,11 +89,11 @@ class Supervisor:
 
     @property
     def limits_broken(self) -> bool:
-        """Whether a limit has tripped or still stands."""
+        """Whether a limit has tripped or is still exceeded."""
         return bool((self._detectors["tripped"] | self._detectors["standing"]).any())
 
     def command_valid(self) -> bool:
-        """Return whether somebody commands, and wants the bench enabled."""
+        """Return whether a commander is active and its enable bit is set."""
         return (
             self._controls["commander"] >= 0
             and self.silence * TICK < DISABLE_AFTER
@@ -114,14 +114,14 @@ class Supervisor:
         self._step_down()
 
     def _step_down(self) -> None:
-        """Leave the states that the present bits do not ask for: going up takes an edge, going down a level."""
+        """Leave the states whose bits are cleared: an edge of a bit enters a state, a low level leaves it."""
         if not self._bits & ControlBit.HOLD:
             self.handle(Event.RELEASE)
         if not self._bits & ControlBit.ACTIVE:
             self.handle(Event.PAUSE)
 
     def run_program(self) -> bool:
-        """Start the program of the generator, or go on with it; return whether that is possible now."""
+        """Start or resume the program of the generator; return whether that is possible now."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.run():
             return False
         if self._in_force.generator.moves_actuators:
@@ -140,7 +140,7 @@ class Supervisor:
         return self.state is BenchState.ACTIVE and self._in_force.generator.add()
 
     def applied(self, *, steered: bool) -> None:
-        """Let settings that a commander has just applied act on air and actuators; ``steered``: a mode was changed."""
+        """Apply new settings of a commander to air and actuators; ``steered``: a mode was changed."""
         if self.state not in LIVE:
             return
         c = self._controls
@@ -151,13 +151,13 @@ class Supervisor:
             self.engage()
 
     def engage(self) -> None:
-        """Let actuators that are still shut in take over from where they are."""
+        """Engage actuators that are still shut in, at their present positions."""
         if self.state in ENGAGED and not self._controls["engaged"]:
             self._in_force.engage()
         self._controls["ordered"] = 0
 
     def forget(self) -> None:
-        """Let what the last holder of the bench has left behind go, as somebody else has it from now on, or nobody."""
+        """Discard the program and settings of the last holder, because the bench has a new holder or none."""
         c = self._controls
         self._in_force.generator.drop()
         self._bits = ControlBit.NONE
@@ -171,10 +171,10 @@ class Supervisor:
             self._in_force.generator.forget()
 
     def handle(self, event: Event, tripped: int = 0) -> bool:
-        """Let the state machine decide and bring everything in line with the new state.
+        """Pass an event to the state machine and apply the new state; return whether the state has changed.
 
-        An error is reported even if it leads nowhere from a fault; ``tripped`` is the number of the reading whose limit
-        it was.
+        An error is also reported if a fault state ignores it. ``tripped`` is the number of the reading whose limit
+        tripped.
         """
         before = self.state
         changed = self.machine.handle(event)
@@ -193,7 +193,7 @@ class Supervisor:
             self._in_force.generator.drop()
         if before is BenchState.ACTIVE or (state not in ENGAGED and self._in_force.generator.busy):
             self._freeze(keep_program=state is BenchState.HOLD)
-        if state is BenchState.FAULT_REACTION:  # meanwhile the bench keeps what it has
+        if state is BenchState.FAULT_REACTION:  # the hold does not change during the reaction
             self._held = before in ENGAGED
         else:
             self._hold_on(before, event)
@@ -216,10 +216,10 @@ class Supervisor:
         return True
 
     def _hold_on(self, before: BenchState, event: Event) -> None:
-        """Decide on the hold of the actuators: what they have shut in stays so until somebody says where it is to go.
+        """Set the hold of the actuators: shut-in actuators stay so until a client commands a position.
 
-        So arming moves nothing, also not while the springs are being vented or before the bolster is set down. Nor does
-        going on: an actuator that could not follow would jump to its set-point once it can.
+        Therefore arming moves nothing, even while the springs are being vented or before the bolster is set down.
+        Resuming moves nothing either: an actuator that could not follow would jump to its set-point as soon as it can.
         """
         state, c = self.state, self._controls
         if state in ENGAGED:
@@ -235,10 +235,10 @@ class Supervisor:
             rising = state in LIVE and event is not Event.RELEASE
             c["shut_in"] = state in SHUT_IN or (rising and kept)
         if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
-            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
+            c["grip"] = Grip.SHUT  # also for a bolster that floated on its springs: it must not move
 
     def _freeze(self, *, keep_program: bool) -> None:
-        """Stop where everything is: set-points stay, the generator pauses, or ends with its offset kept."""
+        """Stop all motion: set-points stay, the generator pauses, or ends with its offset kept."""
         c = self._controls
         if keep_program:
             self._in_force.generator.hold()
@@ -248,7 +248,7 @@ class Supervisor:
         c["slew"] = 0
 
     def decide(self, happened: Happened) -> None:
-        """Act on what the tick could not decide by itself."""
+        """Handle the events that the tick has reported."""
         if Happened.SPRING_LOST in happened:
             self.handle(Event.SPRING_LOST)
         if Happened.ALARM in happened:
@@ -289,7 +289,7 @@ class Supervisor:
         )
 
     def _trip(self) -> None:
-        """Carry out the actions of what has tripped just now, the hardest first, and tell of the first of all."""
+        """Apply the actions of the limits that have just tripped, the strongest first; report the first trip."""
         just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["told"])
         self._detectors["told"] = self._detectors["tripped"]
         if self._values[TABLE.index["rig.tripped"]] == 0:
@@ -309,9 +309,9 @@ class Supervisor:
         self._black_box.trigger(tick, limit.told(judged), limit.signal)
 
     def reset(self) -> bool:
-        """Clear what is latched, if the state machine lets the reset through.
+        """Clear the latched trips if the state machine accepts the reset; return whether they were cleared.
 
-        Limits that only indicate, or hold the program, leave the bench as it is, and so does their reset.
+        Limits that only indicate, or hold the program, do not change the state; neither does their reset.
         """
         if not self.handle(Event.RESET) and not (self.state in LIVE and self._detectors["tripped"].any()):
             return False

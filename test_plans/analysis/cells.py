@@ -1,4 +1,4 @@
-"""What the load cells say of the springs: force and moment on the bolster, by where each cell stands and points.
+"""Forces and moments on the bolster from the load cells, by the position and direction of each cell.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -16,13 +16,13 @@ from test_plans.analysis.geometry import Rig, bolster_weight, share_of_spring
 from test_plans.analysis.readings import SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import once_for_a_rig
 
-#: Where the upright cells stand, and which way they point.
+#: Dimensions of the upright cells: positions and directions.
 CELLS: Final = (
     *(name for cell in VERTICAL_CELLS for name in (*place(cell), *direction(cell))),
     "spring_half_spacing",
     "column_height",
 )
-#: Which way the cells across point, and where they stand.
+#: Dimensions of the cells across: positions and directions.
 CELLS_ACROSS: Final = (
     *(name for cell in SHEAR_CELLS for name in (*place(cell), *direction(cell))),
     "column_height",
@@ -35,13 +35,13 @@ pointing = once_for_a_rig(places.pointing)
 
 @once_for_a_rig
 def rolling(rig: Rig, cell: str) -> float:
-    """Return the roll moment (m) of one newton on a ``cell``; of a height that does not matter nothing is asked."""
+    """Return the roll moment of a ``cell`` per force (m); its height is read only if it has an effect."""
     _, d_y, d_z = pointing(rig, cell)
     _, across, up = place(cell)
     return rig[across] * d_z - ((rig[up] - rig["column_height"]) * d_y if d_y else 0.0)
 
 
-#: The six parts of a wrench, as people call them, in the order of `column_of`.
+#: Names of the six components of a wrench, in the order of `column_of`.
 PARTS: Final = (
     "force ahead",
     "force sideways",
@@ -50,13 +50,13 @@ PARTS: Final = (
     "pitch moment",
     "yaw moment",
 )
-#: What is less is rounding; and what is less is no more than a cell that was not set up exactly.
+#: Smaller shares are rounding errors (NOTHING), or an inexact alignment of a cell (SOME).
 NOTHING: Final = 1e-9
 SOME: Final = 0.05
 
 
 def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
-    """Return the six `PARTS` of what springs and bump stop do to the bolster (N, N·m), by all cells in ``values``."""
+    """Return the `PARTS` of the wrench of springs and bump stop on the bolster (N, N·m), from all cells in ``values``."""
     columns = {cell: column_of(rig, cell) for cell in cells_in(values)}
     return tuple(
         np.asarray(sum(column[part] * np.asarray(values[cell]) for cell, column in columns.items()))
@@ -65,9 +65,9 @@ def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
 
 
 def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
-    """Return which `PARTS` of a wrench these ``cells``, or all that are described, do not tell, whatever they read.
+    """Return the `PARTS` of a wrench that these ``cells`` (default: all described cells) cannot measure.
 
-    Something else bears those, a guide or the cells' own stiffness across: Aᵀn = 0 for a wrench n of that part.
+    A guide, or the transverse stiffness of the cells, carries these parts: Aᵀn = 0 for a wrench n of that part.
     """
     columns = [column_of(rig, cell) for cell in (described(rig) if cells is None else cells)]
     if not columns:
@@ -79,7 +79,7 @@ def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
 
 
 def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, Samples]:
-    """Return a force on the bolster, upward or sideways, and its moment (N·m) for standing ahead of the middle.
+    """Return a force on the bolster (N), upward or sideways, and its moment (N·m) about the middle.
 
     Their ratio is how far ahead it acts: M_y = −x F_z and M_z = x F_y.
     """
@@ -89,9 +89,9 @@ def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, 
 
 
 def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples]:
-    """Return what each cell in ``values`` bears (N) that no force on the bolster asks for: An = 0 for such readings n.
+    """Return the part of the reading (N) of each cell in ``values`` that has no resultant: An = 0 for such readings n.
 
-    Four upright cells bear a twist so: by a support that gives way, or stands out of the plane of the others.
+    With four upright cells this is a twist, caused by a support that yields or is not in the plane of the others.
     """
     there = cells_in(values)
     columns = np.array([column_of(rig, cell) for cell in there]).T
@@ -102,14 +102,14 @@ def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples
 
 
 def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the load cells of which there are ``values``, without looking at these."""
+    """Return the load cells with an entry in ``values``; the entries are not read."""
     there = frozenset(values)
     return tuple(cell for cell in LOAD_CELLS if cell in there)
 
 
 @once_for_a_rig
 def described(rig: Rig) -> tuple[str, ...]:
-    """Return the load cells of which somebody has stated where they stand and which way they point."""
+    """Return the load cells with a stated position and direction."""
     return tuple(cell for cell in LOAD_CELLS if _is_described(rig, cell))
 
 
@@ -119,20 +119,20 @@ def _is_described(rig: Rig, cell: str) -> bool:
 
 @once_for_a_rig
 def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
-    """Return the load cells that an upright force loads, by ``least`` of it or more: what has to be read.
+    """Return the load cells that carry more than the share ``least`` of an upright force; these must be read.
 
-    The upright ones, where nobody says which way they point.
+    Without stated directions these are the upright cells.
     """
     return _pointing(rig, 2, least) or VERTICAL_CELLS
 
 
 @once_for_a_rig
 def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
-    """Return the load cells that a force sideways loads: those across, where nobody says which way they point."""
+    """Return the load cells that a lateral force loads; without stated directions the cells across."""
     return _pointing(rig, 1, least) or SHEAR_CELLS
 
 
-#: Which cells a motion along an axis loads.
+#: Cells that a motion along an axis loads.
 LOADED: Final = {"vertical": bearing, "lateral": guiding}
 
 
@@ -142,12 +142,12 @@ def _pointing(rig: Rig, way: int, least: float) -> tuple[str, ...]:
 
 
 def upward_force(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return what springs and bump stop press the bolster up with (N), by all cells in ``values``."""
+    """Return the upward force of springs and bump stop on the bolster (N), by all cells in ``values``."""
     return _sum(rig, values, lambda cell: pointing(rig, cell)[2], bearing(rig, SOME))
 
 
 def sideways_force(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return what springs and bump stop push the bolster to the left with (N), by all cells in ``values``."""
+    """Return the force of springs and bump stop on the bolster to the left (N), by all cells in ``values``."""
     return _sum(rig, values, lambda cell: pointing(rig, cell)[1], guiding(rig, SOME))
 
 
@@ -159,10 +159,9 @@ def cell_moment(values: Mapping[str, Any], rig: Rig) -> Samples:
 def _sum(
     rig: Rig, values: Mapping[str, Any], share: Callable[[str], float], needed: tuple[str, ...]
 ) -> Samples:
-    """Return the sum of all cells in ``values``, each by its ``share``; what has none is not looked at.
+    """Return the sum of all cells in ``values``, each weighted by its ``share``; cells with the share 0 are not read.
 
-    NotAvailable if one that is ``needed`` is not among them, or nobody has said how it stands: the rest would be too
-    little.
+    Raises NotAvailable if a ``needed`` cell has no value or no stated position, because the sum would be incomplete.
     """
     there = cells_in(values)
     if lacking := [cell for cell in needed if cell not in there]:
@@ -179,9 +178,9 @@ def _share_of_cell(rig: Rig, side: str, cell: str) -> float:
 
 @once_for_a_rig
 def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return the load cells that tell the load on one spring: where they stand below the springs, its own.
+    """Return the load cells that measure the load on one spring: its own cells, if they are below the springs.
 
-    All of them, where nobody knows which stands where. What a cell says by its place being uncertain does not count.
+    Without stated positions these are all upright cells. Shares up to `SOME`, as of inexact positions, do not count.
     """
     if any(name not in rig for name in CELLS):
         return VERTICAL_CELLS
@@ -194,7 +193,7 @@ def load_on(values: Mapping[str, Any], rig: Rig, side: str) -> Samples:
 
 
 def rest_load(rig: Rig, cell: str) -> float:
-    """Return what a cell reads (N) of the bolster alone: of equal cells that bear it without any moment."""
+    """Return the reading of a cell (N) under the bolster alone, for equal cells that carry it without moment."""
     cells = bearing(rig, SOME)
     columns = np.array([column_of(rig, one) for one in cells])
     upward = np.array([part == "force upward" for part in PARTS], float)

@@ -1,9 +1,10 @@
-"""What a computed value is uncertain by: the errors of the instruments, taken through the computation itself.
+"""Uncertainty of a computed value, propagated numerically from the errors of the instruments.
 
-The law of propagation of JCGM 100 (GUM), 5.1.2, with sensitivities found by moving each reading as its instrument
-may be wrong and computing again: u² = Σ (f(x + u_i) − f(x − u_i))²/4 + noise. One piece of an instrument is moved in
-all captures at once, so that what it does to numerator and denominator, before and after, or to every repeat, is
-correlated; pieces are independent of one another. Noise and resolution are drawn anew for every sample.
+This is the law of propagation of JCGM 100 (GUM), 5.1.2. Each reading is shifted by the standard uncertainty of each
+error of its instrument, and the value is computed again: u² = Σ (f(x + u_i) − f(x − u_i))²/4 + noise. The error of one
+piece of an instrument is shifted in all captures at once, because its effects on numerator and denominator, before and
+after, or on all repeats, are correlated. Different pieces are independent. Noise and resolution are drawn separately
+for every sample.
 """
 
 from __future__ import annotations
@@ -25,32 +26,32 @@ from test_plans.description import Description
 from test_plans.instruments import Instruments, Piece
 
 Samples = npt.NDArray[np.float64]
-#: What was captured, by signal: samples at an even rate, or means.
+#: Captured data by signal: samples at a constant rate, or means.
 Captured = Mapping[str, Any]
 Evaluation = Callable[..., Any]
 
 #: An even distribution of half-width a has the standard deviation a/√3 (JCGM 100, 4.3.7), a step q has q/√12.
 EVEN: Final = 1 / sqrt(3.0)
 STEP: Final = 1 / sqrt(12.0)
-#: So many draws tell the standard deviation of what noise does to 6 %.
+#: This number of draws gives the standard deviation of the effect of noise to 6 %.
 NOISE_DRAWS: Final = 128
-#: A sample that was lost here and there makes no slower signal.
+#: Up to this ratio of the rates a signal counts as equally fast, because single samples may be lost.
 SAME_RATE: Final = 1.2
-#: Parts below this share of the variance are not told.
+#: Parts below this share of the variance are not listed.
 LEAST_SHARE: Final = 0.01
-#: A cause that is no instrument's: what happens between two samples.
+#: Cause of uncertainty that is not from an instrument: the time between two samples.
 SAMPLING: Final = "time between samples"
-#: Why a value has no uncertainty, where it needs none.
+#: Reasons why a value needs no uncertainty.
 COUNTED: Final = "it was counted"
 YES_OR_NO: Final = "it is yes or no"
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A value (SI) with its standard uncertainty, and what that is made of: standard uncertainty by cause.
+    """A value (SI) with its standard uncertainty ``u`` and the ``parts`` of it: standard uncertainty by cause.
 
-    ``u`` is None where there is none, and ``unknown`` says why: nobody knows how good the readings are, or what is told
-    is no measurement (`Exact`).
+    ``u`` is None if the value has no uncertainty. ``unknown`` gives the reason: the errors of the readings are unknown,
+    or the value is not a measurement (`Exact`).
     """
 
     value: float
@@ -70,7 +71,7 @@ class Measured:
         return coverage_factor(self.even / self.u) * self.u if self.u else 0.0
 
     def beside(self, cause: str, u: float, *, even: bool = False) -> Measured:
-        """Return it with another independent part of its uncertainty; unknown stays unknown."""
+        """Return the value with an additional independent part of its uncertainty; None stays None."""
         if self.u is None:
             return self
         whole = hypot(self.u, u)
@@ -81,21 +82,21 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Exact(Measured):
-    """A value that is no measurement and has no uncertainty: ``unknown`` says what it is."""
+    """A value that is not a measurement and has no uncertainty; ``unknown`` gives the reason."""
 
 
 def counted(number: float) -> Exact:
-    """Return a number of things that were counted, or a share of such numbers."""
+    """Return a count, or a ratio of counts, as an exact value."""
     return Exact(float(number), unknown=COUNTED)
 
 
 def yes_or_no(so: bool) -> Exact:
-    """Return 1 if it is so and 0 if not."""
+    """Return 1 for True and 0 for False as an exact value."""
     return Exact(float(so), unknown=YES_OR_NO)
 
 
 def timed(value: float, *steps: float) -> Measured:
-    """Return a time (s) between two events, of each of which is known only in which of its ``steps`` (s) it was."""
+    """Return a time (s) between events, each of which is known only to within its sampling ``steps`` (s)."""
     found = Measured(value, 0.0)
     for step in steps:
         found = found.beside(SAMPLING, 0.5 * EVEN * step, even=True)
@@ -103,7 +104,7 @@ def timed(value: float, *steps: float) -> Measured:
 
 
 class _Watched(Mapping[str, Any]):
-    """Readings that know which of them were used, whichever way they were read."""
+    """Readings that record the names of those that were used."""
 
     def __init__(self, readings: Captured) -> None:
         self._readings = readings
@@ -113,7 +114,7 @@ class _Watched(Mapping[str, Any]):
         self.used[name] = None
         return self._readings[name]
 
-    def __contains__(self, name: object) -> bool:  # who asks whether there is one has not used it
+    def __contains__(self, name: object) -> bool:  # a test for presence is not a use
         return name in self._readings
 
     def __iter__(self) -> Iterator[str]:
@@ -133,16 +134,17 @@ def measured(
     stamps: Mapping[str, Stamp] | None = None,
     themselves: bool = False,
 ) -> tuple[Measured, ...]:
-    """Return what ``evaluate(*captures)`` gives, a number or several, each with its uncertainty.
+    """Return the value or values of ``evaluate(*captures)``, each with its uncertainty.
 
-    ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by signal, or means over
-    ``averaged`` samples, of all or by signal. The `Description` of the rig is one, too: its dimensions are uncertain.
-    ``came`` is how often (Hz) a signal came from the rig: what was slower than ``rate`` lies on lines between few
-    samples, and so does its noise. ``stamps`` are of the clocks that say when signals came: those that share one are
-    late together. Where the instruments ``themselves`` are what is measured, their errors are the value and not its
-    uncertainty: what is left is noise and resolution, and what the dimensions may be off by.
-    Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
-    error. A value that is no number has none either, nor one that was computed of none of the readings.
+    ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate`` (Hz), or means over ``averaged``
+    samples; both are one number, or numbers by signal. A capture may also be the `Description` of the rig, because its
+    dimensions are uncertain. ``came`` is the receive rate (Hz) of each signal: a signal slower than ``rate`` was
+    interpolated, and so was its noise. ``stamps`` are the time stamps of signals: signals with a shared clock have a
+    common delay. Set ``themselves`` if the errors of the instruments are the measured quantity; then only noise,
+    resolution and dimensions contribute to the uncertainty.
+
+    The value has no uncertainty if a used reading has no known instrument (statuses and choices have no error), if no
+    reading was used, or if a computed value is not finite.
     """
     watched = [_Watched(one) for one in captures]
     best = np.atleast_1d(np.asarray(evaluate(*watched), float))
@@ -162,7 +164,7 @@ def measured(
         up, down = (
             np.atleast_1d(np.asarray(evaluate(*_changed(captures, moves, way)), float)) for way in (1.0, -1.0)
         )
-        # Half the difference, unless the value turns between both, as a size does near 0.
+        # Half the difference; correct also if the value has an extremum between both, as a magnitude near 0.
         part = 0.5 * (abs(up - best) + abs(best - down))
         parts[key] = np.hypot(parts.get(key, 0.0), part)
         even = np.maximum(even, part)
@@ -194,7 +196,7 @@ Move = Callable[[Any], Any]
 def _all_ways(
     used: Sequence[str], instruments: Instruments, rates: Mapping[str, float], stamps: Mapping[str, Stamp]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each cause with how it moves the signals: a piece one of them, a stamp all that came with it."""
+    """Yield each cause with its shifts by signal: a piece shifts one signal, a time stamp all that share its clock."""
     for name in used:
         for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
             yield f"{instruments.pieces[name].instrument.name} {cause}", {name: moved}
@@ -211,7 +213,7 @@ def _all_ways(
 def _dimensions(
     asked: Iterable[str], captures: Sequence[Captured]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each dimension that was asked for, with how it moves."""
+    """Yield each dimension that was used, with its shift."""
     for rig in captures:
         if not isinstance(rig, Description):
             continue
@@ -226,12 +228,12 @@ def _off(by: float, value: Any) -> Any:
 
 
 def _late(by: float, rate: float) -> Move:
-    """Return what one standard deviation of a time that may be off ``by`` so much (s) does to samples."""
+    """Return the shift of samples by one standard deviation of a delay with the half-width ``by`` (s)."""
     return lambda values: -by * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0
 
 
 def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
-    """Yield in which ways one piece may be wrong: by one standard deviation each."""
+    """Yield each error of one piece with its shift by one standard deviation."""
     one, signal = piece.instrument, TABLE[piece.signal]
     middle, half = 0.5 * (signal.high + signal.low), 0.5 * (signal.high - signal.low)
     if one.offset:
@@ -264,9 +266,9 @@ def _noise(
     averaged: int | Mapping[str, int],
     apart: Mapping[str, float],
 ) -> Samples:
-    """Return what noise and resolution of single samples do, from draws that are always the same.
+    """Return the standard uncertainty due to noise and resolution of single samples; the draws have a fixed seed.
 
-    ``apart`` is how many of its places a sample of a signal lies from the next.
+    ``apart`` is the distance of received samples by signal, in samples of the capture.
     """
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
@@ -294,7 +296,7 @@ def _noises(
     averaged: int | Mapping[str, int],
     apart: Mapping[str, float],
 ) -> Iterator[tuple[str, Samples, float, float]]:
-    """Yield each signal of ``readings`` that has noise: values, standard deviation, how far apart its samples are."""
+    """Yield each signal of ``readings`` with noise: name, values, standard deviation, distance of its samples."""
     if isinstance(readings, Description):
         return
     for piece in pieces:
@@ -305,7 +307,7 @@ def _noises(
 
 
 def _drawn(generator: np.random.Generator, shape: tuple[int, ...], apart: float) -> Samples:
-    """Return normal numbers; those between two that are further ``apart`` than one place lie on the line between."""
+    """Return normal random numbers; if ``apart`` is more than one sample, those between are interpolated linearly."""
     if not shape or apart < SAME_RATE:
         return generator.standard_normal(shape)
     places = np.arange(shape[0]) / apart
@@ -314,11 +316,11 @@ def _drawn(generator: np.random.Generator, shape: tuple[int, ...], apart: float)
 
 
 def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
-    """Standard deviation of one reading; means are better, but not better than their resolution lets them be."""
+    """Return the standard deviation of one reading; averaging reduces the noise, but not the effect of resolution."""
     noise, step = piece.instrument.noise, piece.instrument.resolution * STEP
     if values.ndim:
         return sqrt(noise**2 + step**2)
-    if 2 * noise >= piece.instrument.resolution:  # so much noise lets means resolve more than a step
+    if 2 * noise >= piece.instrument.resolution:  # with this noise (dither) a mean resolves less than a step
         return sqrt((noise**2 + step**2) / averaged)
     return sqrt(noise**2 / averaged + step**2)
 

@@ -1,4 +1,4 @@
-"""The insertion points of faults: everything of a running rig that a fault can reach, and puts back when it ends."""
+"""Insertion points of faults: the parts of a running rig that a fault can change, and restores when it ends."""
 
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -21,7 +21,7 @@ _DISTURBANCES, _INPUTS = 0, 1
 
 
 class Breakable(Protocol):
-    """What faults do to a rig as a whole."""
+    """Effects of faults on the whole rig."""
 
     def press_estop(self) -> None: ...
     def release_estop(self) -> None: ...
@@ -29,25 +29,25 @@ class Breakable(Protocol):
     def power_on(self) -> None: ...
     def hold_program(self) -> None: ...
     def set_mains(self, *, there: bool) -> None:
-        """Take the mains away, and with it the power of valves and actuators, or bring them back."""
+        """Switch the mains, and with it the power of valves and actuators, off or on."""
 
     def stall(self, duration: int) -> None:
-        """Let the next tick begin ``duration`` ns late, in real time."""
+        """Delay the next tick by ``duration`` ns, in real time."""
 
 
 class Wire(Protocol):
-    """A wire of the rig whose connections can be cut."""
+    """An interface of the rig whose connections can be cut."""
 
     def cut(self) -> None:
-        """Close all connections and let nobody in."""
+        """Close all connections and refuse new ones."""
 
     def mend(self) -> None:
-        """Let clients in again."""
+        """Accept clients again."""
 
 
 @dataclass(frozen=True)
 class Wires:
-    """The ways to the rig, as far as faults can cut them; a bus without connections cannot be cut."""
+    """Interfaces of the rig that faults can cut; a bus without connections cannot be cut."""
 
     bus: CanBus
     can: Wire | None
@@ -81,7 +81,7 @@ class TickFaults:
         return mend
 
     def hold(self, values: Mapping[Input, float]) -> Mend:
-        """Hold inputs of the plant at ``values``, whatever the controls want; the last one to hold an input wins."""
+        """Hold inputs of the plant at ``values``, independent of the controls; the last hold of an input applies."""
         held = dict(values)
         self._holds.append(held)
         self._write()
@@ -93,7 +93,7 @@ class TickFaults:
         return mend
 
     def _save(self) -> None:
-        """Take over what the tick has noted: where a stuck reading stuck."""
+        """Copy the state that the tick has stored: the value of a stuck reading."""
         for place, row in enumerate(self._rows):
             row[0] = self._arrays.disturbances[place]
 
@@ -109,7 +109,7 @@ class TickFaults:
 
 
 class ParameterFaults:
-    """Changes of the plant's parameters on top of one another; when the last one ends, the old bits are back."""
+    """Stack of changes of the plant's parameters; after the last one ends, the old values are restored exactly."""
 
     def __init__(self, parameters: Any, owned: Collection[str] = ()) -> None:
         self._parameters, self._owned = parameters, owned
@@ -117,9 +117,9 @@ class ParameterFaults:
         self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
 
     def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Mend:
-        """Let ``change(record)`` alter the parameters ``names`` until it is mended.
+        """Alter the parameters ``names`` by ``change(record)`` until the returned function is called.
 
-        RuntimeError for parameters of springs that somebody else computes.
+        RuntimeError for parameters of springs that an FMU computes.
         """
         self.own(names)
         entry = names, change
@@ -131,12 +131,12 @@ class ParameterFaults:
         return mend
 
     def own(self, names: Collection[str]) -> None:
-        """Raise RuntimeError if one of these parameters is of springs that somebody else computes."""
+        """Raise RuntimeError if one of these parameters is of springs that an FMU computes."""
         if owned := [name for name in names if name in self._owned]:
             raise RuntimeError(f"{', '.join(owned)}: the springs are computed by an FMU, which has its own")
 
     def under(self, alter: Callable[[], None]) -> None:
-        """Let ``alter()`` make other values the sound ones, with the changes back on top of them afterwards."""
+        """Call ``alter()`` to change the fault-free values, and apply the changes to the new values afterwards."""
         changes = self._changes
         self._rebuild([])
         alter()
@@ -154,7 +154,7 @@ class ParameterFaults:
 
 
 class InsertionPoints:
-    """All of them. The wires come last: what is to happen to them happens when they are connected."""
+    """All insertion points of a rig. The interfaces are connected last; earlier faults of them apply from then on."""
 
     def __init__(self, rig: Breakable, plant: Plant, controls: Any, springs: Springs | None = None) -> None:
         self.rig: Final = rig
@@ -171,7 +171,7 @@ class InsertionPoints:
         self._cut: list[str] = []
 
     def connect(self, wires: Wires) -> None:
-        """Let the faults of bus and wires act on ``wires``."""
+        """Apply the faults of bus and interfaces to ``wires``."""
         self._wires = wires
         if not self._stage.unused:
             wires.bus.add(self._stage)
@@ -179,9 +179,9 @@ class InsertionPoints:
             self._act(name, cut=True)
 
     def on_bus(self, fault: FrameFault) -> Mend:
-        """Let ``fault`` befall the frames of the bus until it is mended.
+        """Apply ``fault`` to the frames of the bus until the returned function is called.
 
-        The stage stays on the bus once it has been needed: to take it off would wait for whoever uses it.
+        The stage stays on the bus after the first fault, because its removal would have to wait for its users.
         """
         fresh = self._stage.unused
         end = self._stage.add(fault)
@@ -190,7 +190,7 @@ class InsertionPoints:
         return end
 
     def cut(self, name: str) -> Mend:
-        """Close all connections of ``can`` or ``modbus`` and let nobody in until it is mended."""
+        """Close all connections of ``can`` or ``modbus``, and refuse new ones until the returned function is called."""
         self._cut.append(name)
         if self._cut.count(name) == 1:
             self._act(name, cut=True)
