@@ -1,4 +1,4 @@
-"""The execution of a plan: set-up, main part, tear-down whatever happens, and the record of all of it."""
+"""Execution of a plan: set-up, main part, tear-down in every case, and the record of the run."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ if TYPE_CHECKING:
     from bench_records.result import Result
     from drivers.bench import Bench
 
-#: Whose fault it is, in words.
+#: Text for the origin of a fault.
 WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan", "record": "the record"}
-#: How the reason of a run is told that was blocked by the disk, which does not keep the record.
+#: Begin of the reason of a run that is blocked because the disk does not keep the record.
 BY_THE_RECORD: Final = f"{WHOSE['record']}: "
-#: How a warning begins that a run did not leave the bench as it should have.
+#: Begin of a warning that a run did not leave the bench in the specified state.
 IN_TEAR_DOWN: Final = "in tear-down: "
 _OPERATOR: Final = "the operator"
 
 
 class NotReady(Exception):
-    """What must be so before a plan begins is not."""
+    """A precondition of a plan is not met."""
 
 
 def execute(
@@ -77,12 +77,13 @@ def execute(
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
-    Without a ``specimen`` the bench's own is taken, and without an ``operator`` what a simulated rig can do by itself.
-    What is computed from readings has an uncertainty where the bench knows its instruments.
-    The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
-    judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
-    comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
-    ``bench_records.report``.
+    Without a ``specimen`` the default one is used. Without an ``operator`` the actions that a simulated rig offers are
+    used. Computed values have an uncertainty if the instruments of the bench are known.
+
+    The verdict is *fail* if the product exceeded a limit, and *blocked* if rig, link, plan or operator prevented the
+    judgement. Tear-down runs in every case; its errors follow the earlier ones in the reason. KeyboardInterrupt is
+    raised again after all files are written, with a text on the air in the springs. ``bench_records.report`` makes the
+    report from the directory.
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
     dimensions = bench.dimensions or NO_DIMENSIONS
@@ -121,7 +122,7 @@ def _carried_out(
     stops: Interruptions,
     facts: Mapping[str, Any],
 ) -> tuple[Result, str | None]:
-    """Carry out ``plan`` and write what came of it; return the result, and what the springs hold if it was stopped."""
+    """Execute ``plan`` and write the result; return it, and the text on the air in the springs if it was stopped."""
     bench = run.bench
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
@@ -140,20 +141,20 @@ def _carried_out(
         if lost not in first:
             run.warnings.append(f"{WHOSE['record']}: {lost}")
     reason = _reason(run, first, last, left, strangers)
-    if last and not reason:  # the product failed all the same, but whoever goes on has to know
+    if last and not reason:  # the verdict stays *fail*; the warning is for the next user
         run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
     result = _concluded(run, plan, reason, timing=punctuality, **facts)
     return _written(result, incident, Path(directory)), left if interrupted else None
 
 
 def blocked_by_the_link(result: Result) -> bool:
-    """Return whether the wires, or whoever commands, blocked a run, and not the bench."""
+    """Return whether the link to the rig, and not the bench, blocked a run."""
     parts = result.reason.partition("; then ")[0].split("; ")
     return any(part.startswith(f"{WHOSE['link']}: ") for part in parts)
 
 
 def _facts(plan: Plan, spring: Specimen, instruments: Instruments, dimensions: Dimensions) -> dict[str, Any]:
-    """Return what a record says of a run before it begins."""
+    """Return the entries of a record that are known before the run."""
     told = {"instruments": instruments.facts, "dimensions": dimensions.facts}
     return {
         "plan": plan.name,
@@ -166,7 +167,7 @@ def _facts(plan: Plan, spring: Specimen, instruments: Instruments, dimensions: D
 
 
 def _clocks(bench: Bench) -> dict[str, Any]:
-    """Return what a record says of the clocks that stamped it, where that is known."""
+    """Return the entries of a record on the clocks of its time stamps, if known."""
     told = clocks(bench)
     return {"time_stamps": told} if told else {}
 
@@ -190,9 +191,9 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
 
 
 def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool]:
-    """Run the parts of a plan; return what went wrong before tear-down and in it, and whether the operator stopped it.
+    """Run the parts of a plan; return the errors before and in tear-down, and whether the operator stopped it.
 
-    On a rig that cannot do what the plan needs, and with a plan that is written wrongly, nothing is moved at all.
+    Nothing is moved if the rig lacks a need of the plan, or the code of the plan has an error.
     """
     if lacking := run.lacks(*plan.needs):
         trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot run without it"
@@ -212,20 +213,20 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
     first, interrupted = attempt("set-up", plan.bound(plan.setup))
     if not first:
         first, interrupted = attempt("main", plan.bound(plan.main))
-    run.bench.receiver.needed = False  # without a record, too, the bench has to come to rest
+    run.bench.receiver.needed = False  # the bench must come to rest even without a record
     last, again = attempt("tear-down", plan.bound(plan.teardown))
     return first, last, interrupted or again
 
 
 def _look_at(plan: Plan, run: Run) -> None:
-    """Find out whether the preconditions of ``plan`` are met. NotReady if one is not, and says what would be right."""
+    """Check the preconditions of ``plan``. NotReady, with the remedy, if one is not met."""
     unmet = [told for one in plan.requires if not one.armed for told in _unmet(run, one)]
     if not unmet and (armed := [one for one in plan.requires if one.armed]):
         try:
             run.bench.arm(within=ARM_WITHIN)
             unmet = [told for one in armed for told in _unmet(run, one)]
         except BaseException:
-            with suppress(BenchError):  # what came first is told
+            with suppress(BenchError):  # the first error is reported
                 run.bench.disarm()
             raise
         run.bench.disarm()
@@ -234,7 +235,7 @@ def _look_at(plan: Plan, run: Run) -> None:
 
 
 def _unmet(run: Run, one: Precondition) -> list[str]:
-    """Look at a precondition and keep what was found; return it if the plan must not begin."""
+    """Check a precondition and record the state found; return a text if the plan must not begin."""
     found = one.look(run)
     condition = Condition(one.text, found.met, found.found)
     run.preconditions.append(condition)
@@ -244,9 +245,9 @@ def _unmet(run: Run, one: Precondition) -> list[str]:
 
 
 def _written(result: Result, incident: Incident | None, directory: Path) -> Result:
-    """Leave the result, and what the black box kept if something happened, in ``directory``; return the result.
+    """Write the result, and the ``incident`` of the black box if any, to ``directory``; return the result.
 
-    Where the disk refuses some of it, the run is blocked for that, and whatever finds room says so.
+    If the disk refuses a file, the run is *blocked*, and the files that can be written give this reason.
     """
     give_room(directory)
     if not (lost := _refused(result, incident, directory)):
@@ -258,7 +259,7 @@ def _written(result: Result, incident: Incident | None, directory: Path) -> Resu
 
 
 def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
-    """Write what a run leaves beside its record, as far as that can be; return what cannot."""
+    """Write the files of a run other than its record; return the errors of those that cannot be written."""
     lost: list[str] = []
 
     def attempt(name: str, write: Callable[[], object]) -> None:
@@ -278,14 +279,14 @@ def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
 
 @contextmanager
 def _recorded(run: Run, recording: Recording) -> Iterator[None]:
-    """Let the record take all that is received and set while the block lasts, the settings in force first."""
+    """Record all received data and settings during the block, the settings in force first."""
     bench = run.bench
     bench.receiver.sink, bench.receiver.failure, bench.receiver.needed = recording.take, None, True
     bench.settings.applied = lambda values: keep_settings(run, values)
     try:
         if other := bench.wiring.capabilities.notes.get("identity"):
             run.say(other)
-        with suppress(BenchError):  # a rig that is gone is what set-up will complain of
+        with suppress(BenchError):  # set-up will report a lost rig
             keep_settings(run, bench.settings.in_force())
         yield
     finally:
@@ -295,13 +296,13 @@ def _recorded(run: Run, recording: Recording) -> Iterator[None]:
 
 
 def _reason(run: Run, first: str, last: str, *more: str) -> str:
-    """Return why the product could not be judged, "" if it could.
+    """Return the reason why the product could not be judged, "" if it could.
 
-    ``first`` is what went wrong up to tear-down, ``last`` in it, ``more`` what else to know: what the springs hold,
-    who else tried to command the bench. What a person has to do stands before all of it.
+    ``first`` is the error before tear-down, ``last`` the error in it. ``more`` is additional information: the air in
+    the springs, and other clients that tried to command the bench. Instructions for a person come first.
     """
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
-        return ""  # it was judged and failed; that the bench then misbehaved stands among the events
+        return ""  # it was judged and failed; later errors of the bench are among the events
     reason = "; then ".join(trouble for trouble in (first, last and f"{IN_TEAR_DOWN}{last}") if trouble)
     if not reason:
         return ""
@@ -312,7 +313,7 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 def _attempt(
     run: Run, stops: Interruptions, plan: Plan, name: str, part: Callable[[Run], None]
 ) -> tuple[str, bool]:
-    """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
+    """Run one part; return the error with its origin, and whether the operator stopped the run."""
     interrupted, stopped = False, f"stopped by {_OPERATOR}"
     run.to_come = {"tear-down": (), "main": (plan.teardown,)}.get(name, (plan.main, plan.teardown))
     try:
@@ -337,18 +338,18 @@ def _attempt(
         trouble = f"{stopped}: {stop}"
     except KeyboardInterrupt:
         trouble, interrupted = f"stopped by {run.suspension.stopped_by or _OPERATOR}", True
-    except (Exception, SystemExit) as error:  # what would end the program must not take the tear-down with it
+    except (Exception, SystemExit) as error:  # an exit of the program must not skip the tear-down
         trouble = f"the plan: {type(error).__name__} at {_place(error, plan)}: {error}"
     try:
         run.keep("error", f"{name}: {trouble}")
         run.watcher.say(f"{name}: {trouble}")
-    except KeyboardInterrupt:  # of a program that stops its plan otherwise than by a signal
+    except KeyboardInterrupt:  # raised by a program that stops its plan without a signal
         interrupted = True
     return trouble, interrupted
 
 
 def _hidden(error: BaseException) -> str:
-    """Return what the steps of a tear-down complained of before the last one, each of which is tried in any case."""
+    """Return the errors of a tear-down before the last one, because all its steps are tried in any case."""
     told: list[str] = []
     before = error.__context__
     while before is not None:
@@ -359,7 +360,7 @@ def _hidden(error: BaseException) -> str:
 
 
 def _silent(bench: Bench) -> str:
-    """Name the measurements of which nothing comes: arrays of samples do not know whose they were."""
+    """Return a text with the silent measurements, because an array of samples does not have the name of its signal."""
     silent = [
         signal.name
         for signal in MEASUREMENTS
@@ -369,7 +370,7 @@ def _silent(bench: Bench) -> str:
 
 
 def _place(error: BaseException, plan: Plan) -> str:
-    """The innermost line of the file of ``plan`` from which ``error`` came; else of the steps of this package."""
+    """Return the innermost line of the file of ``plan`` that raised ``error``; else that of this package."""
     frames = traceback.extract_tb(error.__traceback__)
     own = getattr(sys.modules.get(plan.main.__module__), "__file__", None)
     machinery = [Path(__file__).with_name(f"{name}.py") for name in ("execution", "plan", "run")]

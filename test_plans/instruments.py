@@ -1,7 +1,7 @@
-"""The instruments of a rig: what their data sheets and certificates say of every reading, from a TOML file.
+"""The instruments of a rig: errors of every reading by data sheet and certificate, from a TOML file.
 
-Every value has a unit, a source and a provenance (measured, data sheet or assumed). A reading without an instrument is
-one of which nobody knows how good it is: what is computed from it has no uncertainty.
+Every value has a unit, a source and a provenance (measured, data sheet or assumed). The errors of a reading without an
+instrument are unknown, so values computed from it have no uncertainty.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bench_protocol.table import TABLE
 #: The kind of its named files.
 PACKAGE: Final = "instruments"
 
-#: How long a calibration holds where the file does not say when it is due.
+#: Validity of a calibration without a due date in the file.
 INTERVAL: Final = timedelta(days=365)
 #: The properties of an instrument; "signal" stands for the SI unit of its readings.
 PROPERTIES: Final = {
@@ -32,21 +32,21 @@ PROPERTIES: Final = {
     "resolution": "signal",
     "noise": "signal",
 }
-#: What errors call the file.
+#: Name of the file in errors.
 _FILE: Final = "a file of instruments"
 _PIECE: Final = ("instrument", "serial_number", "certificate", "calibrated", "due")
 
 
 class InstrumentsError(ValueError):
-    """A file of instruments does not say what is needed, or says what nobody understands."""
+    """A file of instruments lacks an entry or has an invalid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """A type of instrument (SI): half-widths of what a piece may be off by, all in between being as likely.
+    """A type of instrument (SI): half-widths of its errors, each with a uniform distribution.
 
-    ``resolution`` is a step, ``noise`` the standard deviation of one sample, and ``nonlinearity`` the bow of its
-    characteristic between the ends of its range.
+    ``resolution`` is a step, ``noise`` the standard deviation of one sample, and ``nonlinearity`` the largest deviation
+    of its characteristic from the line between the ends of its range.
     """
 
     name: str
@@ -54,14 +54,14 @@ class Instrument:
     offset: float = 0.0
     gain: float = 0.0  #: a fraction of the reading
     nonlinearity: float = 0.0
-    lag: float = 0.0  #: s, beside the lag that plans take out
+    lag: float = 0.0  #: s, in addition to the lag that plans compensate
     resolution: float = 0.0
     noise: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """The piece that gives one reading, and when it was calibrated."""
+    """The piece that gives one reading, and its calibration."""
 
     signal: str
     instrument: Instrument
@@ -72,15 +72,15 @@ class Piece:
 
     @property
     def holds_until(self) -> date | None:
-        """The last day on which its calibration holds: when it is due, else `INTERVAL` after it was calibrated."""
+        """The last day on which its calibration holds: the due date, else `INTERVAL` after the calibration."""
         return self.due or (self.calibrated + INTERVAL if self.calibrated else None)
 
     def overdue(self, today: date | None) -> bool:
-        """Return whether its calibration is over ``today``; without a day none is."""
+        """Return whether its calibration has expired ``today``; False without a date."""
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
-        """Return in words why its calibration does not hold ``today``, "" if it does; without a day none is over."""
+        """Return a text why its calibration does not hold ``today``, "" if it does; without a date none has expired."""
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:
             return f"{piece} has no certificate of calibration"
@@ -105,7 +105,7 @@ class Instruments:
     pieces: Mapping[str, Piece] = field(default_factory=dict)
 
     def troubles(self, today: date | None, signals: Collection[str] = ()) -> list[str]:
-        """Return whose calibration does not hold ``today``, of all pieces or of those of some ``signals``."""
+        """Return a text for each calibration that does not hold ``today``, of all pieces or those of ``signals``."""
         found = []
         for name in signals or self.pieces:
             piece = self.pieces.get(name)
@@ -116,7 +116,7 @@ class Instruments:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a record says of them: the file, and of each piece which reading it gives and its calibration."""
+        """Entries for the record: the file, and the signal and calibration of each piece."""
         if not self.file:
             return {}
         return {
@@ -136,7 +136,7 @@ class Instruments:
         }
 
 
-#: Those of a rig of which nobody has said any.
+#: Instruments of a rig without a file of instruments.
 UNKNOWN: Final = Instruments()
 
 
@@ -149,7 +149,7 @@ def ordinary() -> Instruments:
 def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
     """Return the instruments of a TOML file, seen from ``home``, or those that come with the bench under this name.
 
-    InstrumentsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
+    InstrumentsError, with file, key, value and unit, if it cannot be read or has an invalid entry.
     """
     path, sha256, content = read_named(PACKAGE, name, home, InstrumentsError)
     try:
@@ -172,7 +172,7 @@ def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
                 f"{key}.instrument = {name!r} is not described; {did_you_mean(str(name), kinds)}"
             )
         for day in ("calibrated", "due"):
-            if day in entry and type(entry[day]) is not date:  # a time of day is a date to Python, too
+            if day in entry and type(entry[day]) is not date:  # a datetime is a date in Python, too
                 raise EntryError(
                     f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be"
                 )

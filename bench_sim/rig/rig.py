@@ -1,4 +1,4 @@
-"""The whole rig without a socket or clock: frames and requests in, frames and answers out, tick by tick."""
+"""The whole rig without socket and clock: it receives frames and requests and returns frames and answers, by tick."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -51,24 +51,25 @@ from bench_sim.rig.tick import (
     run_ticks,
 )
 
-#: Frames that wait for the servers at most: some seconds.
+#: Capacity of the queue of frames for the servers; enough for some seconds.
 _RING_FRAMES: Final = 16_384
 _FOREVER: Final = 2**62
-_SCRATCH_TICKS: Final = 100  # as many frames need no new memory
+_SCRATCH_TICKS: Final = 100  # up to this number no memory is allocated
 
 
 class Rig:
-    """A virtual rig: plant, tick, states, interlocks, and what it says and hears on CAN and Modbus.
+    """A virtual rig: plant, tick, states, interlocks, and its CAN and Modbus interfaces.
 
-    In virtual time :meth:`run` is all there is. In real time :meth:`keep_time` ticks in a thread of its own, without
-    the interpreter; frames leave through :meth:`collect`, and who acts on the rig takes ``lock`` between two ticks.
-    All times are the rig's own: tick ``k`` happens at ``k`` ms.
+    In virtual time call :meth:`run`. In real time :meth:`keep_time` runs the ticks in a separate thread, without the
+    interpreter; :meth:`collect` returns the sent frames, and every access to the rig takes ``lock`` between two ticks.
+    Times are on the clock of the rig: tick ``k`` is at ``k`` ms.
 
-    ``log``: of how many ticks in real time the lateness is kept. ``every_tick``: messages that leave in every tick,
-    all others never, to see what the wires can take. ``springs`` of somebody else's stand in for those of the plant.
+    ``log`` is the number of ticks in real time whose lateness is kept. ``every_tick`` names messages to send in every
+    tick; all others are then never sent (a load test of the interfaces). ``springs`` of an FMU replace those of the
+    plant.
     """
 
-    #: In words, why springs that are computed elsewhere are lost.
+    #: Text with the reason why the springs of an FMU are lost.
     spring_lost = ""
 
     def __init__(
@@ -81,7 +82,7 @@ class Rig:
         every_tick: Sequence[str] = (),
         springs: Springs | None = None,
     ) -> None:
-        #: The set as this rig was built: the same seed draws the same sensors.
+        #: The parameters of this rig, with its tolerances: the same seed gives the same sensors.
         self.parameters = parameters.as_built(seed)
         self.springs = springs
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
@@ -131,13 +132,13 @@ class Rig:
         self.supervisor.handle(Event.POWER_ON)
 
     def _stand(self) -> None:
-        """Let all stand where they are at first, by the transducers that hold them."""
+        """Set zeros and set-points of the actuators to the bias of the transducers that hold them: nothing moves."""
         zero = self.plant.parameters.sensor_bias[list(HOLDING)]
         for what in ("zero", "setpoint", "goal"):
             self._controls[what] = zero
 
     def _prepare_frames(self) -> None:
-        """Make what writes and reads frames."""
+        """Create the encoder and decoder of frames."""
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._pending: list[Block] = []
@@ -146,7 +147,7 @@ class Rig:
         self._lease_row = self._encoder.rows(["Lease"])
 
     def _bind_kernels(self) -> None:
-        """Make ready what is compiled, so that a call of it looks at no types."""
+        """Bind the compiled functions, so that a call does not check types."""
         self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
         self._fill: Any = bind(fill, self._outgoing, 0, self._scratch, 0)
         self._drain: Any = bind(drain, self._outgoing, 0, *self._basket)
@@ -155,7 +156,7 @@ class Rig:
     def _arrays(
         self, every_tick: Sequence[str]
     ) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending, Incoming, Ring, Pacing]:
-        """Return what the compiled tick works on."""
+        """Return the arguments of the compiled tick."""
         plant, layout = self.plant, self._encoder.layout
         elsewhere = self.springs.arrays if self.springs else Elsewhere.nobody()
         fast, medium, slow = (self._rows(rate) for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE))
@@ -185,7 +186,7 @@ class Rig:
     # -- CAN and Modbus ------------------------------------------------------------------------------------------
 
     def receive(self, block: Block, peer: str = "") -> None:
-        """Take CAN frames from ``peer`` to the next tick; only those of the holder of the lease will count."""
+        """Queue CAN frames from ``peer`` for the next tick, which accepts only those of the holder of the lease."""
         if self.node.concerns(block):
             with self.lock:
                 block = self.node.receive(block, peer)
@@ -194,7 +195,7 @@ class Rig:
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``; for one thread at a time.
 
-        It reads one sampling instant, and keeps the tick waiting only for a write that may act.
+        It reads one sampling instant. It blocks the tick only for a write that may have an effect.
         """
         self._seen_tick = self._look(self.values, self._seen, self._control_array, self.lock.address)
         may_act = modbus.is_write(request) and self.lease.owner in (None, peer)
@@ -202,13 +203,13 @@ class Rig:
             return modbus.answer(request, self.registers.seen_by(peer))
 
     def peer_lost(self, peer: str) -> None:
-        """Note that a connection is closed: the bench holds at once if it was the commander's."""
+        """Handle a closed connection: the bench holds at once if it was that of the commander."""
         with self.lock:
             self.registers.drop_staged(peer)
             self.lease.peer_lost(peer)
 
     def send(self, block: Block) -> None:
-        """Let frames leave that no tick sends, stamped with the rig's time (ns)."""
+        """Send frames outside of the tick, stamped with the time of the rig (ns)."""
         if self.pacing.real:
             self._fill(self._outgoing, self.lock.address, self.pacing.dated(block), 0)
             self.pacing.wake()
@@ -240,10 +241,10 @@ class Rig:
     # -- real time -----------------------------------------------------------------------------------------------
 
     def keep_time(self, eventfd: int, policy: Late = Late.CATCH_UP) -> None:
-        """Tick in real time until ``pacing.stop()``; every frame that leaves wakes who waits for ``eventfd``.
+        """Tick in real time until ``pacing.stop()``; every sent frame signals ``eventfd``.
 
-        Frames are stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
-        a tick is late.
+        Frames are stamped with the nominal time of their tick (Unix epoch, ns), so that sampling instants are
+        equidistant even if a tick is late.
         """
         epoch = wall_time_ns() - int(self._controls["tick"]) * TICK_NS
         self.pacing.start(epoch, self.lock.address, eventfd, policy)
@@ -257,64 +258,64 @@ class Rig:
             self.pacing.end()
 
     def collect(self) -> Block:
-        """Return what has left since the last call, in real time; for one thread at a time."""
+        """Return the frames sent since the last call, in real time; for one thread at a time."""
         count = self._drain(self._outgoing, self.lock.address, *self._basket)
         return copied(self._basket[0][:count])
 
-    # -- beside the wires: faults, the emergency stop, power -----------------------------------------------------
+    # -- faults, the emergency stop, power -----------------------------------------------------------------------
 
     def order(self, line: bytes) -> bytes:
-        """Carry out an order to the fault panel, a line of JSON, and return its answer."""
+        """Execute a command of the fault panel, a line of JSON, and return the answer."""
         return obey(self.faults, line, self.lock)
 
     def press_estop(self) -> None:
-        """Press the emergency stop: hard-wired, no software between the button and the valves."""
+        """Press the emergency stop; it is hard-wired, without software between the button and the valves."""
         with self.lock:
             self.supervisor.estop = True
             self.supervisor.handle(Event.ESTOP)
 
     def release_estop(self) -> None:
-        """Release the button; the bench stays stopped until somebody resets it."""
+        """Release the button; the bench stays stopped until a reset."""
         with self.lock:
             self.supervisor.estop = False
 
     def cut_power(self) -> None:
-        """Take the power from valves and actuators: they fall into their safe position; the servers keep theirs."""
+        """Cut the power of valves and actuators, which go to their safe position; the servers keep their power."""
         with self.lock:
             self.supervisor.handle(Event.POWER_LOST)
 
     def set_mains(self, *, there: bool) -> None:
-        """Take the mains away, and with it the power, or bring it back: it comes on again only by command."""
+        """Switch the mains off, and with it the power, or on; the power returns only by command."""
         with self.lock:
             self.supervisor.mains = there
             if not there:
                 self.cut_power()
 
     def power_on(self) -> None:
-        """Switch the power on, where there is any."""
+        """Switch the power on, if the mains are on."""
         with self.lock:
             self.supervisor.handle(Event.POWER_ON)
 
     def hold_program(self) -> None:
-        """Let the function generator stand still."""
+        """Pause the function generator."""
         with self.lock:
             self.generator.hold()
 
     def stall(self, duration: int) -> None:
-        """Let the next tick begin ``duration`` ns late, in real time."""
+        """Delay the next tick by ``duration`` ns, in real time."""
         self.pacing.stall(duration)
 
-    # -- what the wires report -----------------------------------------------------------------------------------
+    # -- reports of the interfaces -------------------------------------------------------------------------------
 
     def report_bus(self, load: float, errors: int) -> None:
         """Publish the fraction of the time in which the bus is busy, and the bench's transmit error counter."""
         self.registers.notes[BUS_NOTE] = f"CAN bus load {load:.1%}, {errors} transmit errors".encode()
 
-    # -- what the CANopen node asks for --------------------------------------------------------------------------
+    # -- interface for the CANopen node --------------------------------------------------------------------------
 
     @property
     def held(self) -> bool:
-        """Whether somebody holds the bench."""
+        """Whether the lease has a holder."""
         return self.lease.token != 0
 
     def is_token(self, token: int, peer: str) -> bool:
@@ -326,24 +327,24 @@ class Rig:
         return self.registers.active[name]
 
     def refuse(self, peer: str, identifier: int) -> None:
-        """Count a frame of ``peer`` that wanted something of a bench that somebody holds."""
+        """Count a refused frame of ``peer``, which is not the holder of the lease."""
         self.lease.refuse(peer, identifier)
 
     def heartbeat_lost(self) -> None:
-        """React to a commander whose heartbeat has stopped."""
+        """Handle the loss of the heartbeat of the commander."""
         self.supervisor.handle(Event.HEARTBEAT_LOST)
         self.emergencies.report(Reason.HEARTBEAT_LOST)
 
     def heartbeat_back(self) -> None:
-        """Note that it is there again, or not expected any more; a fault stays until it is reset."""
+        """Handle a heartbeat that has returned, or is not expected any more; a fault stays until it is reset."""
         if self.state not in FAULTS:
             self.emergencies.settle(Reason.HEARTBEAT_LOST)
 
-    # -- what the registers ask for ------------------------------------------------------------------------------
+    # -- interface for the registers -----------------------------------------------------------------------------
 
     @property
     def seen(self) -> npt.NDArray[np.float64]:
-        """All signals by table row, as they were when the present request came."""
+        """All signals by table row, at the time of the present request."""
         return self._seen
 
     @property
@@ -358,7 +359,7 @@ class Rig:
 
     @property
     def detectors(self) -> npt.NDArray[np.void]:
-        """The limit detectors with all that they remember, one for each limit: to be read between two ticks."""
+        """The limit detectors with their state, one for each limit; read them between two ticks."""
         return self._detectors
 
     def contact(self, name: str) -> bool:
@@ -370,12 +371,12 @@ class Rig:
         return self.black_box.read_file(number)
 
     def act(self, name: str) -> bool:
-        """Carry out a coil's action; return whether the present state allows it."""
+        """Execute the action of a coil; return whether the present state allows it."""
         with self.lock:
             return self._actions[name]()
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Take over all settings at once; an engaged actuator changes its control mode without a bump."""
+        """Apply all settings at once; an engaged actuator changes its control mode without a bump."""
         with self.lock:
             before = self._controls["control"].copy()
             taken = self._in_force.apply(settings)
@@ -386,7 +387,7 @@ class Rig:
     # -- inside --------------------------------------------------------------------------------------------------
 
     def _decide(self, happened: Happened) -> None:
-        """Act on what the tick could not decide by itself."""
+        """Handle the events that the tick has reported."""
         c = self._controls
         if Happened.COMMANDED in happened:
             changes = self._incoming.changes[: c["changed"]].tolist()
@@ -416,7 +417,7 @@ class Rig:
         self.values[TABLE.index[name]] = value
 
     def _holder_changed(self) -> None:
-        """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
+        """Reset the state of the last commander, and send the new holder on the bus."""
         self._decoder.forget()
         self._decoder.latest.fill(np.nan)
         self.registers.drop_staged()
@@ -425,6 +426,6 @@ class Rig:
         self._tell(self._lease_row)
 
     def _tell(self, rows: npt.NDArray[np.int64]) -> None:
-        """Send messages that go out on events."""
+        """Send messages that are sent on events."""
         time = int(self._controls["tick"]) * TICK_NS
         self.send(self._encoder.encode(self.values, rows, time))

@@ -56,7 +56,7 @@ SOME: Final = 0.05
 
 
 def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
-    """Return the `PARTS` of the wrench of springs and bump stop on the bolster (N, N·m), from all cells in ``values``."""
+    """Return the `PARTS` of the wrench on the bolster by springs and bump stop (N, N·m), by all cells in ``values``."""
     columns = {cell: column_of(rig, cell) for cell in cells_in(values)}
     return tuple(
         np.asarray(sum(column[part] * np.asarray(values[cell]) for cell, column in columns.items()))
