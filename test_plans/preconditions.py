@@ -1,4 +1,4 @@
-"""What must be so before a plan begins: each is looked at on the connected bench, before anything moves."""
+"""Preconditions of a plan: each is checked on the connected bench before any motion."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ ICE: Final = 273.15 * K
 YES: Final = "yes"
 NO: Final = "no"
 SUPPLY_WITHIN: Final = 5 * s
-#: What the supply needs above a pressure to fill a spring to it in a reasonable time.
+#: Excess of the supply pressure over the pressure of a spring, to fill it in a reasonable time.
 HEADROOM: Final = 1 * bar
-#: The hall in which limits are good: rubber and gas are what they were when the drawing was made.
+#: Temperatures of the hall for which the limits of a specimen hold, because rubber and gas depend on temperature.
 HALL: Final = (ICE + 10 * K, ICE + 35 * K)
 NO_DAY: Final = "virtual time has no date, so no due date is judged"
 COME_BACK: Final = 1 * minutes
 COLD_FROM_BEFORE: Final = (
     "gas that an earlier run let out is cold and needs some 5 min to warm up: wait, and start again"
 )
-#: How a precondition names the load case that the plan's parameter of this name says.
+#: Placeholder for the load case that the parameter of this name of the plan gives.
 PARAMETER: Final = "load"
 _LOOK_WITHIN: Final = 10 * minutes
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionResult:
-    """What was found: met, not met, or not to be told here (None); in words, with what would be right."""
+    """Result of a check: met, not met or unknown (None), and a text with the remedy."""
 
     met: bool | None
     found: str
@@ -45,10 +45,10 @@ class ConditionResult:
 
 @dataclass(frozen=True, slots=True)
 class Precondition:
-    """What must be so, in words, and how a run finds out.
+    """A condition in words, and the function that checks it.
 
-    One that cannot be told blocks if it is ``strict``. One that shows only when the bench is ``armed`` is looked at
-    then, with set-points at what is measured: nothing moves, and the bench is disarmed again.
+    An unknown result blocks the plan if the precondition is ``strict``. A precondition with ``armed`` is checked on the
+    armed bench, with set-points at the measured values: nothing moves, and the bench is disarmed again.
     """
 
     text: str
@@ -78,7 +78,7 @@ def supply(at_least: float) -> Precondition:
 
 
 def supply_for(*loads: str) -> Precondition:
-    """The air supply has `HEADROOM` above what carries the load cases, or those that the plan's parameters name."""
+    """The air supply has `HEADROOM` above the pressure for the load cases; "load" is that of the plan's parameter."""
 
     def look(run: Run) -> ConditionResult:
         carries = max(run.specimen.load(name).fill_pressure for name in _chosen(run, loads))
@@ -90,14 +90,14 @@ def supply_for(*loads: str) -> Precondition:
 
 
 def on_the_bench(*loads: str) -> list[Precondition]:
-    """What any measurement of a spring under some load cases requires; "load" stands for the plan's parameter."""
+    """Preconditions of every measurement of a spring under load cases; "load" is that of the plan's parameter."""
     return [load_cases(*loads), gas(*HALL), not_overdue(), supply_for(*loads)]
 
 
 def gas(low: float, high: float) -> Precondition:
     """The gas in the springs, which at rest has the temperature of the hall, lies within two temperatures (K).
 
-    What a run before has let off or squeezed is given a minute.
+    Gas that an earlier run has expanded or compressed has `COME_BACK` (s) to return to it.
     """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
@@ -160,7 +160,7 @@ def not_overdue() -> Precondition:
 
 
 def load_cases(*names: str) -> Precondition:
-    """The specimen's file has these load cases; "load" stands for the one that the plan's parameter names."""
+    """The file of the specimen has these load cases; "load" is that of the plan's parameter."""
 
     def look(run: Run) -> ConditionResult:
         lacking = [name for name in _chosen(run, names) if name not in run.specimen.loads]
@@ -178,9 +178,9 @@ def _chosen(run: Run, names: Iterable[str]) -> list[str]:
 
 
 def rested(at_least: float) -> Precondition:
-    """The specimen has not been moved on this bench for a time (s): since the last run, or since it was connected.
+    """The specimen has not been moved on this bench for a time (s), since the last run or the connection.
 
-    A rig in virtual time has rested for ever when it is made.
+    For a new rig in virtual time this time is infinite.
     """
 
     def look(run: Run) -> ConditionResult:
@@ -193,7 +193,7 @@ def rested(at_least: float) -> Precondition:
 
 
 def confirmed(text: str) -> Precondition:
-    """Somebody says that it is so: what no signal tells."""
+    """The operator confirms a condition that no signal shows."""
 
     def look(run: Run) -> ConditionResult:
         answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
@@ -203,7 +203,7 @@ def confirmed(text: str) -> Precondition:
 
 
 def _rest(run: Run) -> float:
-    """How long (s) the last run on this bench is over, or since when it is connected."""
+    """Return the time (s) since the last run on this bench, or since the connection."""
     bench = run.bench
     if bench.last_run is None:
         return inf if isinstance(bench.clock, VirtualClock) else (run.now - bench.commander.origin) / NS

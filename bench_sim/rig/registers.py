@@ -1,4 +1,4 @@
-"""The rig's Modbus registers: coherent readings, staged settings, coils that act, contacts, and who may write."""
+"""The Modbus registers of the rig: coherent readings, staged settings, coils, contacts, and write access."""
 
 import math
 import struct
@@ -16,14 +16,14 @@ from bench_protocol.signals import Kind
 from bench_protocol.wires import Table
 from bench_sim.rig.lease import Lease
 
-#: What a scaled register says instead of a value that is not available.
+#: Content of a scaled register whose value is not available.
 UNAVAILABLE: Final = 0x8000
-#: The object of the identification that tells of the CAN bus.
+#: Object of the identification with the state of the CAN bus.
 BUS_NOTE: Final = 0x81
-#: Why springs that are computed elsewhere are lost; the answer has room for so many bytes of it.
+#: Object of the identification with the reason why the springs of an FMU are lost, and its largest length in bytes.
 SPRING_NOTE: Final = 0x82
 NOTE_MAX: Final = 240
-#: Of so many ranges that are read it is remembered what stands there.
+#: Size of the cache of read ranges.
 _PLANS_MAX: Final = 256
 WATCHDOG_MS_MAX: Final = 10_000
 
@@ -32,7 +32,7 @@ _TWO_WORDS: Final = struct.Struct(">HH")
 
 
 class Host(Protocol):
-    """What the registers need of the rig that they belong to."""
+    """Interface of the rig for its registers."""
 
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
 
@@ -45,10 +45,10 @@ class Host(Protocol):
         """A number that changes with every sampling instant: that of ``seen``."""
 
     def act(self, name: str) -> bool:
-        """Carry out a coil's action; return whether the bench accepted it in its present state."""
+        """Execute the action of a coil; return whether the bench accepted it in its present state."""
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Take over all settings at once; return whether the bench accepted them."""
+        """Apply all settings at once; return whether the bench accepted them."""
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
@@ -58,7 +58,7 @@ class Host(Protocol):
 
 
 class Space:
-    """One address space of 16-bit words (or bits): which signal stands where, and where no request may cut."""
+    """One address space of 16-bit words (or bits): the signal at each address, and the limits of 32-bit values."""
 
     def __init__(self, registers: Sequence[Register]) -> None:
         self.size = max((r.address + r.words for r in registers), default=0)
@@ -99,7 +99,7 @@ def _single(value: float) -> float:
 
 
 class RegisterBank:
-    """The registers of one rig, shared by all its clients; :meth:`seen_by` is what one client may do with them."""
+    """The registers of one rig, shared by all clients; :meth:`seen_by` returns the view of one client."""
 
     def __init__(self, table: Table, host: Host, lease: Lease) -> None:
         self.table = table
@@ -116,7 +116,7 @@ class RegisterBank:
         readings = (*table.of_kind(Kind.MEASUREMENT), *table.of_kind(Kind.STATUS))
         self._readings = frozenset(signal.name for signal in readings)
         self._plans: dict[tuple[int, int], npt.NDArray[np.int64] | None] = {}
-        #: What else the identification says, by object (0x81 to 0xFF).
+        #: Additional texts of the identification, by object (0x81 to 0xFF).
         self.notes: dict[int, bytes] = {}
 
     def seen_by(self, peer: str) -> "PeerBank":
@@ -125,18 +125,18 @@ class RegisterBank:
 
     @property
     def unapplied(self) -> bool:
-        """Whether something is staged that is not in force."""
+        """Whether a staged setting differs from the setting in force."""
         return any(
             float_words(self.staged[name]) != float_words(value) for name, value in self.active.items()
         )
 
     def drop_staged(self, author: str | None = None) -> None:
-        """Forget what ``author`` has staged, without one what anybody has: nobody else must apply it."""
+        """Discard the settings staged by ``author`` (default: by any client), so that no other client applies them."""
         if author in (None, self._author):
             self.staged.update(self.active)
 
     def _stage_as(self, peer: str) -> None:
-        """Let ``peer`` stage or apply: on what is in force, or on what it has staged itself."""
+        """Make ``peer`` the author of staged settings; discard those of another client."""
         if peer != self._author:
             self.drop_staged()
             self._author = peer
@@ -152,7 +152,7 @@ class RegisterBank:
         return words
 
     def _float_rows(self, address: int, count: int) -> npt.NDArray[np.int64] | None:
-        """Return the table rows of a range of nothing but floats of readings, as most requests are; else None."""
+        """Return the table rows of a range with only floats of readings, as in most requests; else None."""
         asked = address, count
         if asked not in self._plans:
             slots = self._spaces["input"].slots(address, count)
@@ -181,7 +181,7 @@ class RegisterBank:
         if math.isnan(value):
             return [UNAVAILABLE]
         scaled = round(value / self.table.signals[row].step)
-        # Cut off at the end of its range it would be a value like any other: the float next to it has the true one.
+        # A clipped value would look valid; the float register of the same signal has the true value.
         return [scaled & 0xFFFF if abs(scaled) <= INT16_MAX else UNAVAILABLE]
 
     def read_holding(self, address: int, count: int, peer: str) -> list[int]:
@@ -198,7 +198,7 @@ class RegisterBank:
     def write_holding(self, address: int, values: Sequence[int], peer: str) -> None:
         """Stage settings, all or nothing; the lease and the watchdog act at once.
 
-        ModbusError, with nothing changed, for a value out of range or what only the holder of the lease may write.
+        ModbusError, with nothing changed, for a value out of range, or a register that only the holder may write.
         """
         staged: dict[str, float] = {}
         lease, watchdog = None, None
@@ -213,7 +213,7 @@ class RegisterBank:
             else:
                 signal = self.table[register.signal]
                 value = words_float(words)
-                # A single carries 0.15 as 0.150000006: a limit must not refuse its own value for that.
+                # In single precision 0.15 is 0.150000006; the limits are rounded likewise, so that they are accepted.
                 if not _single(signal.low) <= value <= _single(signal.high):
                     raise ModbusError(ILLEGAL_VALUE)
                 if signal.choices and value != int(value):
@@ -225,7 +225,7 @@ class RegisterBank:
             self.staged.update(staged)
 
     def _take_own(self, peer: str, lease: int | None, watchdog: int | None) -> None:
-        """Take what was written to the registers of the lease and the watchdog, which is the holder's."""
+        """Apply a write to the registers of the lease and the watchdog; only the holder may write the watchdog."""
         holds = self.lease.holds(peer) if lease is None else lease != 0
         if watchdog is not None and not holds:
             self.lease.refuse(peer)
@@ -236,12 +236,12 @@ class RegisterBank:
             self.lease.watch(watchdog)
 
     def read_coils(self, address: int, count: int) -> list[bool]:
-        """Coils act on their edge and fall back at once: they always read 0."""
+        """Return zeros: coils act on their edge and reset at once."""
         self._spaces["coil"].slots(address, count)
         return [False] * count
 
     def write_coils(self, address: int, values: Sequence[bool], peer: str) -> None:
-        """Carry out the actions of the coils that are set; ModbusError for one that the bench does not accept."""
+        """Execute the actions of the coils that are set; ModbusError for one that the bench does not accept."""
         slots = self._spaces["coil"].slots(address, len(values))
         for register, value in zip(slots, values, strict=True):
             if not value:
@@ -271,7 +271,7 @@ class RegisterBank:
 
     @cached_property
     def _map(self) -> Sequence[int]:
-        """The file that tells which table this rig speaks."""
+        """The file with the signal map of this rig."""
         return map_registers(self.table)
 
     def identification(self) -> Mapping[int, bytes]:
@@ -286,9 +286,9 @@ class RegisterBank:
 
 
 class PeerBank:
-    """The registers as one client sees them: everybody may read, only the commander may write.
+    """View of one client on the registers: every client may read, only the holder of the lease may write.
 
-    While nobody holds the lease, everybody may write: a hand with a command-line client needs no ceremony.
+    Without a holder, every client may write, so that a command-line client needs no lease.
     """
 
     def __init__(self, bank: RegisterBank, peer: str) -> None:
@@ -301,11 +301,11 @@ class PeerBank:
         self.identification = bank.identification
 
     def read_holding(self, address: int, count: int) -> list[int]:
-        """Return staged settings; the lease register has another word for each client."""
+        """Return staged settings; the lease register has a different value for each client."""
         return self._bank.read_holding(address, count, self._peer)
 
     def write_coils(self, address: int, values: Sequence[bool]) -> None:
-        """Carry out the action of the one coil that is set; two at once could be half refused."""
+        """Execute the action of the coil that is set; only one may be set, because one of two could be refused."""
         self._authorise()
         if sum(values) > 1:
             raise ModbusError(ILLEGAL_VALUE)
@@ -324,6 +324,6 @@ class PeerBank:
             raise ModbusError(NO_AUTHORITY)
 
     def _feed(self) -> None:
-        """Feed the watchdog: only by what was accepted, so that a client in error does not look alive."""
+        """Feed the watchdog after an accepted write; a refused write must not feed it."""
         if self._bank.lease.holds(self._peer):
             self._bank.lease.feed()

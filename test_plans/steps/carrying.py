@@ -1,4 +1,4 @@
-"""Taking up a load on the air springs, holding it, and letting the air off again."""
+"""Steps to load the air springs, hold the load, and vent the springs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: What a load is taken up, carried and let off with: without one of these the steps cannot begin.
+#: Signals that the steps to load, hold and vent need; without one of these they cannot begin.
 CARRYING: Final = (
     *HEIGHTS,
     *(f"{side}.bellows_pressure" for side in SIDES),
@@ -32,10 +32,10 @@ CARRYING: Final = (
     *(f"vertical_{side}.{quantity}_setpoint" for side in SIDES for quantity in ("force", "displacement")),
     *WEIGHT,
 )
-#: What holds the bolster sideways, and what lets it go where the springs want it.
+#: Signals to hold the bolster sideways, and to let it move sideways without force.
 HELD_SIDEWAYS: Final = ("lateral.control", "lateral.displacement", "lateral.displacement_setpoint")
 FREE_SIDEWAYS: Final = ("lateral.control", "lateral.force", "lateral.force_setpoint")
-#: Between each bellows and its auxiliary chamber, through which all air of a spring comes and goes.
+#: Valves between each bellows and its auxiliary chamber; all air of a spring flows through this chamber.
 CHAMBER_VALVES: Final = tuple(f"air.{side}_reservoir" for side in SIDES)
 OPEN: Final = 1.0
 ARM_WITHIN: Final = 10 * s
@@ -45,26 +45,26 @@ FILL_WITHIN: Final = 60 * s
 FILL_BEYOND: Final = 0.15 * bar
 PRELOAD_RATE: Final = 20 * kN / s
 PRELOAD_WITHIN: Final = 10 * s
-#: Leveled: both heights within the dead zone of their valves for so long.
+#: Leveled: both heights are within the dead zone of their valves for this time.
 LEVEL_STEADY: Final = 1 * s
 LEVEL_WITHIN: Final = 20 * s
-#: Steady: the gas temperature stays within this band for 1 s. It still falls by up to 30 K, which moves no result of
+#: Steady: the gas temperature stays within this band for 1 s. It still falls by up to 30 K, which changes no result of
 #: the stiffness plans by 2 %.
 SETTLE_BAND: Final = 2.0 * K
 SETTLE_WITHIN: Final = 30 * s
-#: What the gas is given where no thermometer tells.
+#: Settle time of the gas on a rig without a gas temperature.
 SETTLE_UNSEEN: Final = 15 * s
 AVERAGE_OVER: Final = 1 * s
 KEEP_AVERAGE: Final = 0.4 * s
 KEEP_TOLERANCE: Final = 0.1 * bar
 LATERAL_RATE: Final = 2 * kN / s
-#: The steps of the preloads.
+#: Step of the preloads.
 SHIM: Final = 0.5 * kN
 
 VENT_WITHIN: Final = 3 * minutes
 NOT_EMPTY: Final = "the springs are not known to be empty"
 LOOK_AGAIN: Final = 0.5 * s
-#: Twice what the safe position takes with 7 bar.
+#: Twice the time that the safe position needs to vent 7 bar.
 LET_OFF_WITHIN: Final = DISABLE_AFTER + 20 * s
 
 
@@ -80,15 +80,15 @@ def power_up(run: Run) -> None:
 
 
 def join(run: Run, *valves: str) -> None:
-    """Open those of the ``valves`` that are not known to be open; what a rig begins with nobody can know."""
+    """Open those of the ``valves`` that are not known to be open; their state at the start of a rig is unknown."""
     settings = run.bench.settings
     shut = [name for name in valves if run.bench.has(name) and settings.known(name) != OPEN]
     settings.write(dict.fromkeys(shut, OPEN))
 
 
 def make_safe(run: Run) -> None:
-    """Stop what moves, let the air off, disarm: each even if the one before could not be done."""
-    try:  # and not a stack of callbacks, of whose errors only the last is known
+    """Stop all motion, vent the springs and disarm; each step is tried even if the one before failed."""
+    try:  # nested, so that each error keeps the one before as its context
         if run.bench.has("rig.program"):
             run.bench.generator.stop()
     finally:
@@ -102,9 +102,9 @@ def make_safe(run: Run) -> None:
 
 
 def depressurise(run: Run) -> None:
-    """Let the air out of both springs under their load, so that nothing jumps; in a fault, leave it to the bench.
+    """Vent both springs under their load, so that nothing jumps; in a fault state the bench vents them by itself.
 
-    RigFault if air is left, or nobody can tell.
+    RigFault if the springs hold air, or their pressure is unknown.
     """
     bench = run.bench
     with run.phase("depressurise"):
@@ -119,7 +119,7 @@ def depressurise(run: Run) -> None:
         if not springs_are_empty(bench):
             with bench.despite_faults(), suppress(BenchTimeout):
                 if bench.wiring.sequences.air.get(bench.state) == "shut in":
-                    bench.disarm()  # a fault that holds ends in the safe position
+                    bench.disarm()  # disarming leads from a fault with shut valves to the safe position
                 if bench.wiring.sequences.air.get(bench.state) == "let off":
                     bench.wait_for(
                         lambda: springs_are_empty(bench),
@@ -131,7 +131,7 @@ def depressurise(run: Run) -> None:
 
 
 def carry(load: str | Load) -> Callable[[Run], None]:
-    """Return the set-up that lets both springs carry ``load`` on their leveling valves: a load case, or its name.
+    """Return the set-up in which both springs carry ``load`` (a load case or its name) on their leveling valves.
 
     It ends when the temperature of the gas is steady to 2 K over 1 s. The gas can still be 30 K warmer than the walls.
     The leveling valves replace the pressure that cooling takes. Without them the bolster sinks: by 9 mm in 60 s after
@@ -149,12 +149,12 @@ def carry(load: str | Load) -> Callable[[Run], None]:
 
 
 def carry_load(run: Run, load: str) -> None:
-    """Let both springs carry the load case that the plan's parameter ``load`` names: a set-up."""
+    """Set up both springs to carry the load case ``load``, a parameter of the plan."""
     carry(load)(run)
 
 
 def part_of(run: Run, name: str, part: float) -> Load:
-    """Return a load case of ``part`` of the preload of load case ``name``, in whole steps of the shims."""
+    """Return a load case with the fraction ``part`` of the preload of load case ``name``, rounded to `SHIM`."""
     return run.specimen.load_of(name, round(part * run.specimen.load(name).preload / SHIM) * SHIM)
 
 
@@ -168,7 +168,7 @@ def shim(run: Run, load: Load) -> None:
 
 
 def once_let_go(run: Run, change: Callable[[], None]) -> None:
-    """Do what wants springs without air and actuators that have let go: a bench at rest comes to that by itself."""
+    """Call ``change``, which needs vented springs and released actuators; a bench at rest reaches this state itself."""
     bench = run.bench
     deadline, said = bench.now + LET_OFF_WITHIN, False
     while True:
@@ -186,18 +186,18 @@ def once_let_go(run: Run, change: Callable[[], None]) -> None:
 
 
 def raise_the_air(run: Run, load: Load) -> None:
-    """Lift the bolster to design height and fill both springs to the pressure that will carry the load."""
+    """Lift the bolster to design height and fill both springs to the pressure for the load."""
     bench = run.bench
     with run.phase("raise the air"):
-        # At design height from the start, the springs need no more travel when they take the load over.
+        # At design height the springs need no further travel to take over the load.
         bench.vertical.move_to(0.0, 0.0, rate=LIFT_RATE)
-        # Aim beyond and stop on the way: the leveling valves do the rest anyway.
+        # The target is above the pressure, so that it is reached early; the leveling valves correct the rest.
         with _reached(run), _supplied(run, load.fill_pressure):
             bench.air.fill(to=load.fill_pressure + FILL_BEYOND, tolerance=FILL_BEYOND, within=FILL_WITHIN)
 
 
 def level_to_the_preload(run: Run, load: Load) -> None:
-    """Hand the springs to their leveling valves, load them, and wait until the gas temperature is steady to 2 K."""
+    """Switch the springs to their leveling valves, load them, and wait until the gas temperature is steady to 2 K."""
     bench = run.bench
     with run.phase("level to the preload"):
         bench.air.level()
@@ -226,9 +226,9 @@ def level_to_the_preload(run: Run, load: Load) -> None:
 
 @contextmanager
 def _reached(run: Run) -> Iterator[None]:
-    """Let a plan that judges end where a force or pressure does not read what was asked for; say it in any other.
+    """End a plan that judges if a force or pressure does not reach its set-point; other plans warn and continue.
 
-    Those look for what is wrong with the bench, which a transducer may be.
+    The other plans search for faults of the bench, and the transducer may be the fault.
     """
     try:
         yield
@@ -240,7 +240,7 @@ def _reached(run: Run) -> Iterator[None]:
 
 @contextmanager
 def _supplied(run: Run, pressure: float) -> Iterator[None]:
-    """Name the supply of air as the cause if what comes late needs a ``pressure`` (Pa gauge) that it does not have."""
+    """Report a low air supply as the cause of a timeout if it is below the required ``pressure`` (Pa gauge)."""
     try:
         yield
     except BenchTimeout as late:
@@ -252,7 +252,7 @@ def _supplied(run: Run, pressure: float) -> Iterator[None]:
 
 
 def hold_the_height(run: Run) -> None:
-    """Hold the bolster where the leveling valves brought it, and replace the pressure that cooling takes."""
+    """Hold the bolster at its present height, and replace the pressure that is lost by cooling."""
     bench = run.bench
     with run.phase("hold the height"):
         bench.vertical.hold_position()
@@ -260,7 +260,7 @@ def hold_the_height(run: Run) -> None:
             run.say(f"{lacking}; the lateral position of the bolster is not changed")
         else:
             bench.lateral.hold_position()
-        # The valves follow the transducers of the auxiliary chambers: each side keeps what its own one reads.
+        # The valves control the pressure of the auxiliary chambers, so each side keeps the present reading of its own.
         names = [f"{side}.auxiliary_pressure" for side in SIDES]
         if lacking := bench.lacks(*names):
             run.say(f"{lacking}; at rest the bellows have the same pressure")
@@ -271,10 +271,10 @@ def hold_the_height(run: Run) -> None:
 
 
 def stand_again(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
-    """Bring springs that were held for a while to where they were: leveled, settled, and shut in if they were.
+    """Restore the state of the springs after a hold: leveled, settled, and shut in if they were shut in before.
 
-    ``hold`` is how the plan holds the height afterwards, whose result is returned, and ``cool`` how long (s) it then
-    lets the gas cool.
+    ``hold`` is the function by which the plan holds the height afterwards; its result is returned. ``cool`` is the time
+    (s) for the gas to cool after it.
     """
     locked = run.bench.air.left_mode == "hold"
     with run.phase("stand again"):
@@ -287,13 +287,13 @@ def stand_again(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.
 
 
 def lock_the_air(run: Run) -> None:
-    """Shut all valves: from here on the springs keep the air they have."""
+    """Shut all valves, so that the springs keep their air."""
     with run.phase("lock the air"):
         run.bench.air.hold()
 
 
 def free_the_bolster(run: Run) -> None:
-    """Let the actuators press with constant force instead of holding the position."""
+    """Switch the actuators from position control to a constant force."""
     bench = run.bench
     with run.phase("free the bolster"):
         bench.vertical.control = "force"
