@@ -1,4 +1,4 @@
-"""The valves of both springs: fill, vent, level, hold, and what connects the chambers."""
+"""The valves of both springs: fill, vent, level and hold, and the connections between the chambers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bench_protocol.words import SIDES
 from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import BenchTimeout, Misuse
 
-#: The rig's controller and the reading are two transducers: their zeros may differ by tens of mbar.
+#: The rig's controller and the reading use two transducers, whose zeros may differ by tens of mbar.
 PRESSURE_TOLERANCE: Final = 60 * mbar
-#: What falls by less is noise, or air that grows warm again.
+#: A smaller decrease is noise, or is compensated by air that warms up.
 PRESSURE_FALLS: Final = 5 * mbar
-#: A pressure that has not fallen for so long does not fall any more.
+#: Time without a decrease after which a pressure is regarded as constant.
 STUCK: Final = 20 * s
 
 
@@ -39,10 +39,10 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Fill both springs ``to`` a pressure (Pa gauge), or ``left`` and ``right``; wait until it is there.
+        """Fill both springs ``to`` a pressure (Pa gauge), or ``left`` and ``right``; wait until it is reached.
 
-        A side without a target keeps its valves as they are. The rig stays in filling until the next order. Air
-        reaches a bellows only through its auxiliary chamber: Misuse where that is isolated.
+        A side without a target keeps its valve positions. The rig continues filling until the next order. Air reaches
+        a bellows only through its auxiliary chamber. Raises Misuse if that is isolated.
         """
         targets = self._targets("fill", to, left, right)
         self._order("fill", targets)
@@ -62,11 +62,12 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Let air out of both springs down ``to`` a pressure (Pa gauge), or one side; wait until it is there.
+        """Vent both springs ``to`` a pressure (Pa gauge), or one side; wait until it is reached.
 
-        Air leaves a bellows only through its auxiliary chamber: Misuse where that is isolated. Of a pressure that has
-        long stopped falling above its target, BenchTimeout says so; where the auxiliary chamber, which is joined with
-        the bellows, reads that it is there, it is the transducer's zero that is off, and the air is out.
+        Air leaves a bellows only through its auxiliary chamber. Raises Misuse if that is isolated, and BenchTimeout
+        if the pressure stays constant above its target. If the auxiliary chamber, which is connected to the bellows,
+        reads that the target is reached, the transducer of the bellows has a zero error, and the spring counts as
+        vented.
         """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)
@@ -95,19 +96,19 @@ class Air(Device):
             raise BenchTimeout(f"{late}{''.join(stuck)}") from None
 
     def level(self) -> None:
-        """Hand both springs to their leveling valves."""
+        """Connect both springs to their leveling valves."""
         self._link.settings.write({f"air.{side}_mode": "level" for side in SIDES})
 
     def hold(self) -> None:
-        """Shut all valves of both springs."""
+        """Close all valves of both springs."""
         self._link.settings.write({f"air.{side}_mode": "hold" for side in SIDES})
 
     def isolate_dpv(self) -> None:
-        """Take the differential pressure valve between the sides out of the circuit."""
+        """Disconnect the differential pressure valve between the sides."""
         self._link.settings.write({"air.dpv": "off"})
 
     def connect_dpv(self) -> None:
-        """Put the differential pressure valve between the sides into the circuit."""
+        """Connect the differential pressure valve between the sides."""
         self._link.settings.write({"air.dpv": "on"})
 
     def isolate_reservoirs(self) -> None:
@@ -146,6 +147,6 @@ class Air(Device):
         return self._link.readings.value(f"{side}.bellows_pressure")
 
     def _beside(self, side: str) -> float:
-        """What the auxiliary chamber of a spring reads (Pa gauge); infinite where nobody measures it."""
+        """Return the pressure in the auxiliary chamber of a spring (Pa gauge); infinite without a transducer."""
         name = f"{side}.auxiliary_pressure"
         return self._link.readings.value(name) if self._link.has(name) else math.inf

@@ -1,4 +1,4 @@
-"""The axes of the bench: vertical and lateral actuators and the platform, and how they are moved to a place."""
+"""The axes of the bench: vertical and lateral actuators and the platform, and their motions."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from drivers.link import STREAM_CYCLES, Link
 
 Mode = Literal["off", "force", "displacement"]
 
-#: What "there" means while one noisy sample is compared with its target.
+#: Tolerances for comparing one noisy sample with its target.
 FORCE_TOLERANCE: Final = 0.5 * kN
 DISPLACEMENT_TOLERANCE: Final = 1 * mm
 ANGLE_TOLERANCE: Final = 1 * mrad
-#: What every move may take longer than its ramp.
+#: Time that a move may take in addition to its ramp.
 MARGIN: Final = 10 * s
 
 
@@ -29,7 +29,7 @@ class VerticalActuator(Device):
 
 
 class ControlMode(ChoiceSetting):
-    """The control mode of an axis. Assigning changes it without a bump: the set-points are first what is measured."""
+    """The control mode of an axis. Assigning it first sets the set-points to the measured values, to avoid a bump."""
 
     def set(self, link: Link, name: str, value: str) -> None:
         axis = name.partition(".")[0]
@@ -79,17 +79,17 @@ class Vertical(Device):
         _move(self._link, targets, rate, within, dict.fromkeys(targets, tolerance))
 
     def hold_position(self) -> None:
-        """Stay where the actuators are: displacement control at the present displacements."""
+        """Hold the actuators at their present displacements, in displacement control."""
         self.control = "displacement"
 
 
 class Lateral(Device):
-    """The lateral actuator and what stands in its direction: ``bench.lateral``; force and displacement to the left."""
+    """The lateral actuator and the readings in its direction: ``bench.lateral``; positive to the left."""
 
     __slots__ = ()
     force = Reading()  #: N
     displacement = Reading()  #: m
-    acceleration = Reading()  #: m/s² across the bolster, with what its lean feels of gravity
+    acceleration = Reading()  #: m/s² across the bolster, including the component of gravity when it tilts
     force_setpoint = Setpoint()  #: N
     displacement_setpoint = Setpoint()  #: m
     control = ControlMode()  #: "off" | "force" | "displacement"
@@ -102,7 +102,7 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = DISPLACEMENT_TOLERANCE,
     ) -> None:
-        """Move to ``displacement`` (m) with ``rate`` (m/s) in displacement control, until it is measured."""
+        """Move to ``displacement`` (m) with ``rate`` (m/s) in displacement control; wait until it is measured."""
         _mode(self, "displacement")
         name = "lateral.displacement"
         _move(self._link, {name: displacement}, rate, within, {name: tolerance})
@@ -115,12 +115,12 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = FORCE_TOLERANCE,
     ) -> None:
-        """Push with ``force`` (N) reached with ``rate`` (N/s) in force control, until it is measured."""
+        """Move to ``force`` (N) with ``rate`` (N/s) in force control; wait until it is measured."""
         _mode(self, "force")
         _move(self._link, {"lateral.force": force}, rate, within, {"lateral.force": tolerance})
 
     def hold_position(self) -> None:
-        """Stay where the actuator is: displacement control at the present displacement."""
+        """Hold the actuator at its present displacement, in displacement control."""
         self.control = "displacement"
 
 
@@ -145,7 +145,7 @@ class Platform(Device):
         roll_rate: float = 10 * mrad / s,
         within: float | None = None,
     ) -> None:
-        """Move the named axes (m, m, rad), the others stay, with ``rate`` (m/s) and ``roll_rate`` (rad/s)."""
+        """Move the named axes (m, m, rad) with ``rate`` (m/s) and ``roll_rate`` (rad/s). The others do not move."""
         straight = {"platform.vertical": vertical, "platform.lateral": lateral}
         lengths = {name: to for name, to in straight.items() if to is not None}
         angles = {"platform.roll": roll} if roll is not None else {}
@@ -162,7 +162,7 @@ def _mode(device: Vertical | Lateral, mode: Mode) -> None:
 
 
 def _start(link: Link, targets: dict[str, float], rate: float) -> float:
-    """Start ramps of the set-points behind the readings ``targets``; return how long they take (s)."""
+    """Start ramps of the set-points of the readings ``targets``; return their duration (s)."""
     return link.commander.ramp_all({f"{name}_setpoint": to for name, to in targets.items()}, rate)
 
 
@@ -174,7 +174,7 @@ def _move(
 
 
 def _arrive(link: Link, targets: dict[str, float], within: float, tolerance: dict[str, float]) -> None:
-    """Wait until all ramps are over and what is measured is near its target."""
+    """Wait until all ramps have ended and the measured values are near their targets."""
     read, moving = link.readings.value, link.commander.moving
     setpoints = [f"{name}_setpoint" for name in targets]
     link.wait_for(

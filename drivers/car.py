@@ -11,7 +11,7 @@ from drivers.errors import NotAvailable
 from drivers.generator import wait_for_the_end
 from drivers.link import STREAM_CYCLES
 
-#: What a rig needs that a car can ride on it.
+#: Signals that a rig needs for a car in the loop.
 RIDES: Final = ("action.program_car", "car.wind_setpoint", "car.shear", "car.acceleration")
 
 
@@ -66,10 +66,11 @@ class Car(Device):
     wind_setpoint = Setpoint()  #: N
 
     def start(self, car: Mapping[str, float]) -> None:
-        """Set a ``car`` (SI, by the names of the settings) and let its ride begin, with no wind yet.
+        """Set a ``car`` (SI, by the names of the settings) and start its ride, without wind.
 
-        All actuators must be in displacement control. For a second the rig reads what the springs do at rest. Refused
-        for what is no car, or for a track that the actuators cannot follow; NotAvailable on a rig without a car.
+        All actuators must be in displacement control. For one second the rig measures the load of the springs at
+        rest. Raises Refused for an invalid car or a track that the actuators cannot follow, NotAvailable on a rig
+        without a car.
         """
         link = self._link
         if lacking := link.lacks(*RIDES):

@@ -1,4 +1,4 @@
-"""CAN without a wire: a port in memory for virtual time, and a faulty link to put around any port."""
+"""CAN ports without a bus: one in memory for virtual time, and a simulated faulty link for any port."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class InMemoryCan:
-    """A ``CanPort`` whose far end is two functions: ``send`` calls the one given, ``receive`` plays the bus."""
+    """A ``CanPort`` with two functions as its bus: ``send`` calls the given one, ``receive`` simulates the bus."""
 
     wire: Wire | None = None
 
@@ -29,19 +29,19 @@ class InMemoryCan:
         self._lost = ""
 
     def send(self, block: Block) -> None:
-        """Hand the frames to the far end; raises LinkLost if there is no bus any more."""
+        """Pass the frames to the function. Raises LinkLost if the bus is lost."""
         if self._lost:
             raise LinkLost(self._lost)
         self._send(block)
 
     def receive(self, block: Block) -> None:
-        """Hand frames of the far end to the subscribers."""
+        """Pass frames of the simulated bus to the subscribers."""
         if block.size and not self._lost:
             for callback in self._subscribers:
                 callback(block)
 
     def lose(self, reason: str) -> None:
-        """Cut the bus, as a dead server would."""
+        """Simulate the loss of the bus."""
         if self._lost:
             return
         self._lost = reason
@@ -54,7 +54,7 @@ class InMemoryCan:
         self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:
-        """Call ``callback(reason)`` once when the bus is cut; at once if it is already."""
+        """Call ``callback(reason)`` once when the bus is lost; at once if it is lost already."""
         if self._lost:
             callback(self._lost)
         else:
@@ -67,12 +67,12 @@ class InMemoryCan:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """How bad a link is: the probability per frame of every mishap, 0 to 1."""
+    """Probability of each fault per frame, 0 to 1."""
 
     lose: float = 0.0
     double: float = 0.0
-    delay: float = 0.0  #: the frame comes up to ``delay_frames`` frames later than its turn
-    echo: float = 0.0  #: a frame that we send comes back to us, as on a real bus
+    delay: float = 0.0  #: the frame arrives up to ``delay_frames`` frames late
+    echo: float = 0.0  #: a sent frame is received by its sender, as on a real bus
     delay_frames: int = 20
 
     def __post_init__(self) -> None:
@@ -84,7 +84,7 @@ class Faults:
 
 
 class _Mishaps:
-    """What happens to the frames of one direction; the same seed does the same to the same frames."""
+    """Applies faults to the frames of one direction; equal seeds give equal faults."""
 
     def __init__(self, faults: Faults, chance: random.Random) -> None:
         self._faults, self._chance = faults, chance
@@ -92,12 +92,12 @@ class _Mishaps:
         self._passed = 0
 
     def through(self, block: Block) -> Block:
-        """Return what comes out when ``block`` goes in."""
+        """Return the frames that remain of ``block``."""
         faults, chance, out = self._faults, self._chance, []
         for k in range(block.size):
             frame = block[k : k + 1]
             self._passed += 1
-            # Four draws for every frame, needed or not: a mishap must not shift the fate of later frames.
+            # Always draw four numbers per frame, so that one fault does not change those of later frames.
             lost, doubled, delayed, wait = (chance.random() for _ in range(4))
             if delayed < faults.delay:
                 self._held.append((self._passed + 1 + int(wait * faults.delay_frames), frame.copy()))
@@ -110,16 +110,16 @@ class _Mishaps:
 
 
 class FaultyCan:
-    """Wraps a ``CanPort``: frames in both directions are lost, doubled, delayed; our own come back as echoes.
+    """Wraps a ``CanPort``: frames in both directions are lost, doubled or delayed; own frames come back as echoes.
 
-    ``outward`` are the faults of the frames that we send, where they differ from the ``faults`` of those received.
+    ``outward`` are the faults of sent frames if they differ from the ``faults`` of received ones.
     """
 
-    wire: Wire | None = None  # what writes past it would meet no mishap
+    wire: Wire | None = None  # frames written to the wire directly would have no faults
 
     @property
     def local_ports(self) -> set[int]:
-        """Those of the port underneath."""
+        """The TCP ports of the wrapped port."""
         return self._port.local_ports
 
     def __init__(self, port: CanPort, faults: Faults, seed: int, *, outward: Faults | None = None) -> None:
@@ -132,7 +132,7 @@ class FaultyCan:
         port.subscribe(self._receive)
 
     def send(self, block: Block) -> None:
-        """Send what the mishaps leave of ``block``."""
+        """Send the frames that remain of ``block``."""
         survivors = self._outward.through(block)
         if survivors.size:
             self._port.send(survivors)
@@ -141,11 +141,11 @@ class FaultyCan:
             self._hand_on(block[echoed])
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with what the mishaps leave of everything received."""
+        """Call ``callback(block)`` with the frames that remain of those received."""
         self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:
-        """Call ``callback(reason)`` when the port underneath is lost."""
+        """Call ``callback(reason)`` when the wrapped port is lost."""
         self._port.on_lost(callback)
 
     def close(self) -> None:

@@ -18,15 +18,15 @@ from bench_protocol.units import NS
 from drivers.errors import Misuse, Stale
 from drivers.wiring.contract import Floats, Ints, Wiring, refuse_absent
 
-#: Called with (times in ns, table rows, SI values), three arrays of one length.
+#: Called with three arrays of equal length: times (ns), table rows, SI values.
 Sink = Callable[[Ints, Ints, Floats], object]
 
-#: Two hours of every signal: a capture is for a measurement, the recorder is for the rest.
+#: Two hours of every signal. A capture is for one measurement; the recorder stores whole runs.
 CAPTURE_SAMPLES_MAX: Final = 50_000_000
 
 
 class Receiver:
-    """Keeps the latest value of every signal, and feeds captures and one ``sink``."""
+    """Stores the latest value of every signal, and passes samples to captures and one ``sink``."""
 
     def __init__(self, wiring: Wiring, clock: Clock) -> None:
         self.wiring, self.table, self.clock = wiring, wiring.table, clock
@@ -35,13 +35,13 @@ class Receiver:
         self._lock = threading.Lock()
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
-        self.failure: Exception | None = None  #: what the sink raised, if it did; it is not called again
-        self.needed = True  #: whether a plan has to know of that
+        self.failure: Exception | None = None  #: exception of the sink, which is then not called again
+        self.needed = True  #: whether a plan must be informed of it
         #: Hz, by signal: how often it came in the last capture that was aligned or averaged.
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-        """Take samples in order of arrival, ``fresh`` from the time (ns) that it tells of each or of all."""
+        """Take samples in order of arrival; their age counts from ``fresh`` (ns), one time for each or for all."""
         with self._lock:
             self._latest[rows] = values
             self._fresh[rows] = fresh
@@ -50,27 +50,27 @@ class Receiver:
         if self.sink is not None and times.size:
             try:
                 self.sink(times, rows, values)
-            except Exception as failure:  # the thread that receives must outlive whatever it feeds
+            except Exception as failure:  # the receiving thread must survive errors of the sink
                 self.failure, self.sink = failure, None
 
     def latest(self, row: int) -> tuple[float, int]:
-        """Return the last value of a table row and when it came (ns); NaN and -1 before the first."""
+        """Return the last value of a table row and its time (ns); NaN and -1 before the first."""
         with self._lock:
             return self._latest.item(row), self._fresh.item(row)
 
     def start(self, capture: Capture) -> None:
-        """Feed ``capture`` from now on."""
+        """Pass samples to ``capture`` from now on."""
         with self._lock:
             self._captures = (*self._captures, capture)
 
     def stop(self, capture: Capture) -> None:
-        """Feed ``capture`` no longer."""
+        """Stop passing samples to ``capture``."""
         with self._lock:
             self._captures = tuple(other for other in self._captures if other is not capture)
 
 
 class Capture:
-    """All samples of some signals between two moments; a context manager, read while it runs or afterwards.
+    """All samples of some signals in an interval of time; a context manager, readable inside the block and after it.
 
     Times are seconds since the capture began, values SI.
     """
@@ -105,24 +105,24 @@ class Capture:
         self._receiver.stop(self)
 
     def receive(self, times: Ints, rows: Ints, values: Floats) -> None:
-        """Take samples of any signals; the receiver calls this."""
+        """Take samples of any signals; called by the receiver."""
         self._size += times.size
         if self._size <= CAPTURE_SAMPLES_MAX:
             self._blocks.append((times, rows, values))
 
     def times(self, name: str) -> Floats:
-        """Return when the samples of ``name`` came (s since the start)."""
+        """Return the times of the samples of ``name`` (s since the start)."""
         return self._series(name)[0]
 
     def values(self, name: str) -> Floats:
-        """Return the samples of ``name`` (SI), NaN where the rig had none."""
+        """Return the samples of ``name`` (SI), NaN where the rig had no value."""
         return self._series(name)[1]
 
     def aligned(self, rate: float = 200.0) -> tuple[Floats, dict[str, Floats]]:
         """Return common times (s, ``rate`` per second) and the values of all signals at these times.
 
-        Numbers are interpolated linearly, choices keep their last value. A gap in the samples wider than the signal's
-        stale limit is NaN, not a straight line.
+        Numbers are interpolated linearly, choices keep their last value. A gap in the samples longer than the
+        signal's stale limit becomes NaN.
         """
         if not 0.001 <= rate <= 10_000:
             raise Misuse(f"rate = {rate:g} Hz is not a rate to align at (0.001 to 10000 Hz)")
@@ -171,7 +171,7 @@ class Capture:
         blocks = list(self._blocks)
         if not blocks:
             return np.zeros(0), np.zeros(0)
-        if len(blocks) != self._joined_blocks:  # joined once for all names, while nothing new has come
+        if len(blocks) != self._joined_blocks:  # joined once for all names, until new samples arrive
             self._joined_blocks = len(blocks)
             times, rows, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
             mine = self._wanted[rows]
@@ -179,6 +179,6 @@ class Capture:
         all_times, rows, all_values = self._joined
         mine = rows == row
         times, values = all_times[mine], all_values[mine]
-        # Frames in flight when the capture began belong to the time before it.
+        # Frames sent before the start of the capture are excluded.
         inside = times >= self.start
         return (times[inside] - self.start) / NS, values[inside]

@@ -17,35 +17,35 @@ from drivers.link import STREAM_CYCLES
 
 Floats = npt.NDArray[np.float64]
 
-#: The wind on a car in the loop: no axis has to follow it.
+#: The wind on a car in the loop, which is a load and needs no axis.
 WIND: Final = "car.wind"
-#: What the end of a waveform may come later than its duration.
+#: Time that a waveform may take in addition to its duration.
 MARGIN: Final = 5 * s
-#: How long the set-points of a stopped waveform take to come back.
+#: Time in which the set-points of a stopped waveform return.
 RETURN: Final = 1 * s
 
 
 class Waveform(Device):
-    """A motion of any shape: ``bench.waveform``; it rides on the present set-points and ends where it began.
+    """A motion of any shape: ``bench.waveform``. It is relative to the present set-points and ends where it began.
 
-    It goes out with the set-points, in 50 cycles a second, and a rig joins them by straight lines: of a sine of 2 Hz
-    0.5 % of the amplitude is lost, of one of 5 Hz 3 %. It arrives two cycles late.
+    It is sent with the set-points, in 50 cycles a second, and a rig interpolates them linearly. This reduces the
+    amplitude of a sine of 2 Hz by 0.5 %, of 5 Hz by 3 %. The delay is two cycles.
     """
 
     __slots__ = ()
 
     def run(self, times: Floats, offsets: Mapping[str, Floats], *, margin: float = MARGIN) -> None:
-        """Play it to its end; ``times`` (s, (n,)) rise from 0, ``offsets`` (SI, each (n,)) by the name of a reading.
+        """Run to the end; ``times`` (s, (n,)) rise from 0, ``offsets`` (SI, each (n,)) by the name of a reading.
 
-        ``{"lateral.force": F}`` moves ``lateral.force_setpoint`` by F, which begins and ends at 0. What cannot be is
-        refused before anything moves: Misuse for a shape, a range, a pace or a control mode, NotAvailable for what the
-        rig does not have. RigFault or LinkLost end it where it is.
+        ``{"lateral.force": F}`` moves ``lateral.force_setpoint`` by F, which begins and ends at 0. Errors are raised
+        before the motion: Misuse for a shape, a range, a pace or a control mode, NotAvailable for a signal that the
+        rig lacks. RigFault or LinkLost stop the motion at its present position.
         """
         self.start(times, offsets)
         self.wait_done(within=float(times[-1]) + margin)
 
     def start(self, times: Floats, offsets: Mapping[str, Floats]) -> None:
-        """Begin what :meth:`run` does and return while it goes on."""
+        """Start the motion of :meth:`run` and return at once."""
         link = self._link
         names = {name: f"{name}_setpoint" for name in offsets}
         cycles = self._foreseen(times, offsets)
@@ -59,9 +59,9 @@ class Waveform(Device):
         link.commander.play({names[name]: way for name, way in cycles.items()})
 
     def foresee(self, times: Floats, offsets: Mapping[str, Floats]) -> None:
-        """Refuse what :meth:`run` would refuse wherever the set-points are by then, and in whichever control mode.
+        """Raise the errors of :meth:`run` that depend neither on the set-points nor on the control mode.
 
-        For what is known before anything moves: a shape, a pace, or more than the wire carries around 0.
+        These are a wrong shape, a wrong pace, or values beyond the range of the wire around 0.
         """
         for name, way in self._foreseen(times, offsets).items():
             signal = self._link.table[f"{name}_setpoint"]
@@ -73,7 +73,7 @@ class Waveform(Device):
                 )
 
     def _foreseen(self, times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return ``offsets`` at each cycle; NotAvailable or Misuse for what the rig has not, or follows too slowly."""
+        """Return ``offsets`` at each cycle. NotAvailable if the rig lacks a signal, Misuse if it follows too slowly."""
         if lacking := self._link.lacks(*(f"{name}_setpoint" for name in offsets)):
             raise NotAvailable(lacking)
         cycles = _cycles(times, offsets)
@@ -83,9 +83,9 @@ class Waveform(Device):
         return cycles
 
     def wait_done(self, within: float) -> None:
-        """Wait until all of it has gone out and shows; whatever ends the wait before ends the waveform where it is.
+        """Wait until all cycles are sent and have taken effect; an error stops the waveform at its present position.
 
-        Misuse if a set-point was given another value meanwhile.
+        Raises Misuse if a set-point was given another value in the meantime.
         """
         link = self._link
         try:
@@ -102,7 +102,7 @@ class Waveform(Device):
         link.wait_cycles(STREAM_CYCLES)
 
     def stop(self) -> None:
-        """End it, if it is being played, and lead its set-points back to where they were, within 1 s."""
+        """Stop the waveform, if one runs, and return its set-points to their start values within 1 s."""
         link = self._link
         if not link.commander.played.going:
             return
@@ -114,7 +114,7 @@ class Waveform(Device):
         )
 
     def _refuse_mode(self, name: str) -> None:
-        """Misuse if the axis of the reading ``name`` is controlled by something else now."""
+        """Raise Misuse if the axis of the reading ``name`` has another control mode now."""
         device, _, wanted = name.partition(".")
         if device == "platform":
             return
@@ -123,7 +123,7 @@ class Waveform(Device):
             raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {wanted!r}")
 
     def _refuse_pace(self, name: str, way: Floats) -> None:
-        """Misuse if ``way`` (SI, one value each cycle) is steeper than the rig follows the set-point ``name``."""
+        """Raise Misuse if ``way`` (SI, one value each cycle) is faster than the rig follows the set-point ``name``."""
         link, signal = self._link, self._link.table[name]
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):
@@ -141,7 +141,7 @@ class Waveform(Device):
 
 
 def _cycles(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return ``offsets`` as they are at each cycle, the first one at 0 s; Misuse for what is no waveform."""
+    """Return ``offsets`` at each cycle, the first one at 0 s. Raises Misuse for an invalid waveform."""
     times = np.asarray(times, np.float64)
     if times.ndim != 1 or times.size < 2 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
         raise Misuse("the times of a waveform must rise from 0 s")

@@ -1,4 +1,4 @@
-"""A wire: the socket behind a CAN port, for what writes frames without the interpreter."""
+"""A wire: the socket of a CAN port, for writing frames without the interpreter."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from bench_protocol.runtime.mutex import Mutex
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wire:
-    """A socket to which compiled code may write frames; whoever else writes there locks ``mutex`` first.
+    """A socket to which compiled code may write frames; other writers lock ``mutex`` first.
 
-    ``descriptor`` (1,) is -1 once nothing may be written any more; ``lines``: frames travel as lines of the socketcand
+    ``descriptor`` (1,) is -1 once writing is forbidden. ``lines``: frames are sent as lines of the socketcand
     protocol, else as the kernel's struct can_frame, one a message.
     """
 
@@ -24,15 +24,15 @@ class Wire:
 
     @classmethod
     def on(cls, descriptor: int, *, lines: bool) -> Wire:
-        """Return the wire behind a socket's ``descriptor``."""
+        """Return the wire of a socket's ``descriptor``."""
         return cls(np.array([descriptor], np.int64), Mutex(), lines)
 
     @property
     def usable(self) -> bool:
-        """Whether it has not been cut."""
+        """Whether writing is permitted."""
         return bool(self.descriptor[0] >= 0)
 
     def cut(self) -> None:
-        """Let nothing be written any more: the socket is about to be closed, or half a line is out."""
+        """Forbid writing, because the socket is about to be closed or an incomplete line was sent."""
         with self.mutex:
             self.descriptor[0] = -1

@@ -48,16 +48,16 @@ class _Log:
     path: Path
     account: Account
     frames: Frames = field(default_factory=Frames)
-    base: int = 0  #: 10 or 16; 0 before a line said so
+    base: int = 0  #: 10 or 16; 0 before the line that states it
     relative: bool = False
     clock: int = 0  #: ns
     blocks: int = 0
-    names: str = ""  #: the first name in the place of an identifier
+    names: str = ""  #: the first name instead of an identifier
     letters: str = ""  #: the first identifier that may be a name
 
 
 def read_asc(path: Path, account: Account) -> Frames:
-    """Return the data frames of an ASC file. CanLogError, with the line, for what would have to be guessed."""
+    """Return the data frames of an ASC file. Raises CanLogError, with the line, for ambiguous content."""
     log = _Log(path, account)
     for line in lines_of(path, account):
         if _STAMPED.match(line.text):
@@ -125,7 +125,7 @@ def _timed(log: _Log, line: Line) -> None:
 
 
 def _beside(log: _Log, line: Line, word: str) -> bool:
-    """Count what stands in the place of a frame; return whether it is such a thing."""
+    """Count a known line that is not a frame; return whether it is one."""
     low = word.lower()
     known = {"errorframe": ERRORS, "overloadframe": OVERLOAD, "statistic:": EVENTS}
     for begin, what in known.items():
@@ -219,7 +219,7 @@ def _data(log: _Log, line: Line, words: list[str], count: int) -> bytes | None:
         return hex_bytes(words, count)
     numbers = [_number(word, 10) for word in words[:count]]
     whole = len(numbers) == count and all(one is not None and one < 256 for one in numbers)
-    # A decimal number that was cut is a number as well.
+    # A truncated decimal number is also a number.
     if not whole or (count and not line.ended and len(words) == count):
         return None
     return bytes(one for one in numbers if one is not None)

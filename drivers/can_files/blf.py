@@ -1,4 +1,4 @@
-"""BLF, Vector's binary log, by python-can's reader; what that passes over in silence is counted here."""
+"""BLF, Vector's binary log, by python-can's reader; objects that it skips silently are counted here."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _LOGG: Final = b"LOGG"
 _OBJECT_BYTES: Final = 64 << 20
 
 
-# A frame that came before the start of the log has a negative time; python-can takes all of them as positive.
+# Frames before the start of the log have a negative time; python-can reads all times as positive.
 blf.OBJ_HEADER_V1_STRUCT = struct.Struct("<LHHq")
 blf.OBJ_HEADER_V2_STRUCT = struct.Struct("<LBxHq8x")
 
 
 class _Reader(blf.BLFReader):
-    """python-can's reader, which also tells what it does not read."""
+    """python-can's reader, which also reports skipped objects."""
 
     def __init__(self, path: Path, account: Account) -> None:
         self.path, self.account = path, account
@@ -101,7 +101,7 @@ class _Reader(blf.BLFReader):
             self.account.leave_out(EARLY)
 
     def _parse_data(self, data: bytes) -> Iterator[Message]:
-        """Count what python-can passes over, and hand on what it reads."""
+        """Count the objects that python-can skips, and return those it reads."""
         place = data.find(b"LOBJ")
         while 0 <= place <= len(data) - _HEAD.size:
             _, _, version, length, kind = _HEAD.unpack_from(data, place)
@@ -118,7 +118,7 @@ class _Reader(blf.BLFReader):
 
 
 def _start(told: tuple[int, ...]) -> float:
-    """The start of a log in s since 1970; 0 if it tells none. Some programs write 1000 ms for a second."""
+    """Return the start of a log in s since 1970; 0 if it has none. Some programs write 1000 ms for a second."""
     year, month, _, day, hour, minute, second, milliseconds = told
     try:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
@@ -128,7 +128,7 @@ def _start(told: tuple[int, ...]) -> float:
 
 
 def read_blf(path: Path, account: Account) -> Frames:
-    """Return the data frames of a BLF file. CanLogError for a file that is none."""
+    """Return the data frames of a BLF file. Raises CanLogError for another file."""
     frames = Frames("frame")
     frames.local = True
     with opened(path) as file:
@@ -148,7 +148,7 @@ def read_blf(path: Path, account: Account) -> Frames:
         raise
     except Unfit as error:
         raise CanLogError(f"{path} {error}") from None
-    except Exception:  # python-can has exceptions of its own, and struct others
+    except Exception:  # python-can raises its own exceptions, and struct others
         raise CanLogError(
             f"{path} is damaged behind frame {len(frames)}; the program that wrote it may repair it"
         ) from None

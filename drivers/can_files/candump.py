@@ -16,7 +16,7 @@ from bench_protocol.frames import EXTENDED_ID_MAX, STANDARD_ID_MAX
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import ERRORS, REMOTE, Line, hex_bytes, leave_out_line, lines_of, nanoseconds
 
-#: How the time stamps of a candump are meant, where the file does not tell.
+#: Meaning of the time stamps of a candump, if the file does not state it.
 Stamps = Literal["absolute", "delta"]
 
 _COLOUR: Final = re.compile(r"\x1b\[[0-9;]*m")
@@ -33,7 +33,7 @@ _SHOWN: Final = re.compile(
 _ERROR_FLAG: Final = 0x2000_0000
 _SWAPPED: Final = "`"
 _LENGTHS: Final = frozenset({*range(9), 12, 16, 20, 24, 32, 48, 64})
-#: Of so many frames that rise by chance alone there is less than one log in five thousand.
+#: So many frames in rising order occur by chance in less than one log of five thousand.
 _SURE: Final = 8
 _LARGE: Final = 10**6 * 10**9  #: ns: no delta, and no time since the beginning of a log
 _MEANT: Final = "--stamps absolute or --stamps delta says how they are meant"
@@ -47,14 +47,14 @@ class _Log:
     stamps: array[int] = field(default_factory=lambda: array("q"))  #: ns, of all lines that have one
     lines: array[int] = field(default_factory=lambda: array("q"))
     of_frame: array[int] = field(default_factory=lambda: array("q"))  #: which stamp a frame has
-    padded: bool = False  #: 000.020000, as candump writes what is no time of the day
+    padded: bool = False  #: 000.020000, as candump writes times that are not the time of day
     lengths: dict[Kind, int] = field(default_factory=dict)
     bare: str = ""  #: the first line without a stamp
     lost: str = ""  #: the first one that has a stamp and is of an unknown form
 
 
 def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> Frames:
-    """Return the data frames of a candump; CanLogError for stamps that may mean one thing or another."""
+    """Return the data frames of a candump. Raises CanLogError for stamps with an ambiguous meaning."""
     log = _Log(path, account)
     for line in lines_of(path, account):
         text = _COLOUR.sub("", line.text) if "\x1b" in line.text else line.text
@@ -83,7 +83,7 @@ def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> F
 
 
 def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
-    """Return whether stamps are times or count from line to line: these fall as often as they rise."""
+    """Return whether stamps are times or differences: differences fall as often as they rise."""
     if len(stamps) < 2 or int(stamps.max()) >= _LARGE:
         return "absolute"
     steps = np.diff(stamps)
@@ -107,7 +107,7 @@ def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
 
 
 def _stamped(log: _Log, line: Line, text: str | None) -> bool:
-    """Keep the stamp of a line; return whether it has one that is understood."""
+    """Store the stamp of a line; return whether it has a valid one."""
     if text is None:
         log.bare = log.bare or line.shown
         return False
@@ -179,7 +179,7 @@ def _add(log: _Log, line: Line, found: re.Match[str], fd: bool, data: bytes | No
         return
     kind = Kind(found["channel"], identifier, extended, fd)
     if not line.ended and "#" in line.text and log.lengths.get(kind) != len(data):
-        leave_out_line(log.account, line)  # of the last line nobody knows whether more was to come
+        leave_out_line(log.account, line)  # the last line may be truncated
         return
     log.lengths[kind] = len(data)
     log.of_frame.append(len(log.stamps) - 1)

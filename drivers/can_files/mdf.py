@@ -24,10 +24,10 @@ _EXTENDED: Final = f"{_DATA}.IDE"
 def read_mdf_frames(path: Path, account: Account) -> Frames:
     """Return the data frames of an MDF 4 file with raw bus logging. CanLogError for one without, or without asammdf."""
     with opened(path) as file:
-        if file.read(len(_MDF)) != _MDF:  # python-can's reader would leave it open
+        if file.read(len(_MDF)) != _MDF:  # python-can's reader would not close it
             raise CanLogError(f"{path} is no MDF file: it does not begin with {_MDF.decode()}")
     try:
-        import asammdf  # noqa: F401  python-can's reader needs it, and has its own words where it lacks
+        import asammdf  # noqa: F401  python-can's reader needs it, and its own error for it has another text
         from can.io.mf4 import MF4Reader
     except ImportError:
         raise CanLogError(lacking("mdf", "MDF files")) from None
@@ -68,7 +68,7 @@ def _made(kind: Any, path: Path) -> Any:
 
 
 def _check_groups(path: Path, mdf: Any, account: Account) -> None:
-    """Count the groups that are passed over. CanLogError for frames that nobody could tell apart."""
+    """Count skipped groups. Raises CanLogError for frames that cannot be assigned."""
     for number, group in enumerate(mdf.groups):
         names = {channel.name for channel in group.channels}
         if not group.channel_group.cycles_nr:

@@ -1,4 +1,4 @@
-"""The lines of a log, whatever packed it and in whatever charset, and the words for lines that are no frames."""
+"""Lines of a log, packed or not, in any charset, and error texts for lines that are not frames."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ class Line(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The place and the beginning, for people."""
+        """Return the place and the beginning of the line, as text."""
         return f"line {self.number}: {self.text.strip()[:_SHOWN]!r}"
 
 
 class _Unpacked(gzip.GzipFile):
-    """A packed log, of which no more is unpacked than is read of a file of its size: Unfit."""
+    """A packed log. Raises Unfit if it unpacks to more than is read of a file of its size."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "rb")
         self._path = path
 
     def read(self, size: int | None = -1) -> bytes:
-        """As a file does; a few bytes at a time where more are asked for than there may be."""
+        """Read like a file; in small parts if the requested size exceeds the limit."""
         return b"".join(self._parts(SAMPLES_BYTES if size is None or size < 0 else size))
 
     def _parts(self, size: int) -> Iterator[bytes]:
@@ -65,14 +65,14 @@ class _Unpacked(gzip.GzipFile):
             yield part
 
     def read1(self, size: int = -1) -> bytes:
-        """As a file does."""
+        """Read like a file."""
         part = super().read1(size)
         check_expansion(self._path, self.tell())
         return part
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a log, unpacked if it is packed with gzip. CanLogError for what is no file, or too long."""
+    """Open a log, and unpack gzip. Raises CanLogError for an unreadable or too long file."""
     try:
         check_size(path, SAMPLES_BYTES)
         with path.open("rb") as file:
@@ -85,7 +85,7 @@ def opened(path: Path) -> BinaryIO:
 
 
 def lines_of(path: Path, account: Account) -> Iterator[Line]:
-    """Yield the lines that are not empty. CanLogError for what cannot be read, or a line that is far too long."""
+    """Yield the lines that are not empty. Raises CanLogError for an unreadable file, or a line that is far too long."""
     with opened(path) as file:
         head = _peeked(path, file)
         mark, charset = next(((m, name) for m, name in _MARKS if head.startswith(m)), (b"", "latin-1"))
@@ -144,5 +144,5 @@ def hex_bytes(words: list[str], count: int) -> bytes | None:
 
 
 def leave_out_line(account: Account, line: Line) -> None:
-    """Count a line that is no frame, and none of the things that are known to stand beside frames."""
+    """Count a line that is neither a frame nor another known content."""
     account.leave_out(UNKNOWN if line.ended else CUT, at=line.shown)

@@ -1,4 +1,4 @@
-"""PEAK's trace files, ``.trc`` from version 1.0 to 2.1: what stands in which column the version says, or the file."""
+"""PEAK's trace files, ``.trc`` from version 1.0 to 2.1. The version or the file defines the columns."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Log:
 
 
 def read_trc(path: Path, account: Account) -> Frames:
-    """Return the data frames of a trace. CanLogError for a version or a column that nobody knows here."""
+    """Return the data frames of a trace. Raises CanLogError for an unknown version or column."""
     log = _Log(path, account)
     log.frames.local = True
     for line in lines_of(path, account):

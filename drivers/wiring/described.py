@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     Ports = Mapping[str, Callable[[], CanPort | ModbusPort | tuple[CanPort, ModbusPort]]]
 
-#: What the player says of itself comes with every cycle of the set-points; ten of them may be late.
+#: The state of the player is updated with every cycle of the set-points; ten cycles may be late.
 _PLAYED_STALE: Final = round(200 * ms * NS)
 _PLAYER_READINGS: Final = ("rig.program", "rig.generator_cycle")
 _ACTIVE: Final = float(STATES.index("ACTIVE"))
@@ -60,8 +60,8 @@ _ACTIVE: Final = float(STATES.index("ACTIVE"))
 def open_described(rig: str, description: Description, ports: Ports | None = None) -> DescribedWiring:
     """Return the wiring of ``rig`` with the transports of its description, not yet connected.
 
-    ``ports``, by transport, open a CAN or Modbus port in the place of the one described: in memory, say. WiringError
-    for what a transport cannot be, or does not have.
+    ``ports``, by transport, open a CAN or Modbus port that replaces the described one, for example in memory. Raises
+    WiringError for an invalid transport or a missing point.
     """
     transports = open_all(
         description.where,
@@ -79,11 +79,11 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
 
 
 class DescribedWiring:
-    """The wiring of ``rig`` as ``description`` has it, over ``transports`` by name, which it closes.
+    """The wiring of ``rig`` by ``description``, over ``transports`` by name, which it closes.
 
-    What no line is for goes by way of ``direct``, the transport that carries signals, if there is one. ``ports`` are
-    those that its transports open in the place of the described ones. WiringError for a point that a transport does not
-    have, or that cannot be written.
+    Signals without a line use ``direct``, the transport that carries signals, if there is one. ``ports`` replace the
+    described ports of its transports. Raises WiringError for a point that a transport lacks or that cannot be
+    written.
     """
 
     def __init__(
@@ -132,16 +132,16 @@ class DescribedWiring:
 
     @cached_property
     def outlet(self) -> Outlet:
-        """Where set-points go: to who keeps the cycle itself if all of them are his, else `send`."""
+        """The receiver of set-points: the transport that runs the cycle itself if it takes all of them, else `send`."""
         alone = not self._description.setpoints and self._player is None
         return (alone and self.direct.outlet) or self
 
     @property
     def failure(self) -> BenchError | None:
-        """Why commands no longer count."""
+        """Why commands have no effect."""
         return self._failure or self.direct.failure
 
-    # -- coming and going ----------------------------------------------------------------------------------------
+    # -- connection ----------------------------------------------------------------------------------------------
 
     def open(self, clock: Clock, receive: OnSamples, lost: OnLost, *, within: float) -> None:
         self._clock, self._receive, self._failure = clock, receive, None
@@ -176,7 +176,7 @@ class DescribedWiring:
             raise
 
     def _agree(self) -> None:
-        """Do without what the rig's own table lacks, and say so."""
+        """Mark signals that the rig's own table lacks as missing, with the reason."""
         self.given = self.direct.given
         lacking = {name: why for name, why in self.direct.absent.items() if name in self._carried}
         if lacking:
@@ -188,7 +188,7 @@ class DescribedWiring:
             self.capabilities = replace(self.capabilities, notes=notes)
 
     def _watching(self, receive: OnSamples) -> OnSamples:
-        """Return what receives the samples: ``receive`` itself, unless the state has to be known here as well."""
+        """Return the receiver of samples: ``receive`` itself, unless the state is needed here as well."""
         if self._player is None and not self._description.setpoints:
             return receive
         state = self.table.index["rig.state"]
@@ -202,7 +202,7 @@ class DescribedWiring:
         return received
 
     def listening(self) -> DescribedWiring:
-        """Return a wiring that only listens, over transports of its own."""
+        """Return a wiring that only listens, over its own transports."""
         return open_described(self.rig, listening(self._description), self._ports)
 
     def close(self) -> None:
@@ -233,14 +233,14 @@ class DescribedWiring:
                     f"identity in {self._description.where.name} says {wanted[point]:g}"
                 )
 
-    # -- what comes ----------------------------------------------------------------------------------------------
+    # -- receiving -----------------------------------------------------------------------------------------------
 
     def _receive_points(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
-        """Take points of one transport that came at ``time`` (ns)."""
+        """Take points of one transport received at ``time`` (ns)."""
         with self._lock:
             try:
                 samples = self._sources.samples(prefix, time, points)
-            except Exception as error:  # a user's function: the thread that receives must outlive it
+            except Exception as error:  # the receiving thread must survive errors of a user's function
                 self._failure = self._failure or Misuse(
                     f"what comes from {self.rig} could not be made signals of, with the functions of "
                     f"{self._description.functions}: {error!r}"
@@ -263,7 +263,7 @@ class DescribedWiring:
             told = self._player.told()
             self._publish(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
 
-    # -- what goes -----------------------------------------------------------------------------------------------
+    # -- sending -------------------------------------------------------------------------------------------------
 
     @property
     def commanded(self) -> bool:
@@ -274,7 +274,7 @@ class DescribedWiring:
             self._streaming.begin(self._clock)
 
     def send(self, values: Floats, time: int) -> None:
-        """Stream set-points (SI, by table row, NaN where nothing was given yet) and what the player adds to them."""
+        """Stream set-points (SI, by table row, NaN where nothing is set) with the offsets of the player."""
         offsets: Mapping[int, float] = {}
         with self._lock:
             self._setpoints = values.copy()
@@ -299,13 +299,13 @@ class DescribedWiring:
         return self.direct.read_file(file, record, count)
 
     def identity(self) -> str:
-        """Return the points, or the table of signals, that the rig was recognized by."""
+        """Return the points, or the table of signals, by which the rig was identified."""
         points = [f"{point} = {value:g}" for point, value in self._description.identity.items()]
         told = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
         return told or "not told: the wiring has no [identity], so any rig with these points would do"
 
     def source(self, name: str) -> str:
-        """Return the points of a signal, or where the table has it."""
+        """Return the points of a signal, or its place in the table."""
         told = self._description
         if name in self._carried:
             return self.direct.source(name)
@@ -317,7 +317,7 @@ class DescribedWiring:
         return told.setpoints[name].point if name in told.setpoints else ""
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return whose stamps a signal has: those of the first of its points."""
+        """Return the stamp of a signal: that of the first of its points."""
         if name not in self._sources.limits:
             return None
         transport, _, point = self._description.sources[name].points[0].partition(".")
@@ -325,7 +325,7 @@ class DescribedWiring:
         return one.stamp(point) if isinstance(one, Stamping) else None
 
     def remarks(self) -> dict[str, list[Remark]]:
-        """Return what the transports have noticed of the rig, by transport."""
+        """Return the remarks of the transports on the rig, by transport."""
         noticed = {
             name: one.remarks() for name, one in self._transports.items() if isinstance(one, Remarking)
         }
@@ -386,7 +386,7 @@ class DescribedWiring:
             self._points.write({point: number})
 
     def _say(self, orders: Iterable[Order]) -> None:
-        """Say what is said by the wiring itself: actions of the table and points."""
+        """Write the orders of the wiring itself: actions of the table and points."""
         for order in orders:
             for name in order.values:
                 if name in self._description.actions:
@@ -428,7 +428,7 @@ class DescribedWiring:
         return self._description.sources[name].points
 
     def _check_state(self) -> None:
-        """WiringError if the rig's state has to be asked for: the bench looks at it on every cycle."""
+        """Raise WiringError if the rig's state is polled on request, because the bench reads it on every cycle."""
         state = self._description.sources.get("rig.state")
         if state is not None and "rig.state" not in self._sources.limits:
             raise WiringError(

@@ -12,18 +12,18 @@ from drivers.errors import LinkLost, WiringError
 from drivers.wiring.contract import Transport
 from drivers.wiring.streaming import by_transport
 
-#: How often a rig is asked whether it has taken over a setting, or is there.
+#: Period of polling whether a rig has accepted a setting, or responds.
 LOOK: Final = round(20 * ms * NS)
 
 
 class Points:
-    """Reads and writes points over the ``transports`` that have them, in as few messages as they can."""
+    """Reads and writes points over the ``transports`` that have them, in as few messages as possible."""
 
     def __init__(self, transports: Mapping[str, Transport]) -> None:
         self._transports = transports
 
     def require(self, key: str, point: str, *, writable: bool) -> None:
-        """WiringError, with the ``key`` that names it, for a point that there is not, or that cannot be written."""
+        """Raise WiringError with the ``key`` for a point that does not exist, or cannot be written."""
         transport, _, name = point.partition(".")
         try:
             self._transports[transport].require(name, writable=writable)
@@ -31,12 +31,12 @@ class Points:
             raise WiringError(f"{key} = {point!r}: {error}") from None
 
     def stale(self, point: str) -> float:
-        """Return after how long without news (s) a point is stale; 0 if it does not come by itself."""
+        """Return the age (s) above which a point is stale; 0 if it is polled on request."""
         transport, _, name = point.partition(".")
         return self._transports[transport].stale(name)
 
     def read(self, points: Iterable[str]) -> dict[str, float]:
-        """Return points with one question to each transport."""
+        """Return points with one request to each transport."""
         found = {}
         for transport, names in by_transport(points).items():
             numbers = self._transports[transport].read(names)
@@ -44,7 +44,7 @@ class Points:
         return found
 
     def told(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
-        """Return points once all have a value, NaN for one that has none by then: on a bus they come in their turn."""
+        """Return points once all have a value, NaN for those without one at the deadline."""
         while True:
             told = self.read(points)
             if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
@@ -52,7 +52,7 @@ class Points:
             clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def await_news(self, rig: str, clock: Clock, deadline: int, within: float) -> None:
-        """Wait until something has come on every transport on which it comes by itself; LinkLost at the deadline."""
+        """Wait for input on every transport that receives without request. Raises LinkLost at the deadline."""
         for name, transport in self._transports.items():
             while transport.period > 0 and math.isinf(transport.alive()):
                 if clock.now() >= deadline:
@@ -60,6 +60,6 @@ class Points:
                 clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Write points, those of one transport at once, in the order given."""
+        """Write points in the given order, those of one transport together."""
         for transport, names in by_transport(points).items():
             self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})

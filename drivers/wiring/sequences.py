@@ -1,4 +1,4 @@
-"""The sequences of a rig, read from its wiring: start-up, reset and shut-down, and what is said on coming and going."""
+"""The sequences of a rig, read from its wiring: start-up, reset, shut-down, and orders on connection."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from drivers.wiring.keys import AllAtOnce, convert, duration
 from drivers.wiring.lines import Greetings, Source
 from drivers.wiring.written import order_names, plain_number, si_value
 
-#: What a rig tells, and nobody orders.
+#: Kinds of signals that are only read.
 READ: Final = (*MEASURED, Kind.STATUS, Kind.INTERLOCK)
 _FATES: Final[tuple[AirFate, ...]] = get_args(AirFate)
 
 
 class NotePoint(Protocol):
-    """Takes down that the line ``key`` names a point; WiringError for one that cannot be."""
+    """Records that the line ``key`` names a point. Raises WiringError for an invalid one."""
 
     def __call__(self, key: str, point: str, *, written: bool) -> None: ...
 
 
 class SequenceReader:
-    """Reads the table ``[sequences]`` of a ``file``, which stands at ``where``, of a rig with these sources."""
+    """Reads the table ``[sequences]`` at ``where`` in a ``file``, for a rig with these sources."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class SequenceReader:
         self._sources, self._absent, self._point = sources, absent, point
 
     def sequences(self) -> Sequences:
-        """Return them; WiringError for all steps and orders that cannot be."""
+        """Return the sequences. Raises WiringError for all invalid steps and orders."""
         where, table = self._where, self._keys
         states = self._states()
         with AllAtOnce() as wrong:
@@ -65,7 +65,7 @@ class SequenceReader:
         return Sequences(up, reset, rest, tuple(table.at_rest), air)
 
     def greetings(self) -> Greetings:
-        """Return what the wiring says by itself: points, and actions of the table."""
+        """Return the orders of the wiring itself: points, and actions of the table."""
         found = []
         for key in ("open", "close", "apply"):
             where, tables = f"{self._where}.{key}", getattr(self._keys, key)
@@ -79,7 +79,7 @@ class SequenceReader:
         return Greetings(*found)
 
     def _states(self) -> Sequence[str]:
-        """Return the states that the rig reports; all, if the line of its state is wrong and told to be."""
+        """Return the states that the rig reports; all states if the line of its state has an error, reported elsewhere."""
         source = self._sources.get("rig.state")
         if source is None and "rig.state" not in self._absent:
             return STATES
@@ -102,7 +102,7 @@ class SequenceReader:
             )
 
     def _fate(self, where: str, state: str, given: str, states: Sequence[str]) -> AirFate:
-        """Return what becomes of the air in a state."""
+        """Return the state of the air in a state of the rig."""
         self._state(where, state, states)
         for fate in _FATES:
             if fate == given:
@@ -146,7 +146,7 @@ class SequenceReader:
         return tuple(orders)
 
     def _ordered(self, where: str, name: str, given: Any) -> float:
-        """Return the SI value that an order gives ``name``, a signal or a point of the rig's own."""
+        """Return the SI value that an order gives ``name``, a signal or a point of the rig."""
         if name not in self._table.index:
             if name.partition(".")[0] not in self._transports:
                 known = [*self._table.index, *(f"{transport}." for transport in self._transports)]

@@ -1,4 +1,4 @@
-"""The signals that come by themselves: what becomes of the points of a rig as they arrive."""
+"""Signals from points that arrive without request."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.wiring.lines import Description, Source
 
 
 class _SignalNews:
-    """One signal: its points, what they were last, and which of them are news."""
+    """One signal: its points, their latest values, and which of them are new."""
 
     def __init__(self, row: int, source: Source, stale: Mapping[str, int]) -> None:
         self.row, self._source, self._stale = row, source, stale
@@ -19,12 +19,12 @@ class _SignalNews:
         self._news: set[str] = set()
 
     def receive(self, point: str, time: int, number: float) -> None:
-        """Take news of one of the points."""
+        """Store a new value of one of the points."""
         self._last[point] = time, number
         self._news.add(point)
 
     def value(self, time: int) -> float | None:
-        """Return the SI value once all points have news, NaN if one of them is stale by then; else None."""
+        """Return the SI value once all points are new, NaN if one of them is stale by then; else None."""
         if len(self._news) < len(self._source.points):
             return None
         self._news.clear()
@@ -35,13 +35,13 @@ class _SignalNews:
 
 
 class Sources:
-    """The measurements and statuses of a description all of whose points come by themselves.
+    """The measurements and statuses of a description of which all points arrive without request.
 
-    ``stale`` tells of a point after how long without news (s) it is stale, 0 if it does not come by itself.
+    ``stale`` returns for a point the age (s) above which it is stale, 0 if it is polled on request.
     """
 
     def __init__(self, description: Description, stale: Callable[[str], float]) -> None:
-        #: After how many ns without news a signal is stale.
+        #: Age (ns) above which a signal is stale.
         self.limits: dict[str, int] = {}
         self._by_point: dict[str, list[_SignalNews]] = {}
         for name, source in description.sources.items():
@@ -54,9 +54,9 @@ class Sources:
                 self._by_point.setdefault(point, []).append(news)
 
     def samples(self, prefix: str, time: int, points: Mapping[str, float]) -> dict[int, float]:
-        """Return the SI values by table row that are new when ``points`` come, named without ``prefix``.
+        """Return the new SI values by table row when ``points`` arrive, named without ``prefix``.
 
-        A signal of several points is new when the last of them has come.
+        A signal of several points is new when the last of them has arrived.
         """
         touched: dict[int, _SignalNews] = {}
         for point, number in points.items():

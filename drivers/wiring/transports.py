@@ -1,4 +1,4 @@
-"""The transports that a description may name, and how one of somebody's own comes in."""
+"""Kinds of transports for a description, and the loading of a user's own transport."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: Kinds without a port of `drivers`: the factory of each, called with (name, table, directory) and imported then.
 _FACTORIES: Final = {"opcua": "drivers.wiring.opcua.transport:opcua"}
 KINDS: Final = ("can", "modbus", "modbus_rtu", *_FACTORIES, KIND)
-#: Those whose points are all listed in the file.
+#: Kinds whose points are all listed in the file.
 _LISTING: Final = ("modbus", "modbus_rtu", "opcua")
 
 
@@ -35,11 +35,11 @@ def open_transport(
     port: Callable[[], CanPort | ModbusPort] | None = None,
     streamed: Collection[str] = (),
 ) -> Transport:
-    """Return the transport that ``table`` describes, which stands under ``[transports.NAME]``; it is not yet connected.
+    """Return the transport described by ``table``, the content of ``[transports.NAME]``; it is not yet connected.
 
-    ``where`` is the directory that paths in the description start from, ``functions`` its Python file, if it has one,
-    and ``port`` opens a CAN or Modbus port in the place of the one described: in memory, say. ``streamed`` are the
-    points of set-points. WiringError, with the key, its value and what would be right, for what cannot be.
+    ``where`` is the directory for relative paths, ``functions`` the Python file of the description, if any. ``port``
+    opens a CAN or Modbus port that replaces the described one, for example in memory. ``streamed`` are the points of
+    set-points. Raises WiringError with the key, its value and a valid one.
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
@@ -75,8 +75,8 @@ def open_all(
 ) -> dict[str, Transport]:
     """Return all transports of the file ``where`` that have points, by name, not yet connected.
 
-    ``points`` are those that its lines name: key, TRANSPORT.POINT, and whether it is written. WiringError for all that
-    the transports cannot be, and for all points that they do not have.
+    ``points`` are those in its lines: key, TRANSPORT.POINT, and whether it is written. Raises WiringError with all
+    invalid transports and all missing points.
     """
     found: dict[str, Transport] = {}
     with AllAtOnce() as wrong:
@@ -105,7 +105,7 @@ def open_all(
 
 
 def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
-    """WiringError for a point that a transport, which cannot be for another reason, would not have either."""
+    """Raise WiringError for a point that is missing in a transport that is invalid for another reason."""
     transport, _, name = point.partition(".")
     listed = table.get("points")
     if table.get("kind") in _LISTING and isinstance(listed, Mapping) and name not in listed:
@@ -115,7 +115,7 @@ def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
 
 
 def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transport:
-    """Return what a factory of somebody's own makes: ``factory(name, table, where)``."""
+    """Return the transport made by a user's factory: ``factory(name, table, where)``."""
     module_name, _, factory_name = kind.rpartition(":")
     place = f"transports.{name}: kind = {kind!r}"
     try:
@@ -127,7 +127,7 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
             spec.loader.exec_module(module)
         else:
             module = importlib.import_module(module_name)
-    except Exception as error:  # whatever a user's file does wrong
+    except Exception as error:  # a user's file may raise any error
         raise WiringError(f"{place} cannot be imported: {error}") from error
     factory = getattr(module, factory_name, None)
     if not callable(factory):
@@ -138,7 +138,7 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
         transport = factory(name, table, where)
     except WiringError:
         raise
-    except Exception as error:  # a key that it takes for granted, say
+    except Exception as error:  # for example a missing key
         raise WiringError(f"{place} could not be made: {error!r}") from error
     missing = [part for part in _PARTS if not hasattr(transport, part)]
     if missing:

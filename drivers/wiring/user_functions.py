@@ -1,4 +1,4 @@
-"""The functions of a user's own that a wiring names: one small Python file beside the wiring file."""
+"""Functions of the user that a wiring names: one Python file next to the wiring file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivers.wiring.expression import Combine
 
 
 def functions_file(where: str, name: str, directory: Path) -> Path | None:
-    """Return the file ``name`` in ``directory``, None without a name; WiringError if it is not there."""
+    """Return the file ``name`` in ``directory``, None without a name. Raises WiringError if it is missing."""
     if not name:
         return None
     path = directory / name
@@ -26,7 +26,7 @@ def functions_file(where: str, name: str, directory: Path) -> Path | None:
 
 
 def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
-    """Return the function ``name`` of ``path``, of so many numbers; WiringError, with ``where``, if it is none."""
+    """Return the function ``name`` of ``path`` with so many numbers as arguments. Raises WiringError otherwise."""
     function = find_function(where, path, name)
     try:
         inspect.signature(function).bind(*[0.0] * arguments)
@@ -42,7 +42,7 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
 
 
 def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
-    """Return the function ``name`` of the file ``path``; WiringError, which begins with ``where``."""
+    """Return the function ``name`` of the file ``path``. Raises WiringError, which begins with ``where``."""
     own = _own(_load(f"{where} = {name!r}", path))
     if name not in own:
         raise WiringError(f"{where} = {name!r} is no function of {path.name}; {did_you_mean(name, own)}")
@@ -56,13 +56,13 @@ def _own(module: ModuleType) -> dict[str, Callable[..., Any]]:
 def _load(where: str, path: Path) -> ModuleType:
     try:
         return _module(path, path.stat().st_mtime_ns)
-    except Exception as error:  # whatever a user's file does wrong
+    except Exception as error:  # a user's file may raise any error
         raise WiringError(f"{where}: {path.name} cannot be run: {error!r}") from error
 
 
 @cache
 def _module(path: Path, changed: int) -> ModuleType:
-    """Return what ``path`` defines; ``changed`` (ns) tells one content of it from another."""
+    """Return the module of ``path``; ``changed`` (ns) distinguishes versions of the file."""
     del changed
     spec = spec_from_file_location(f"wiring_functions_{path.stem}", path)
     assert spec is not None and spec.loader is not None, "a .py file"

@@ -1,4 +1,4 @@
-"""What the lines of a wiring give a signal or a point: a choice, a value with its unit, a number of the rig's own."""
+"""Values in a wiring file: a choice, a value with its unit, or a number of the rig."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.wiring.conversion import quantity
 
 
 def si_value(where: str, signal: Signal, given: object) -> float:
-    """Return what a file gives a signal (a choice, "5 bar", a number of what has no unit) in SI; WiringError."""
+    """Return a value of a signal (a choice, "5 bar", a number without unit) in SI. Raises WiringError if invalid."""
     if isinstance(given, str) and signal.choices:
         if given not in signal.choices:
             raise WiringError(
@@ -34,14 +34,14 @@ def si_value(where: str, signal: Signal, given: object) -> float:
 
 
 def plain_number(where: str, given: object) -> float:
-    """Return a number of the rig's own; WiringError for anything else."""
+    """Return a number of the rig. Raises WiringError for anything else."""
     if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
         return float(given)
     raise WiringError(f"{where} = {given!r} is no number of the rig's")
 
 
 def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names with their dots, and what they are given: TOML reads an unquoted dot as a table in a table."""
+    """Yield dotted names and their values, because TOML reads an unquoted dot as a nested table."""
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from order_names(value, f"{prefix}{key}.")

@@ -1,4 +1,4 @@
-"""Our own Modbus map: staged settings, actions, contacts, the slow readings, the probes and the lease."""
+"""Our own Modbus map: staged settings, actions, contacts, polled readings, identification and the lease."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 _SINGLE: Final = struct.Struct(">f")
 _PROBE_REGISTERS: Final = 7
-#: Any word but 0 asks for the lease.
+#: Any value but 0 requests the lease.
 _ASK: Final = 1
-#: A block that changes under three reads in a row is no block of this rig; between two blocks a new step may come.
+#: Read attempts for one block, which is constant within a step, and for several, between which a new step may begin.
 _READ_TRIES: Final = (3, 20)
 
 
@@ -55,7 +55,7 @@ def from_words(high: int, low: int) -> float:
 
 
 def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
-    """Return what is wrong if ``map_hash`` is not the one ``agreed`` upon."""
+    """Return an error if ``map_hash`` is not the ``agreed`` one."""
     if map_hash == agreed:
         return None
     return MapMismatch(
@@ -65,13 +65,13 @@ def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
 
 
 def _spans(places: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return the input registers at both ends of each block of readings that a map has."""
+    """Return the input registers at both ends of each block of readings in a map."""
     found = sequences(places)
     return [span for block in BLOCKS if (span := block.span(found)) is not None]
 
 
 class AstbRegisters:
-    """Writes settings all or none, triggers actions, and reads what does not travel on CAN."""
+    """Writes settings all or none, triggers actions, and reads signals that CAN does not carry."""
 
     def __init__(self, table: Table, port: ModbusPort) -> None:
         self._table, self._port = table, port
@@ -105,12 +105,12 @@ class AstbRegisters:
     # -- settings ------------------------------------------------------------------------------------------------
 
     def write(self, values: Mapping[str, float]) -> None:
-        """Stage ``values`` (SI, within their ranges) in one request and take them over with APPLY.
+        """Stage ``values`` (SI, within their ranges) in one request and put them in force with APPLY.
 
-        ``Refused`` if the rig does not take them over, which then leaves everything, staged values included, as it was.
+        Raises ``Refused`` if the rig rejects them. All values in the rig, also staged ones, are then unchanged.
         """
         with self._lock:
-            before = self.in_force()  # asked each time: the rig returns to rest by itself
+            before = self.in_force()  # read each time, because the rig returns to rest by itself
             self._stage(before, values)
             try:
                 self.act("action.apply")
@@ -124,19 +124,19 @@ class AstbRegisters:
                 raise Refused(f"the rig did not take over {wanted}: {why}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
-        """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
+        """Write the registers from the first to the last of ``values``: the rig accepts or refuses a request as a whole."""
         addresses = [self._holding[name].address for name in values]
         span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
         words = [word for r in span for word in to_words(values.get(r.signal, known[r.signal]))]
         self._commanding(lambda: self._port.write_registers(span[0].address, words))
 
     def in_force(self) -> dict[str, float]:
-        """Return all settings (SI) as they are in force in the rig, whatever anybody has staged."""
+        """Return the values (SI) in force of all settings in the rig. Staged values are not included."""
         registers = list(self._active.values())
         words = self._port.read_input(registers[0].address, 2 * len(registers))
         return {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
 
-    # -- actions, contacts, slow readings ------------------------------------------------------------------------
+    # -- actions, contacts, polled readings ----------------------------------------------------------------------
 
     def act(self, name: str) -> None:
         """Trigger an action by its name in the table (``action.apply``)."""
@@ -148,7 +148,7 @@ class AstbRegisters:
             raise Refused(f"{name} was refused in the rig's present state: {why}", refused.code) from None
 
     def _why(self, refused: Refused, why: Callable[[Told], str]) -> str:
-        """Return why the rig has refused something, by what it says of itself; else what it answered."""
+        """Return the reason of a refusal by the state of the rig; otherwise the rig's answer."""
         told = ""
         if refused.code == DEVICE_FAILURE:
             with suppress(BenchError):
@@ -166,7 +166,7 @@ class AstbRegisters:
         return self._one_step(self._readings)
 
     def _one_step(self, readings: Sequence[Register]) -> dict[str, float]:
-        """Return ``readings`` (SI), one request for each block that has some of them."""
+        """Return ``readings`` (SI), with one request for each block that has some of them."""
         spans = [
             span for span in self._spans if any(span[0] < reading.address < span[1] for reading in readings)
         ]
@@ -184,7 +184,7 @@ class AstbRegisters:
         raise LinkLost(f"the readings from input register {places} on changed under {tries} reads in a row")
 
     def _readings_now(self, names: Sequence[str]) -> dict[str, float]:
-        """Return several readings (SI) of one step, NaN where the rig has none."""
+        """Return several readings (SI) of one step, NaN where the rig has no value."""
         here = [self._floats[name] for name in names if name not in self._absent]
         return dict.fromkeys(names, math.nan) | self._one_step(here)
 
@@ -193,7 +193,7 @@ class AstbRegisters:
         return self._port.read_discrete(self._contacts[name].address, 1)[0]
 
     def reading(self, name: str) -> float:
-        """Return one reading or setting in force (SI) through Modbus, NaN where the rig has none."""
+        """Return one reading or setting in force (SI) through Modbus, NaN where the rig has no value."""
         if name in self._absent:
             return math.nan
         return from_words(*self._port.read_input(self._floats[name].address, 2))
@@ -214,10 +214,10 @@ class AstbRegisters:
             raise Misuse(f"{', '.join(unknown)} is not a reading of the Modbus map")
         return found
 
-    # -- who we are ----------------------------------------------------------------------------------------------
+    # -- identification and lease --------------------------------------------------------------------------------
 
     def probe(self) -> int:
-        """Return the rig's map hash; `MapMismatch` if its probe registers are not ours."""
+        """Return the rig's map hash. Raises `MapMismatch` if the rig has other identification registers."""
         words = self._port.read_input(0, _PROBE_REGISTERS)
         number, word = from_words(*words[3:5]), (words[5] << 16) | words[6]
         if not math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) or word != PROBE_WORD:
@@ -228,9 +228,9 @@ class AstbRegisters:
         return (words[1] << 16) | words[2]
 
     def differences(self, map_hash: int) -> Differences:
-        """Return what the rig's map, whose hash is ``map_hash``, has otherwise than our table.
+        """Return the differences between our table and the rig's map, whose hash is ``map_hash``.
 
-        `MapMismatch` if the rig does not tell its map, or if a bench must not go on with it.
+        Raises `MapMismatch` if the rig does not report its map, or if a bench must not run with it.
         """
         try:
             places = read_places(self._port.read_file, FILE_READ_MAX, map_hash)
@@ -247,25 +247,25 @@ class AstbRegisters:
         return found
 
     def take_lease(self) -> int:
-        """Become the commander; return the token that the rig drew. ``NotCommander`` if somebody else is."""
+        """Become the commander; return the token from the rig. ``NotCommander`` if another client has the lease."""
         self._lease([_ASK])
         self._token = self.holder()
         return self._token
 
     def join_lease(self, token: int) -> None:
-        """Let this connection, which held the lease with ``token``, hold it again. ``NotCommander`` if it has ended."""
+        """Rejoin the lease that this connection held with ``token``. Raises ``NotCommander`` if it has ended."""
         self._lease([token])
 
     def return_lease(self) -> None:
-        """Let somebody else become the commander."""
+        """Release the lease."""
         self._lease([0])
 
     def holder(self) -> int:
-        """Return this connection's word for the lease: its token, another number while others hold it, 0 for nobody."""
+        """Return the lease as this connection sees it: its token, another number if others hold it, 0 if it is free."""
         return self._port.read_holding(LEASE_ADDRESS, 1)[0]
 
     def whose(self) -> str:
-        """Return in words who holds the bench."""
+        """Return as text which client holds the lease."""
         if not self.holder():
             return "nobody"
         token, port = self.reading("rig.lease"), self.reading("rig.holder")
@@ -278,11 +278,11 @@ class AstbRegisters:
         return f"{whose}, {where}"
 
     def watch(self, within: float) -> None:
-        """Let the rig hold the bench unless another write comes ``within`` s (up to 10) of the last; 0 switches off."""
+        """Set the watchdog: the rig holds the bench if no write follows ``within`` s (up to 10) of the last; 0: off."""
         self._commanding(lambda: self._port.write_registers(WATCHDOG_ADDRESS, [round(within / ms)]))
 
     def between_requests(self, call: Callable[[], None]) -> None:
-        """Call ``call`` now, or right after the request that this very thread is waiting for."""
+        """Call ``call`` now, or after the request for which this thread is waiting."""
         self._port.between_requests(call)
 
     def _lease(self, words: Sequence[int]) -> None:
@@ -297,7 +297,7 @@ class AstbRegisters:
             raise NotCommander(self._why_not()) from refused
 
     def _why_not(self) -> str:
-        """Return in words why the rig takes nothing from this connection."""
+        """Return as text why the rig accepts nothing from this connection."""
         token = self.holder()
         if not self._token:
             return (

@@ -1,4 +1,4 @@
-"""Why our own rig refuses an action or settings, by what it says of itself, and what somebody can do about it."""
+"""Reasons why our own rig refuses an action or settings, from its readings, and how to correct them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import bar
 from bench_protocol.words import CONTROL_MODES, LIVE_STATES, PROGRAM_STATES, STATES, WAVES_AT_ONCE
 
-#: Below this pressure the actuators may let go of the bolster, and below that a flange may be opened.
+#: Below this pressure the actuators may release the bolster, and a flange may be opened.
 EMPTY: Final = 0.22 * bar
 FLANGE: Final = 0.3 * bar
 _CHAMBERS: Final = tuple(signal.name for signal in MEASUREMENTS if signal.group is Group.PRESSURE)
 _ENGAGED: Final = ("HOLD", "ACTIVE", "FAULT_HOLD", "FAULT_REACTION")
 _PLATES: Final = ("rig.orifice_diameter", "rig.pipe")
 _CONTROLS: Final = ("vertical.control", "lateral.control")
-#: From which states an action leads anywhere.
+#: States in which an action is possible.
 _POSSIBLE_IN: Final[Mapping[str, tuple[str, ...]]] = {
     "action.power_on": ("OFF",),
     "action.power_off": ("BOOT", "INIT", "DISABLED", *LIVE_STATES),
@@ -41,7 +41,7 @@ _PROGRAM: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What the rig says of itself just after a refusal: its readings and settings in force (SI), its contacts."""
+    """The state of the rig just after a refusal: readings and settings in force (SI), and contacts."""
 
     readings: Mapping[str, float]
     contacts: Mapping[str, bool]
@@ -58,7 +58,7 @@ class Told:
 
 
 def why_action(name: str, told: Told) -> str:
-    """Return why the rig refuses the action ``name``, and what would be right; "" where what it told does not say."""
+    """Return why the rig refuses the action ``name``, and how to correct it; "" if the readings do not show it."""
     state = told.state
     possible = _POSSIBLE_IN.get(name, STATES)
     if state not in possible:
@@ -90,7 +90,7 @@ def why_action(name: str, told: Told) -> str:
 
 
 def why_settings(changed: Collection[str], told: Told) -> str:
-    """Return why the rig does not take over settings of which ``changed`` are new, and what would be right; or ""."""
+    """Return why the rig refuses settings of which ``changed`` are new, and how to correct it; "" if unknown."""
     reasons = []
     if told.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
         how = "runs" if told.program == "RUN" else "is held"
@@ -104,7 +104,7 @@ def why_settings(changed: Collection[str], told: Told) -> str:
 
 
 def _why_held(told: Told, pressure_max: float) -> str:
-    """Return why nobody may reach under the bolster."""
+    """Return why it is forbidden to reach under the bolster."""
     if told.state in _ENGAGED:
         return f"the actuators hold it, for the bench is in {told.state}; disarm the bench first"
     measured = {name: told.readings.get(name, math.nan) for name in _CHAMBERS}

@@ -1,4 +1,4 @@
-"""The feeding of our rig's watchdog: a commander that can no longer write to the PLC must not go on for long."""
+"""Feeding of the rig's watchdog, so that a commander that cannot write to the PLC does not continue for long."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from drivers.wiring.astb.modbus import AstbRegisters
 
-#: The rig holds the bench when it has heard no write for so long.
+#: The rig holds the bench after this time without a write.
 WATCHDOG: Final = 1 * s
-#: Two feedings may fail to come in time.
+#: Two late feedings are tolerated.
 _PERIOD: Final = round(400 * ms * NS)
 
 
 class WatchdogFeeder:
-    """Arms the rig's watchdog and rewrites its register, in a task of its own, from ``start`` to ``stop``.
+    """Arms the rig's watchdog and rewrites its register, in its own task, from ``start`` to ``stop``.
 
-    When that fails, ``failure`` keeps the reason and the feeding ends: the rig then does what is right.
+    When that fails, ``failure`` keeps the reason and the feeding ends. The watchdog then trips.
     """
 
     def __init__(self, registers: AstbRegisters) -> None:
@@ -29,13 +29,13 @@ class WatchdogFeeder:
         self.failure: BenchError | None = None
 
     def start(self, clock: Clock) -> None:
-        """Arm the watchdog, and feed it from now on."""
+        """Arm the watchdog, and start to feed it."""
         self.failure = None
         self._registers.watch(WATCHDOG)
         self._task = clock.every(_PERIOD, lambda: self._registers.between_requests(self._feed))
 
     def stop(self) -> None:
-        """Feed it no longer."""
+        """Stop feeding it."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
