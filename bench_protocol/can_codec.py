@@ -61,7 +61,7 @@ _FIELD: Final = np.dtype(
 
 
 class Tally(IntEnum):
-    """What a decoder counts."""
+    """Events that a decoder counts."""
 
     ACCEPTED = 0
     UNKNOWN = 1  #: identifiers that are not in the table
@@ -70,13 +70,13 @@ class Tally(IntEnum):
     CORRUPT = 4  #: wrong CRC
     REPEATED = 5  #: the same counter again (doubled or echoed frames)
     OUT_OF_SEQUENCE = 6  #: a counter that jumped too far, or back
-    STRANGE = 7  #: sound frames of somebody who does not hold the bench
+    STRANGE = 7  #: valid frames of a client that does not hold the lease
     STRANGE_IDENTIFIER = 8  #: no count: the identifier of the last of them
 
 
-#: The token of a decoder that lets every commander's frames through.
+#: The token of a decoder that accepts the frames of any commander.
 ANYBODY: Final = -1
-#: The token of a decoder to which all commanders are strangers.
+#: The token of a decoder that accepts no commander.
 NOBODY: Final = 0
 
 
@@ -182,7 +182,7 @@ def data_word(record: Any) -> Any:
 
 @cached
 def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
-    """Check CRC and token of one command; one with a sound CRC that is not the holder's is a stranger's."""
+    """Check CRC and token of one command; one with a valid CRC and another token is counted as foreign."""
     crc = record["data"][0]
     if message.bound != 0 and token > NOBODY:
         if crc8(record["data"], message.data_id ^ token) == crc:
@@ -204,7 +204,7 @@ def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
 
 @cached
 def _accept(record: Any, message: Any, row: int, token: int, counters: Any, times: Any, tally: Any) -> bool:
-    """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
+    """Check the protection of one frame and update its counter; a rejected frame changes nothing."""
     if message.protection == _NONE:
         return True
     byte = record["data"][message.counter_bit >> 3]
@@ -214,7 +214,7 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
             if advance == 0:
                 tally[Tally.REPEATED] += 1
                 return False
-            # More than half round in less time than half a round takes: an old frame that came late, not 128 lost.
+            # A step of over half a round in less time than half a round takes is a late old frame, not 128 lost ones.
             if advance >= 128 and record.time - times[row] < 128 * message.period:
                 tally[Tally.OUT_OF_SEQUENCE] += 1
                 return False
@@ -227,13 +227,13 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
         return False
     if not _own(record, message, token, tally):
         return False
-    # What is sent on events only comes from several senders, and each begins where it likes.
+    # Messages sent only on events have several senders, each with its own start of the counter.
     if counters[row] >= 0 and message.period > 0:
         advance = counter_step(counter, counters[row])
         if advance == 0:
             tally[Tally.REPEATED] += 1
             return False
-        # As in the profile's MaxDeltaCounter: silence widens the window, so that a gap heals by itself.
+        # As in the profile's MaxDeltaCounter: silence widens the window, so that reception recovers after a gap.
         if advance > 2 + (record.time - times[row]) // message.period:
             tally[Tally.OUT_OF_SEQUENCE] += 1
             return False
@@ -260,10 +260,10 @@ def decode_into(
 ) -> int:
     """Decode ``block``; return how many samples were written to the three ``out_`` arrays.
 
-    ``token`` is that of the commander whose frames count, or `ANYBODY`, or `NOBODY`.
+    ``token`` is that of the commander whose frames are accepted, or `ANYBODY`, or `NOBODY`.
 
-    ``latest`` and ``latest_times`` (by table row) are brought up to date, ``times`` (by message row) keeps when each
-    message last came, ``tally`` counts what was refused.
+    ``latest`` and ``latest_times`` (by table row) are updated. ``times`` (by message row) keeps the time of the last
+    frame of each message. ``tally`` counts rejected frames.
     """
     count = 0
     for record in block:
@@ -320,7 +320,7 @@ _decode: Final = bind(
 
 
 class Encoder:
-    """Turns values into frames; keeps the counters of the messages it sends."""
+    """Encodes values into frames, and keeps the counters of the messages it sends."""
 
     def __init__(self, table: Table) -> None:
         self.layout = FrameLayout.of(table)
@@ -329,11 +329,11 @@ class Encoder:
         self.counters = np.zeros(len(table.messages), np.int64)
 
     def rows(self, names: Sequence[str]) -> npt.NDArray[np.int64]:
-        """Return the message rows of ``names``, to be used with :meth:`encode`."""
+        """Return the message rows of ``names``, for :meth:`encode`."""
         return np.array([self._table.message_index[name] for name in names], np.int64)
 
     def bind(self, token: int) -> None:
-        """Let the frames that carry a token in their CRC be those of the commander with ``token``."""
+        """Set the token of frames that carry one in their CRC."""
         bound = self.layout.messages["bound"] != 0
         self.layout.messages["data_id"] = np.where(bound, self._data_ids ^ token, self._data_ids)
 
@@ -354,12 +354,12 @@ class Samples(NamedTuple):
 
 @dataclass
 class Decoder:
-    """Turns frames into samples; sees gaps, repetitions and corruption by counter and CRC."""
+    """Decodes frames into samples; detects gaps, repetitions and corruption by counter and CRC."""
 
     table: Table
     from_rig: bool | None = None  #: take only messages of the rig (True) or of the commander (False)
     token: int = (
-        ANYBODY  #: take the commands of who has this token; frames that carry it in their CRC need it
+        ANYBODY  #: accept the commands with this token; it is needed for frames that carry it in their CRC
     )
     latest: npt.NDArray[np.float64] = field(init=False)  #: last value by table row, NaN before the first
     latest_times: npt.NDArray[np.int64] = field(init=False)  #: when it came (ns), -1 before the first
@@ -371,7 +371,7 @@ class Decoder:
         self.layout = FrameLayout.of(self.table)
         for message in self.table.messages:
             if self.from_rig not in (None, message.from_rig):
-                self.layout.rows[message.identifier] = -1  # an echo of our own frames is nobody's news
+                self.layout.rows[message.identifier] = -1  # ignore echoes of our own frames
         size = len(self.table.signals)
         self.latest = np.full(size, np.nan)
         self.latest_times = np.full(size, -1, np.int64)
@@ -381,11 +381,11 @@ class Decoder:
         self._fields_max = int(self.layout.messages["count"].max())
 
     def forget(self) -> None:
-        """Start anew after a reconnection: the next frame of every message is its first."""
+        """Reset the counters after a reconnection: the next frame of every message is its first."""
         self.counters[:] = -1
 
     def decode(self, block: Block) -> Samples:
-        """Return the samples of all frames of ``block`` that their protection lets through."""
+        """Return the samples of all valid frames of ``block``."""
         room = block.size * self._fields_max
         times, signals, values = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
         count = _decode(

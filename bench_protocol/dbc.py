@@ -1,4 +1,4 @@
-"""A DBC, or another file of messages that cantools reads: the one way in, for logs as for wirings."""
+"""Reading of a DBC, or another file of messages that cantools supports, for logs and wirings."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _BOMS: Final = (
 )
 _FALLBACK: Final = "cp1252"
 _DBC: Final = ".dbc"
-#: What holds signals that belong to no message.
+#: Pseudo message with the signals that belong to no message.
 _INDEPENDENT: Final = "VECTOR__INDEPENDENT_SIG_MSG"
 
 
 class DbcError(Exception):
-    """A DBC that cannot be read, or does not say what is asked of it; the text names it and what would be right."""
+    """A DBC that cannot be read, or lacks a requested content. The text names it and a valid one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +41,24 @@ class Described:
     name: str
     coding: Coding
     j1939: bool = False
-    #: What forbids to send it, in words: signals that share bits, or do not fit. They can be read all the same.
+    #: Why it cannot be sent: signals that overlap, or do not fit. It can still be read.
     unsound: str = ""
 
     @property
     def key(self) -> tuple[int, bool]:
-        """What a frame is known by: identifier, or group with J1939, and whether that has 29 bits."""
+        """The key of its frames: identifier, or group with J1939, and whether that has 29 bits."""
         identifier = self.coding.frame_id
         return (j1939.group_of(identifier) if self.j1939 else identifier), bool(self.coding.is_extended_frame)
 
     @property
     def shown(self) -> str:
-        """Name and identifier, for people."""
+        """Name and identifier, as text."""
         return f"{self.name} ({self.coding.frame_id:#x})"
 
 
 @dataclass(slots=True)
 class Dbc:
-    """The messages of a file by their names, and which of them a frame is."""
+    """The messages of a file by name, and by the identifier of a frame."""
 
     path: Path
     charset: str
@@ -74,9 +74,9 @@ class Dbc:
                 self._groups.setdefault(one.key[0], []).append(one)
 
     def of(self, identifier: int, extended: bool) -> Described | None:
-        """Return the message that frames with an identifier are; None if the file has none.
+        """Return the message of frames with an identifier; None if the file has none.
 
-        J1939 goes by the group, whatever priority and addresses say. DbcError if the file describes it twice.
+        J1939 messages are found by the group, for any priority and addresses. Raises DbcError if there are two.
         """
         found = self._exact.get((identifier, extended), [])
         if len(found) > 1:
@@ -111,7 +111,7 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
         base = cantools.database.load_string(
             text, database_format="dbc" if path.suffix.lower() == _DBC else None, strict=False
         )
-    except Exception as error:  # cantools has many names for what it does not understand
+    except Exception as error:  # cantools raises many kinds of errors
         raise DbcError(f"{path} {_why(path, text, error)}") from None
     if not isinstance(base, cantools.database.can.Database):
         raise DbcError(f"{path} describes diagnostics, not messages on a bus")
@@ -131,7 +131,7 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
 
 
 def _own_name(coding: Coding, twice: bool, messages: Mapping[str, Described]) -> str | None:
-    """Return what a message is called here; None if it stands in the file once more, and says the same."""
+    """Return the name of a message here; None if it is an identical repetition."""
     name = f"{coding.name}_{coding.frame_id:#x}" if twice else coding.name
     count = 1
     while name in messages:
@@ -163,7 +163,7 @@ def _decoded(path: Path, content: bytes, charset: str | None) -> tuple[str, str]
 
 
 def _why(path: Path, text: str, error: Exception) -> str:
-    """Return in words of ours why cantools does not understand a file."""
+    """Return as text why cantools cannot read a file."""
     told = str(getattr(error, "e_dbc", None) or error)
     place = re.search(r"line (\d+), column (\d+)", told)
     if place is None:
@@ -181,7 +181,7 @@ def _why(path: Path, text: str, error: Exception) -> str:
 
 
 def _refuse_a_rest(path: Path, text: str, base: Any) -> None:
-    """Refuse a file of which cantools read the beginning only: it says nothing of what it does not understand."""
+    """Raise DbcError for a file that cantools has read only in part, because it skips unknown content silently."""
     bare = re.sub(r'"(?:\\"|[^"])*+"', lambda found: '"' + "\n" * found[0].count("\n") + '"', text)
     begun = list(re.finditer(r"^[ \t]*(BO_|SG_)[ \t]+(\w+)(?:[ \t]+(\w*))?", bare, re.MULTILINE))
     independent = False
@@ -205,7 +205,7 @@ def _says_j1939(base: Any) -> bool:
 
 
 def _alike(one: Coding, other: Coding) -> bool:
-    """Return whether two descriptions of one name and identifier say the same."""
+    """Return whether two descriptions of one name and identifier are equal."""
 
     def layout(coding: Coding) -> list[object]:
         return [
@@ -228,14 +228,14 @@ def _alike(one: Coding, other: Coding) -> bool:
 
 
 def _unsound(coding: Coding) -> str:
-    """Return why a message cannot be sent, in words: signals that share bits, or one that does not fit."""
+    """Return as text why a message cannot be sent: signals that overlap, or one that does not fit."""
     names = [signal.name for signal in coding.signals]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         return f"it has two signals {twice[0]}"
     try:
         coding.refresh(strict=True)
-    except Exception as error:  # cantools' own, and for some files others
+    except Exception as error:  # cantools' own, and others for some files
         shared = re.search(r"signals (\S+) and (\S+) are overlapping", str(error))
         wide = re.search(r"signal (\S+) does not fit", str(error))
         if shared:

@@ -1,8 +1,8 @@
-"""What differs between the table that drivers know and the map of the rig that they find, and what still holds.
+"""Differences between the table of the drivers and the map of the connected rig.
 
-The rule: a bench goes on where everything that is *said* to the rig means the same on both sides, and everything that
-its safety is read from. A reading that is elsewhere, of another scale or not there is absent, with the reason. What the
-rig has beyond our table is none of our business, as long as no frame of ours would carry it.
+A bench runs if all commands, and all signals needed for safety, have the same meaning on both sides. A reading that
+the rig has elsewhere, in another scale, or not at all counts as missing, with the reason. Additional signals of the
+rig are ignored, as long as no frame of ours would carry them.
 """
 
 from collections.abc import Mapping
@@ -13,18 +13,18 @@ from bench_protocol.registers import OWN_NAMES, SEQUENCE
 from bench_protocol.signals import Kind
 from bench_protocol.wires import Table
 
-#: Readings without which nobody should command a bench.
+#: Readings that are required for commanding a bench.
 ESSENTIAL: Final = ("rig.state", "rig.reason", "rig.map_hash")
-#: So many of each kind are named, the others counted.
+#: Number of signals of each kind that are named; the others are counted.
 _NAMED: Final = 6
 
-#: Places of one signal, and how it is coded there.
+#: Places of one signal, and its coding there.
 Places = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """In words, by signal: what the rig's map has otherwise than our table."""
+    """Differences of the rig's map from our table, as text by signal."""
 
     missing: Mapping[str, str]  #: the rig has no such signal
     moved: Mapping[str, str]
@@ -59,7 +59,7 @@ def _listed(what: str, names: list[str]) -> str:
 
 
 def compare(table: Table, places: Places) -> Differences:
-    """Return what the map of a rig, by its ``places``, has otherwise than our ``table``."""
+    """Return the differences of a rig's map, given by its ``places``, from our ``table``."""
     ours, theirs = _by_signal(table.places), _by_signal(places)
     kinds = {signal.name: signal.kind for signal in table.signals}
     missing, moved, recoded = {}, {}, {}
@@ -90,12 +90,12 @@ def compare(table: Table, places: Places) -> Differences:
     return Differences(missing, moved, recoded, new, tuple(refused))
 
 
-#: What is said to a rig, or stands between people and its forces.
+#: Kinds of signals that command a rig, or protect people from its forces.
 _SAID: Final = (Kind.SETPOINT, Kind.SETTING, Kind.ACTION, Kind.INTERLOCK)
 
 
 def _by_signal(places: Places) -> dict[str, dict[str, str]]:
-    """Return the places of each signal; a field of a message is coded as the message is."""
+    """Return the places of each signal; the coding of a field is that of its message."""
     found: dict[str, dict[str, str]] = {}
     for place, content in places.items():
         space, where, *rest = place.split()
@@ -121,7 +121,7 @@ def _move(here: Places, there: Places) -> str:
 
 
 def _recoding(here: Places, there: Places) -> str:
-    """Return how a signal is coded otherwise, "" if it is not; choices that were added change nothing."""
+    """Return the different coding of a signal, "" if it is equal; additional choices are not a difference."""
     for place, coding in here.items():
         if there.get(place) != coding:
             return f"{place} is “{coding}” here, “{there.get(place, 'nothing')}” there"
@@ -133,7 +133,7 @@ def _added(here: Places, there: Places) -> dict[str, str]:
 
 
 def _carried_unasked(table: Table, theirs: Mapping[str, Places], kinds: Mapping[str, Kind]) -> list[str]:
-    """Return what our frames would carry without our knowing: fields that the rig reads in messages that we send."""
+    """Return fields that the rig reads in our messages although our table does not have them."""
     sent = {f"can {message.identifier:#05x} " for message in table.messages if not message.from_rig}
     return [
         f"{name} is read from a frame that we send, in {place}"

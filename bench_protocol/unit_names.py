@@ -1,8 +1,8 @@
-"""Units as people and their programs spell them, such as KN, µm, msec or N·m/°, and what one of them is in SI.
+"""Units in common spellings, such as KN, µm, msec or N·m/°, and their factors to SI.
 
-No units library does this: the usual ones refuse KN, read F/kN as a farad and take PSI for a peta-siemens-inch. A
-spelling counts if it has one meaning. Where only the case of letters would decide (mn: millinewton or meganewton), the
-unit is refused.
+Units libraries do not support this: the usual ones reject KN, read F/kN as a farad and take PSI for a
+peta-siemens-inch. A spelling is accepted if it has one meaning. If only the case of letters decides (mn: millinewton
+or meganewton), the unit is rejected.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from bench_protocol.units import UNITS, Unit
 
 
 class UnknownUnit(ValueError):
-    """Text that is no known unit, or may be several; the message says so."""
+    """An unknown or ambiguous unit; the message says which."""
 
 
 class ReadUnit(NamedTuple):
-    """What a text says of numbers: their unit, and of pressures what they are relative to ("": not said)."""
+    """The unit in a text, and for pressures what they are relative to ("": not stated)."""
 
     unit: Unit
     reading: str = ""  #: "gauge" or "absolute"
@@ -31,7 +31,7 @@ class ReadUnit(NamedTuple):
         """Whether this is a unit of the quantity that has the SI unit ``si``."""
         try:
             return base_exponents(self.unit.si) == base_exponents(si)
-        except ValueError:  # a simulator of somebody's own may count in what it likes
+        except ValueError:  # a third-party simulator may use any unit
             return False
 
     def same(self, other: ReadUnit) -> bool:
@@ -98,7 +98,7 @@ SPELLINGS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
 #: Other characters for the same, and other words for the same unit.
 _ALIKE: Final = {"·": "*", "⋅": "*", "×": "*", "**": "", "^": "", "−": "-", "º": "°", "μ": "u"}
 _WORDS: Final = dict.fromkeys(("deg c", "grad c", "° c"), "degC") | dict.fromkeys(("deg f", "° f"), "degF")
-#: Of a pressure, behind its unit: what it is relative to.
+#: Reference of a pressure, after its unit.
 _OVER: Final = re.compile(
     r"(?P<unit>psi|m?bar|[kM]?Pa)[ _.]*\(?(?P<over>a|g|abs|absolute?|gauge|ü)\.?\)?", re.I
 )
@@ -109,7 +109,7 @@ _BEHIND: Final = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|,\s+)(?P<unit>\S+
 
 @lru_cache(maxsize=1024)
 def read_unit(text: str) -> ReadUnit:
-    """Return the unit that a text spells. UnknownUnit for none, and for one whose meaning is not certain."""
+    """Return the unit of a text. Raises UnknownUnit for an unknown or ambiguous one."""
     given = text.strip()
     if given.startswith(("[", "(")) and given.endswith(("]", ")")):
         given = given[1:-1].strip()
@@ -174,7 +174,7 @@ def _by_lower() -> dict[str, dict[tuple[str, float], str]]:
 
 
 def _alone(text: str) -> Unit | None:
-    """Return the unit that is one word; None for others."""
+    """Return the unit of a single word; None for others."""
     return _names().get(text) or _by_any_case(text)
 
 

@@ -1,4 +1,4 @@
-"""The devices that are read or switched; those with verbs of their own are axes, air and generator."""
+"""Devices with readings and settings only. Axes, air and generator have their own modules with methods."""
 
 from __future__ import annotations
 
@@ -57,24 +57,24 @@ class Supply(Device):
 
 
 class RigStatus(Device):
-    """What the rig says of itself, and how it is set up: ``bench.rig``."""
+    """The state and the configuration of the rig: ``bench.rig``."""
 
     __slots__ = ()
-    nominal_preload = Setting()  #: N per spring at zero height; to be set without load
-    orifice_diameter = Setting()  #: m, plates of both sides; to be changed disengaged and without pressure
-    pipe = ChoiceSetting()  #: "off" | "on": connecting pipes; to be changed like the plates
+    nominal_preload = Setting()  #: N per spring at zero height; set it without load
+    orifice_diameter = Setting()  #: m, plates of both sides; change them disengaged and without pressure
+    pipe = ChoiceSetting()  #: "off" | "on": connecting pipes; change them like the plates
     state = ChoiceReading()
     program = ChoiceReading()
     reason = ChoiceReading()
     tripped = Reading()
     tripped_kind = ChoiceReading()
-    tripped_value = Reading()  #: in steps of the reading that tripped
+    tripped_value = Reading()  #: raw value (steps) of the reading that tripped
     tripped_tick = Reading()
     status_code = Reading()
-    lease = Reading()  #: the token of the commander that holds the bench, 0 for nobody
-    holder = Reading()  #: TCP port of its connection, 0 for nobody or unknown
-    strangers = Reading()  #: frames and requests of others, which changed nothing
-    stranger = Reading()  #: TCP port of the last of them, 0 where the wire does not tell
+    lease = Reading()  #: the token of the commander that holds the lease, 0 if it is free
+    holder = Reading()  #: TCP port of its connection, 0 if it is free or the port unknown
+    strangers = Reading()  #: frames and requests of other clients, which were rejected
+    stranger = Reading()  #: TCP port of the last of them, 0 if unknown
     stranger_identifier = Reading()  #: CAN identifier of the last of them, 0 for Modbus
     generator_cycle = Reading()
     tick = Reading()
@@ -108,7 +108,7 @@ class Control(Device):
     hold = Bit()  #: H
     active = Bit()  #: M
     reset = Bit()  #: R
-    token = Setpoint()  #: what the rig drew for this commander; the bench sets it
+    token = Setpoint()  #: assigned by the rig to this commander; set by the bench
 
 
 class LeaseRequest(Device):
@@ -138,7 +138,7 @@ class Actions(Device):
 
 
 class Interlocks(Device):
-    """The contacts, read when asked: ``bench.interlock.estop``."""
+    """The contacts, polled on request: ``bench.interlock.estop``."""
 
     __slots__ = ()
     estop = Contact()

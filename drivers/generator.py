@@ -1,4 +1,4 @@
-"""The rig's own function generator, as a plan starts, holds and ends it."""
+"""The rig's own function generator: start, hold and end of programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import Misuse, NotAvailable, Refused, RigFault
 from drivers.link import STREAM_CYCLES, Link
 
-#: What a program may take longer than its cycles.
+#: Time that a program may take in addition to its cycles.
 MARGIN: Final = 10 * s
 
 
@@ -31,18 +31,18 @@ class Wave:
 
     @property
     def end(self) -> float:
-        """When it ends, s after the program's start."""
+        """The end of the wave, s after the program's start."""
         return self.delay + self.cycles / self.frequency
 
     @property
     def amplitudes(self) -> dict[str, float]:
-        """The amplitudes that are given, by the name of their setting."""
+        """The given amplitudes, by the name of their setting."""
         names = ("amplitude", "roll_amplitude", "force_amplitude")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 class Generator(Device):
-    """The rig's own function generator: ``bench.generator``; its waves ride on the present set-points."""
+    """The rig's own function generator: ``bench.generator``. Its waves are added to the present set-points."""
 
     __slots__ = ()
     axis = ChoiceSetting()
@@ -66,11 +66,11 @@ class Generator(Device):
         cycles: int,
         margin: float = MARGIN,
     ) -> None:
-        """Move ``axis`` through ``cycles`` whole cycles and wait for the end, ``margin`` s at most beyond its duration.
+        """Move ``axis`` through ``cycles`` whole cycles; wait for the end, at most ``margin`` s beyond the duration.
 
         Exactly one amplitude: ``amplitude`` (m) of a displacement, ``roll_amplitude`` (rad) of a roll axis,
-        ``force_amplitude`` (N) of an axis in force control. All but the unilateral cosine spend their first and last
-        cycle fading in and out.
+        ``force_amplitude`` (N) of an axis in force control. All waves but the unilateral cosine fade in over the
+        first cycle and out over the last.
         """
         one = Wave(axis, wave, amplitude, roll_amplitude, force_amplitude, frequency=frequency, cycles=cycles)
         self._start(one)
@@ -87,7 +87,7 @@ class Generator(Device):
         frequency: float,
         cycles: int,
     ) -> None:
-        """Begin what :meth:`run` does and return while it goes on."""
+        """Start the motion of :meth:`run` and return at once."""
         self._start(
             Wave(axis, wave, amplitude, roll_amplitude, force_amplitude, frequency=frequency, cycles=cycles)
         )
@@ -95,14 +95,14 @@ class Generator(Device):
     def run_together(self, *waves: Wave, margin: float = MARGIN) -> None:
         """Move several axes at once, on one time base, and wait for the end of the last wave.
 
-        Waves of one axis add up. What cannot be, alone or beside the others, is refused before anything moves; what
-        stops one of them stops all.
+        Waves of one axis add up. All errors, of single waves and of their sum, are raised before the motion. A stop
+        of one wave stops all.
         """
         self.start_together(*waves)
         self.wait_done(within=max(wave.end for wave in waves) + margin)
 
     def start_together(self, *waves: Wave) -> None:
-        """Begin what :meth:`run_together` does and return while it goes on."""
+        """Start the motion of :meth:`run_together` and return at once."""
         if not waves:
             raise Misuse("a program of the generator has one wave at least")
         link = self._link
@@ -110,7 +110,7 @@ class Generator(Device):
             raise NotAvailable(lacking)
         added = 0
         try:
-            for wave in sorted(waves, key=lambda one: one.end):  # of the last added the rig counts the cycles
+            for wave in sorted(waves, key=lambda one: one.end):  # the rig counts the cycles of the last one
                 self._set(wave)
                 link.settings.act("action.program_add")
                 added += 1
@@ -126,11 +126,11 @@ class Generator(Device):
 
     def _go(self) -> None:
         self._link.settings.act("action.program_run")
-        # Frames on their way still tell of the program before: this one shows after two cycles of the set-points.
+        # Frames in transmission still report the previous program: the new one is visible after two set-point cycles.
         self._link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def _set(self, wave: Wave) -> None:
-        """Write the settings of ``wave``; Misuse unless its amplitude is that of its axis in its present control."""
+        """Write the settings of ``wave``. Misuse unless its amplitude fits the present control mode of its axis."""
         wanted = self._wanted_amplitude(wave.axis)
         if list(wave.amplitudes) != [wanted]:
             got = ", ".join(wave.amplitudes) or "none"
@@ -149,26 +149,26 @@ class Generator(Device):
         self._link.settings.write({f"generator.{name}": value for name, value in settings.items()})
 
     def wait_done(self, within: float) -> None:
-        """Wait until the program has ended by itself; RigFault if it ended before its last cycle."""
+        """Wait until the program has ended by itself. Raises RigFault if it ended before its last cycle."""
         wait_for_the_end(self._link, self.cycles, within)
 
     def hold(self) -> None:
-        """Freeze the wave where it is; :meth:`resume` goes on."""
+        """Freeze the wave at its present phase; :meth:`resume` continues it."""
         self._link.settings.act("action.program_hold")
 
     def resume(self) -> None:
-        """Go on after :meth:`hold`."""
+        """Continue after :meth:`hold`."""
         self._link.settings.act("action.program_run")
 
     def stop(self, within: float = 5 * s) -> None:
-        """End the program, if one runs, and wait until it has."""
+        """End the program, if one runs, and wait for its end."""
         link = self._link
         if self._program() not in ("RUN", "HOLD"):
             return
         try:
             link.settings.act("action.program_stop")
         except Refused:
-            told = link.settings.reading("rig.program")  # asked for, where what came by itself may be old
+            told = link.settings.reading("rig.program")  # polled, because the latest sample may be old
             if PROGRAM_STATES[int(told)] in ("RUN", "HOLD"):
                 raise
             return
@@ -195,7 +195,7 @@ class Generator(Device):
 
 
 def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
-    """Wait until a program of so many ``cycles`` has ended by itself; RigFault if it ended before."""
+    """Wait until a program of so many ``cycles`` has ended by itself. Raises RigFault if it ended earlier."""
     link.wait_for(
         lambda: link.readings.choice("rig.program") in ("IDLE", "STOPPED"),
         within=within,

@@ -1,4 +1,4 @@
-"""The keys of a wiring's description, each read with the words that say which is wrong and what would be right."""
+"""Keys of a wiring's description, with errors that name the wrong key and a valid value."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 
 T = TypeVar("T", bound=msgspec.Struct)
-#: Between what is wrong with one line and with the next.
+#: Separator of the errors of several lines.
 LINE_BREAK: Final = "\n  "
 _DURATION: Final = re.compile(r"([0-9.eE+-]+) *(min|[num]?s|h)")
 
 
 class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A point that the rig wants to see counting up, or a bit that it wants to see going on and off."""
+    """A heartbeat point: the rig expects it to count up, or a bit of it to toggle."""
 
     point: str
     every: str
 
 
 class SeveralWrong(WiringError):
-    """More than one line cannot be right: what is wrong with each."""
+    """Errors of several lines, in one exception."""
 
     def __init__(self, lines: Sequence[str]) -> None:
         super().__init__(f"{LINE_BREAK.join(lines)}{LINE_BREAK}({len(lines)} lines are wrong)")
@@ -36,7 +36,7 @@ class SeveralWrong(WiringError):
 
 
 class AllAtOnce:
-    """Gathers what is wrong with many lines, so that whoever mends a file hears it all in one run:
+    """Collects the errors of many lines, so that all are reported in one run::
 
     with AllAtOnce() as wrong:
         for line in lines:
@@ -56,7 +56,7 @@ class AllAtOnce:
 
     @contextmanager
     def next(self, where: str = "") -> Iterator[None]:
-        """Let the lines after one that is wrong be read, too; what is wrong begins with ``where``."""
+        """Continue with further lines after an error, whose text begins with ``where``."""
         try:
             yield
         except WiringError as error:
@@ -65,7 +65,7 @@ class AllAtOnce:
 
 
 def duration(where: str, text: object) -> float:
-    """Return a time like ``"100 ms"`` in s (positive); WiringError, which begins with ``where``, for anything else."""
+    """Return a time like ``"100 ms"`` in s (positive). Raises WiringError, which begins with ``where``, if invalid."""
     found = _DURATION.fullmatch(text.strip()) if isinstance(text, str) else None
     try:
         value = float(found[1]) * UNITS[found[2]].factor if found else 0.0
@@ -77,7 +77,7 @@ def duration(where: str, text: object) -> float:
 
 
 def convert(where: str, table: object, kind: type[T]) -> T:
-    """Return ``table`` as a struct ``kind``; WiringError, which begins with ``where``, if it does not fit."""
+    """Return ``table`` as a struct ``kind``. Raises WiringError, which begins with ``where``, if it does not fit."""
     if not isinstance(table, Mapping):
         raise WiringError(f"{where} = {table!r} is not a table of keys and values")
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
@@ -100,5 +100,5 @@ def convert(where: str, table: object, kind: type[T]) -> T:
 
 
 def _words(hint: Any) -> list[str]:
-    """Return the words that a key may be, of those in a ``Literal`` somewhere in its type."""
+    """Return the permitted words of a key, from a ``Literal`` anywhere in its type."""
     return [word for part in get_args(hint) for word in ([part] if isinstance(part, str) else _words(part))]

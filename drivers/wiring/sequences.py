@@ -79,7 +79,7 @@ class SequenceReader:
         return Greetings(*found)
 
     def _states(self) -> Sequence[str]:
-        """Return the states that the rig reports; all states if the line of its state has an error, reported elsewhere."""
+        """Return the states that the rig reports; all states if the line of its state is wrong."""
         source = self._sources.get("rig.state")
         if source is None and "rig.state" not in self._absent:
             return STATES

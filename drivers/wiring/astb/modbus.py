@@ -124,7 +124,7 @@ class AstbRegisters:
                 raise Refused(f"the rig did not take over {wanted}: {why}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
-        """Write the registers from the first to the last of ``values``: the rig accepts or refuses a request as a whole."""
+        """Write the registers from the first to the last of ``values``. The rig accepts or refuses them as a whole."""
         addresses = [self._holding[name].address for name in values]
         span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
         words = [word for r in span for word in to_words(values.get(r.signal, known[r.signal]))]

@@ -90,9 +90,9 @@ _MEANING: Final = {**MEANING, _BUSY: "the device is busy"}
 
 
 class ModbusTransport:
-    """A `Transport` to a Modbus device; what is wrong in its description is a WiringError of the constructor.
+    """A `Transport` to a Modbus device. The constructor raises WiringError for an invalid description.
 
-    ``port`` opens the device instead of a socket at ``host``: in memory, say.
+    ``port`` opens the device instead of a socket at ``host``, for example in memory.
     """
 
     def __init__(
@@ -126,10 +126,10 @@ class ModbusTransport:
                     f"{where}.alive: point = {alive.point!r} is a text; right would be a number or a bit"
                 )
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
-        #: Requests: all, the polls among them, and those without an answer, refused, met by a busy device.
-        #: And answers that were discarded, because they came too late for their request.
+        #: Counts of requests: all, polls, without an answer, refused, and met by a busy device. Also of
+        #: answers that were discarded, because they arrived too late.
         self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0, "discarded": 0}
-        self._rounds: dict[str, float] = {}  # s, how long it takes to read a group
+        self._rounds: dict[str, float] = {}  # s, time to read a group
         self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
         self._writing = threading.RLock()
         self._port: ModbusPort | None = None
@@ -166,15 +166,15 @@ class ModbusTransport:
         self._groups.append((group, every, spans(members, keys.gap, self._keys.request_max)))
         self._gaps[group] = keys.gap
 
-    # -- what there is -------------------------------------------------------------------------------------------
+    # -- points --------------------------------------------------------------------------------------------------
 
     @property
     def period(self) -> float:
-        """How often points come by themselves (s) at the slowest; 0 if all are read when asked."""
+        """The longest period (s) of the points in groups; 0 if all are polled on request."""
         return max((every for _, every, _ in self._groups), default=0.0)
 
     def require(self, name: str, *, writable: bool = False) -> None:
-        """WiringError unless there is a point of that name, and it is in a table that can be written if it is to be."""
+        """Raise WiringError unless the point exists and, if ``writable``, its table can be written."""
         point = self._points.get(name)
         if point is None:
             raise WiringError(
@@ -192,14 +192,14 @@ class ModbusTransport:
             )
 
     def stale(self, name: str) -> float:
-        """Return after how long without news (s) a point is stale; 0 if it is read when asked."""
+        """Return the age (s) above which a point is stale; 0 if it is polled on request."""
         self.require(name)
         return self._stale.get(name, 0.0)
 
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and read each group once. LinkLost if nobody answers, Refused if a group is outside the map."""
+        """Connect and read each group once. LinkLost without an answer, Refused if a group is outside the map."""
         self._clock = clock
         self._port = self._opener() if self._opener is not None else opener(self._keys, self._timeout)(within)
         self._port.meaning = _MEANING
@@ -222,7 +222,7 @@ class ModbusTransport:
             self._recur(self._alive[1], self._count)
 
     def _first(self, span: Span, gap: int) -> None:
-        """Read a request of a group for the first time; why the device does not take it is found out and said."""
+        """Read a request of a group for the first time; an error contains the reason of the device."""
         try:
             self._poll(span, patient=True)
         except BenchError as error:
@@ -231,20 +231,20 @@ class ModbusTransport:
             ) from None
 
     def _recur(self, period: float, call: Callable[[], None]) -> None:
-        """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""
+        """Call ``call`` periodically; in virtual time never during a request of the thread that advances the clock."""
         assert self._clock is not None and self._port is not None
         self._listener.every(period, call, self._port.between_requests)
 
     def subscribe(self, receive: OnPoints) -> None:
-        """Call ``receive(time, points)`` with what each request of a group brings from now on."""
+        """Call ``receive(time, points)`` with the points of each request of a group from now on."""
         self._listener.subscribe(receive)
 
     def alive(self) -> float:
-        """Return how long ago the device answered (s); infinite before the first time."""
+        """Return the time (s) since the last answer of the device; infinite before the first one."""
         return self._listener.silence()
 
     def close(self) -> None:
-        """Disconnect; no callback comes after this has returned. Harmless when repeated."""
+        """Disconnect. No callback follows after this returns. Repeated calls are harmless."""
         self._listener.close()
         if self._port is not None:
             self._port.close()
@@ -252,7 +252,7 @@ class ModbusTransport:
     # -- reading and writing ---------------------------------------------------------------------------------------
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Ask for points now: one request for all that lie in one block. NaN where the device says there is none."""
+        """Poll points now: one request for all points in one block. NaN if the device reports no value."""
         for name in names:
             self.require(name)
             if self._points[name].type == "string":
@@ -263,7 +263,7 @@ class ModbusTransport:
         return {name: found[name] for name in names}
 
     def text(self, name: str) -> str:
-        """Ask for a text."""
+        """Poll a text."""
         self.require(name)
         point, most = self._points[name], self._keys.request_max
         words: list[int] = []
@@ -273,7 +273,7 @@ class ModbusTransport:
         return point.text(words)
 
     def write(self, points: Mapping[str, float], *, patient: bool = True) -> None:
-        """Write points in the order given, neighbours in one request; ValueError, before it, if one does not fit."""
+        """Write points in the given order, neighbours in one request. ValueError, before that, if one does not fit."""
         for name in points:
             self.require(name, writable=True)
         chosen = [(self._points[name], value) for name, value in points.items()]
@@ -282,7 +282,7 @@ class ModbusTransport:
             self._writer.write(coded, partial(self._ask, patient=patient))
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next cycle of the stream; NaN leaves what was there."""
+        """Take values that are written with the next cycle of the stream; NaN keeps the previous value."""
         self._listener.check()
         news = {}
         for name, value in points.items():
@@ -294,11 +294,11 @@ class ModbusTransport:
         self._buffer.put(news)
 
     def begin(self) -> float:
-        """Count the sign of life from now on; return after how long (s) it has counted to three, 0 without one."""
+        """Start the heartbeat. Returns the time (s) until it has counted to three, 0 without a heartbeat."""
         self._grant.begin()
         return LIFE_SIGNS * self._alive[1] if self._alive is not None else 0.0
 
-    # -- what recurs -----------------------------------------------------------------------------------------------
+    # -- periodic tasks ------------------------------------------------------------------------------------------
 
     def _poll_all(self, group: str, requests: list[Span]) -> None:
         before = self._now()
@@ -328,7 +328,7 @@ class ModbusTransport:
 
     @property
     def refusal(self) -> Refusal | None:
-        """Since when the device refuses set-points, and with which words; None while it takes them."""
+        """The present rejection of set-points by the device; None while it accepts them."""
         return self._buffer.refusal
 
     def _count(self) -> None:
@@ -341,7 +341,7 @@ class ModbusTransport:
         self._in_background({name: self._cycles % (min(high, 65535.0) + 1)})
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values``; return what the device has against them, ``before`` if it has said nothing new."""
+        """Write ``values``; return the rejection by the device, ``before`` without a new answer, None if accepted."""
         try:
             self.write(values, patient=False)
         except Refused as refused:
@@ -358,9 +358,9 @@ class ModbusTransport:
         return self._clock.now()
 
     def _ask(self, request: Callable[[ModbusPort], Any], *, patient: bool = False) -> Any:
-        """Return the answer to ``request``; LinkLost, told to whoever waits for it, once patience is at its end.
+        """Return the answer to ``request``. After the patience has elapsed, report the loss and raise LinkLost.
 
-        If ``patient``, a device that is busy is asked again meanwhile.
+        If ``patient``, the request to a busy device is repeated until then.
         """
         self._listener.check()
         assert self._port is not None
@@ -389,7 +389,7 @@ class ModbusTransport:
             return reply
 
     def remarks(self) -> list[Remark]:
-        """Return what the device does otherwise than one might think, and whether anything is lost by it."""
+        """Return remarks on unexpected behaviour of the device, with whether data are lost by it."""
         counts = self.counts
         sent = counts["requests"]
         found = [

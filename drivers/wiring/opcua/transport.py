@@ -85,7 +85,7 @@ def opcua(name: str, table: Mapping[str, Any], where: Path) -> OpcUaTransport:
 
 
 class OpcUaTransport:
-    """A `Transport` to an OPC UA server; what is wrong in its description is a WiringError of the constructor."""
+    """A `Transport` to an OPC UA server. The constructor raises WiringError for an invalid description."""
 
     def __init__(self, name: str, table: Mapping[str, Any]) -> None:
         place = f"transports.{name}"
@@ -123,7 +123,7 @@ class OpcUaTransport:
             self._alive = alive.point, duration(f"{place}.alive: every", alive.every)
         self._where = f"{name} at {keys.url}"
         self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
-        self._found = dict(self._ids)  # with the server's own numbers of the namespaces
+        self._found = dict(self._ids)  # with the namespace numbers of the server
         self._types: dict[str, ua.VariantType] = {}
         self._loop: EventLoop | None = None
         self._client: Client | None = None
@@ -133,17 +133,17 @@ class OpcUaTransport:
         self._cycles = 0
         self._reports: Reports | None = None
 
-    # -- what there is -------------------------------------------------------------------------------------------
+    # -- points --------------------------------------------------------------------------------------------------
 
     @property
     def period(self) -> float:
-        """How often points come by themselves (s); 0 if all are read when asked."""
+        """The longest period (s) of the subscribed points; 0 if all are polled on request."""
         if not any(point.subscribe for point in self._points.values()):
             return 0.0
         return self._every if self._reports is None else self._reports.period
 
     def require(self, name: str, *, writable: bool = False) -> None:
-        """WiringError unless there is a point of that name; whether it can be written only the server knows."""
+        """Raise WiringError unless the point exists; only the server knows whether it can be written."""
         del writable
         if name not in self._points:
             raise WiringError(
@@ -151,14 +151,14 @@ class OpcUaTransport:
             )
 
     def stale(self, name: str) -> float:
-        """Return after how long without news (s) a point is stale; 0 if it is read when asked."""
+        """Return the age (s) above which a point is stale; 0 if it is polled on request."""
         self.require(name)
         return self._stale if self._points[name].subscribe else 0.0
 
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and subscribe. LinkLost if nobody answers, MapMismatch if the server lacks one of the nodes."""
+        """Connect and subscribe. LinkLost without an answer, MapMismatch if the server lacks one of the nodes."""
         from asyncua import Client
 
         self._clock, self._reports = clock, None
@@ -185,7 +185,7 @@ class OpcUaTransport:
             self._listener.every(self._alive[1], self._count)
 
     def _resolve(self, client: Client) -> None:
-        """Find the namespaces that are given by their names; MapMismatch for one that the server does not have."""
+        """Find the namespaces given by name. Raises MapMismatch for one that the server does not have."""
         from asyncua import ua
 
         named = {one: node for one, node in self._ids.items() if isinstance(node, ua.ExpandedNodeId)}
@@ -199,7 +199,7 @@ class OpcUaTransport:
             self._found[one] = ua.NodeId(node.Identifier, known.index(node.NamespaceUri), node.NodeIdType)
 
     def _look_for_all(self) -> None:
-        """MapMismatch for points that will never have a value."""
+        """Raise MapMismatch for points that can never have a value."""
         never = []
         for name, value in zip(self._points, self._values(list(self._points)), strict=True):
             point = self._points[name]
@@ -218,15 +218,15 @@ class OpcUaTransport:
         return Reports(self._where, names, self._every, self._stale, clock.now, self._number)
 
     def subscribe(self, receive: OnPoints) -> None:
-        """Call ``receive(time, points)`` with what the server tells from now on, every period."""
+        """Call ``receive(time, points)`` with the reports of the server from now on, every period."""
         self._listener.subscribe(receive)
 
     def alive(self) -> float:
-        """Return how long ago the server answered (s); infinite before the first time."""
+        """Return the time (s) since the last answer of the server; infinite before the first one."""
         return self._listener.silence()
 
     def close(self) -> None:
-        """Disconnect; no callback comes after this has returned. Harmless when repeated."""
+        """Disconnect. No callback follows after this returns. Repeated calls are harmless."""
         self._listener.close()
         with self._closing:
             loop, self._loop = self._loop, None
@@ -234,14 +234,14 @@ class OpcUaTransport:
         if loop is not None and client is not None:
             try:
                 loop.run(client.disconnect(), _CLOSING)
-            except Exception as error:  # a server that is gone need not be told
+            except Exception as error:  # an unsubscription may fail, as the server may be gone
                 logging.getLogger("asyncua").debug("disconnecting from %s: %s", self._where, error)
             loop.stop()
 
     # -- reading and writing ---------------------------------------------------------------------------------------
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Ask for points now, in one request. NaN where the status is not good, or the value is no number."""
+        """Poll points now, in one request. NaN if the status is not good, or the value is not a number."""
         for name in names:
             self.require(name)
         self._listener.check()
@@ -249,14 +249,14 @@ class OpcUaTransport:
         return {name: self._number(name, value) for name, value in zip(names, values, strict=True)}
 
     def text(self, name: str) -> str:
-        """Ask for a text."""
+        """Poll a text."""
         self.require(name)
         self._listener.check()
         (value,) = self._values([name])
         return str(value.Value.Value) if value.Value is not None else ""
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Write points in one request. ValueError, before it, if one does not fit; Refused if the server says no."""
+        """Write points in one request. ValueError, before that, if one does not fit; Refused by the server."""
         from asyncua import ua
 
         for name in points:
@@ -278,7 +278,7 @@ class OpcUaTransport:
                 raise Refused(said, code.value)
 
     def _with_the_others(self, raws: Mapping[str, float | bool]) -> dict[ua.NodeId, tuple[list[str], Any]]:
-        """Return by node which points are written and what goes there: of an array all, as the server has it now."""
+        """Return the points and the value to write by node. Arrays are completed with the present values."""
         elements = [name for name in raws if self._points[name].index is not None]
         first = {self._found[name]: name for name in elements}
         told = self._values(list(first.values())) if first else []
@@ -300,9 +300,9 @@ class OpcUaTransport:
         return whole
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next period; NaN leaves what was there.
+        """Take values that are written with the next period; NaN keeps the previous value.
 
-        ValueError for one that does not fit, as soon as a first writing has shown the type of its variable.
+        Raises ValueError for a value that does not fit, once the first write has read the type of its variable.
         """
         self._listener.check()
         news = {name: value for name, value in points.items() if not math.isnan(value)}
@@ -326,11 +326,11 @@ class OpcUaTransport:
         return self._points[name].number(raw) if good else math.nan
 
     def _raw(self, name: str, value: float) -> float | bool:
-        """Return what the server's type of variable carries for ``value``; ValueError if it does not fit."""
+        """Return ``value`` in the type of the variable on the server. Raises ValueError if it does not fit."""
         return self._points[name].raw(name, value, self._type(name).name)
 
     def _type(self, name: str) -> ua.VariantType:
-        """Return the type of a variable, which is asked for once."""
+        """Return the type of a variable, which is read once."""
         if name not in self._types:
             node = self._connected().get_node(self._found[name])
             kind = self._run(
@@ -340,14 +340,14 @@ class OpcUaTransport:
         return self._types[name]
 
     def begin(self) -> float:
-        """Count the sign of life from now on; return after how long (s) it has counted to three, 0 without one."""
+        """Start the heartbeat. Returns the time (s) until it has counted to three, 0 without a heartbeat."""
         self._grant.begin()
         return LIFE_SIGNS * self._alive[1] if self._alive is not None else 0.0
 
-    # -- what recurs -----------------------------------------------------------------------------------------------
+    # -- periodic tasks ------------------------------------------------------------------------------------------
 
     def _cycle(self) -> None:
-        """Write what is streamed, hand on what is new and what the server has confirmed."""
+        """Write streamed values, and deliver values that the server has changed or confirmed."""
         assert self._clock is not None
         try:
             if values := self._buffer.drain():
@@ -362,7 +362,7 @@ class OpcUaTransport:
             pass
 
     def _renew(self, reports: Reports) -> None:
-        """Subscribe again; a server that answers, but reports nothing for longer than patience lasts, is lost."""
+        """Subscribe again. The connection counts as lost if the server answers but does not report for too long."""
         try:
             self._run(reports.renew(self._connected()), "subscribing again", self._timeout)
         except BenchError as error:
@@ -383,15 +383,15 @@ class OpcUaTransport:
 
     @property
     def refusal(self) -> Refusal | None:
-        """Since when the server refuses set-points, and with which words; None while it takes them."""
+        """The present rejection of set-points by the server; None while it accepts them."""
         return self._buffer.refusal
 
     def remarks(self) -> list[Remark]:
-        """Return what the server does otherwise than one might think, and whether anything is lost by it."""
+        """Return remarks on unexpected behaviour of the server, with whether data are lost by it."""
         return [] if self._reports is None else self._reports.remarks()
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values``; return what the server has against them."""
+        """Write ``values``; return the rejection by the server, None if accepted."""
         assert self._clock is not None
         try:
             self.write(values)
@@ -406,7 +406,7 @@ class OpcUaTransport:
         return self._client
 
     def _run(self, work: Coroutine[Any, Any, T], what: str, within: float) -> T:
-        """Return what ``work`` gives; LinkLost in words if the server does not answer ``within`` s."""
+        """Return the result of ``work``. Raises LinkLost if the server does not answer ``within`` s."""
         from asyncua import ua
 
         loop = self._loop
