@@ -1,4 +1,4 @@
-"""The pages of runs that are kept: two beside each other, and checks over the life of a specimen."""
+"""HTML pages of kept runs: the comparison of two runs, and the trend of checks over the life of a specimen."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from bench_records.index import KeptCheck
     from bench_records.trend import Trend
 
-#: Of A and of B, wherever they are drawn.
+#: Colours of A and B in all drawings.
 _TONES = (PALETTE[0], PALETTE[1])
 _LOOP_POINTS = 900
-#: Beyond this a change in per cent says only that A was near zero.
+#: Larger relative changes are not shown, because A was near zero.
 _TIMES = 10.0
-#: Up to this, time is told in hours, and in minutes.
+#: Up to these limits the time axis is in hours (days ≤ 3), and in minutes (hours ≤ 3).
 _FEW_DAYS = 3.0
 _FEW_HOURS = 3.0
 
 
 class Row(NamedTuple):
-    """A check of two runs in words."""
+    """Texts of a check of two runs."""
 
     phase: str
     name: str
@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the page of two runs; it stands alone. OSError if it cannot be written."""
+    """Write the page of two runs as one self-contained file. OSError if it cannot be written."""
     page = template("comparison.html.j2").render(
         comparison=comparison,
         rows=[comparison_row(pair) for pair in comparison.checks],
@@ -56,7 +56,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def comparison_row(pair: CheckPair) -> Row:
-    """Return the pair in words: values with their unit, the change with its sign, what else is otherwise."""
+    """Return the texts of a pair: values with unit, change with sign, and other differences."""
     known = pair.a or pair.b
     assert known is not None
     remarks = ["changed by more than its uncertainty"] if pair.exceeds else []
@@ -87,7 +87,7 @@ def comparison_row(pair: CheckPair) -> Row:
 
 
 def _figure(value: float, one: Check, *, sign: bool = False) -> str:
-    """A value (SI) as people read it: four digits of the largest of value and limits."""
+    """Return a value (SI) in display units, with four digits of the largest of value and limits."""
     if not math.isfinite(value):
         return "–"
     sizes = [abs(n / one.scale) for n in (one.number, one.low, one.high) if n and math.isfinite(n)]
@@ -102,7 +102,7 @@ def _limits(one: Check) -> str:
 
 
 def _overlay(name: str, pair: CurvePair) -> str:
-    """Both curves in one pair of axes, A below B."""
+    """Draw both curves in one diagram, B on top of A."""
     x, y = pair.a.x, pair.a.y
     with style():
         figure, axes = panel(3.1, width=4.72, left=0.72, right=0.14, bottom=0.62, top=0.32)
@@ -156,7 +156,7 @@ def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
 
 
 def trend_words(trend: Trend) -> list[str]:
-    """Return what the values say, in sentences."""
+    """Return sentences on mean, scatter and drift of the values."""
     last = trend.checks[-1]
     if trend.mean is None:
         return [f"None of {len(trend.checks)} runs gave a value."]
@@ -171,7 +171,7 @@ def trend_words(trend: Trend) -> list[str]:
     if trend.drift is None:
         words.append("Too few of them, or too close in time, to tell a drift.")
     else:
-        # Over the time that was seen: what a minute's runs would come to in a day, nobody knows.
+        # The drift is given over the observed time, because an extrapolation to a day would be uncertain.
         span = (max(trend.days) - min(trend.days)) / last.scale
         change, half = with_uncertainty(span * trend.drift.per_day, span * trend.drift.half_width)
         seen = "It drifts" if trend.drift.is_seen else "No drift is seen"
@@ -192,7 +192,7 @@ def _uncertainty(one: KeptCheck) -> str:
 
 
 def _time_axis(days: float) -> tuple[str, float]:
-    """The unit in which a life of so many days is told, and how many of them a day has."""
+    """Return the unit of the time axis for a span of ``days``, and the number of these units in a day."""
     return (
         ("days", 1.0)
         if days > _FEW_DAYS
@@ -232,7 +232,7 @@ def _over_time(trend: Trend, name: str) -> str:
         for limit in ("low", "high"):
             places = [getattr(one, limit) for one in trend.checks]
             levels = [math.nan if n is None else n / last.scale for n in places]
-            # A limit is drawn as it was at each time: somebody may have changed it.
+            # A limit is drawn as a step curve, because it may change between runs.
             drawn: dict[str, Any] = {"color": ALARM, "linewidth": 0.9, "linestyle": (0, (4, 2))}
             if max(when) > 0.0:
                 axes.step(when, levels, where="post", **drawn)
@@ -252,7 +252,7 @@ def _over_time(trend: Trend, name: str) -> str:
             axes.plot([factor * end for end in ends], line, color=PALETTE[1], linewidth=1.2)
         axes.margins(0.06)
         if not max(when) > 0.0:
-            axes.set_xticks([0.0])  # before the first run there is nothing
+            axes.set_xticks([0.0])  # no ticks before the first run
         heading(axes, primed(trend.name), unit(last.unit))
         axes.set_xlabel(f"{time} since the first run", loc="right")
         return svg(figure, name)

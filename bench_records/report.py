@@ -1,4 +1,4 @@
-"""The report of a run: one HTML page that stands alone, made from the files in the run's directory and nothing else."""
+"""The report of a run: one self-contained HTML page, made only from the files in the directory of the run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from bench_records.templates import template
 from bench_records.twin import PARTS, read_twin
 from bench_records.typography import THIN_SPACE, fixed, plain, primed, seconds
 
-#: Of the first page, which is one page: so many checks that did not pass, and that are close to a limit.
+#: Largest number of checks on the first page: not passed, and close to a limit.
 FAILED_ROWS: Final = 10
 CLOSE_ROWS: Final = 4
 
@@ -35,9 +35,9 @@ CLOSE_ROWS: Final = 4
 def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
     """Write ``report.html`` from the record and the result in a directory; returns its path.
 
-    A run that was cut off has no result: its report says so and shows what was recorded.  The bytes depend on
-    the two files, the notes beside them and the letterhead alone; without one it is that of the environment, if any.
-    Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
+    A run that was cut off has no result; its report says so and shows the recorded data. The bytes depend only on the
+    two files, the notes in the directory and the letterhead. Without a ``letterhead`` that of the environment is used,
+    if any. Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
     """
     path = Path(directory) / REPORT
     page = report_page(directory, letterhead).encode()
@@ -47,7 +47,7 @@ def write_report(directory: Path | str, letterhead: Letterhead | None = None) ->
 
 
 def report_page(directory: Path | str, letterhead: Letterhead | None = None) -> str:
-    """Return what `write_report` writes, and write nothing."""
+    """Return the page that `write_report` writes, without writing it."""
     record = read(directory)
     if letterhead is None and (chosen := os.environ.get(CHOSEN)):
         letterhead = read_letterhead(Path(chosen))
@@ -59,7 +59,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
     span = (0.0, max(record.duration, result.duration, 1e-3))
     files, plots = files_of(directory), PlotData()
     replay = replay_of(record, plots)
-    # The numbers of a plot come into the page's data while the page is written: those first that are seen first.
+    # The data of a plot is added while the template is rendered, in the order of the plots on the page.
     return template("report.html.j2").render(
         result=result,
         record=record,
@@ -103,7 +103,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
 
 
 def _result_of(record: Record, directory: Path) -> Result:
-    """The result in a directory, or one that says why there is none."""
+    """Return the result in a directory, or one with the reason why it is missing."""
     if (directory / RESULT).exists():
         return read_result(directory)
     return result_without(record)
@@ -117,7 +117,7 @@ class Paragraph(NamedTuple):
 
 
 def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
-    """The plan's own docstring as paragraphs, without the title, which stands above them.
+    """Return the docstring of the plan as paragraphs, without the title, which the page shows above them.
 
     Lines that begin with an asterisk or a dash make a list.
     """
@@ -138,11 +138,11 @@ def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
 
 
 def _prose(text: str) -> Any:
-    """A text for the page: what stands between backticks is set as names of programs are."""
+    """Return a text for the page, with code between backticks as HTML code elements."""
     from markupsafe import Markup, escape
 
     parts = primed(text).split("`")
-    if len(parts) % 2 == 0:  # one without its other
+    if len(parts) % 2 == 0:  # an unpaired backtick
         return escape(primed(text))
     return Markup("").join(
         Markup("<code>{}</code>").format(part) if index % 2 else part for index, part in enumerate(parts)
@@ -150,9 +150,9 @@ def _prose(text: str) -> Any:
 
 
 def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
-    """What the first page shows of the checks: what did not pass, then what is close to a limit, and how many more."""
+    """Return the checks for the first page: not passed, then close to a limit, each with the number of further ones."""
     failed = [one for one in checks if not one.passed]
-    # What failed before what has no value.
+    # Failed checks come before those without a value.
     failed.sort(key=lambda one: one.verdict is not CheckVerdict.FAIL)
     close = [one for one in checks if one.verdict is CheckVerdict.MARGINAL]
     close.sort(key=lambda one: 1.0 if one.conformity is None else one.conformity)
@@ -161,7 +161,7 @@ def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
 
 
 def least_sure(checks: list[Check]) -> str:
-    """Of checks that all conform surely, say which does so least; nothing where others are shown."""
+    """Return a sentence on the check with the lowest probability of conformity; "" if not all checks pass."""
     known = [(one.conformity, one) for one in checks if one.conformity is not None]
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""
@@ -196,7 +196,7 @@ def _timing(result: Result) -> dict[str, Any] | None:
 
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
-    """What is needed to run this again: flat, in order, each fact once."""
+    """Return the facts to repeat the run: flat, in order, each once."""
     beside = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
     if isinstance(told := meta.get("instruments"), dict):  # a table has the pieces
@@ -211,14 +211,14 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
 
 
 def _dimensions(meta: dict[str, Any]) -> dict[str, Any]:
-    """The dimensions of the rig by name, each with value, uncertainty (SI) and provenance."""
+    """Return the dimensions of the rig by name, each with value, uncertainty (SI) and provenance."""
     told = meta.get("dimensions")
     known = told.get("known") if isinstance(told, dict) else None
     return dict(sorted(known.items())) if isinstance(known, dict) else {}
 
 
 def headline(result: Result) -> str:
-    """The verdict in a sentence."""
+    """Return the verdict as a sentence."""
     if result.verdict is Outcome.BLOCKED:
         return result.reason
     total = len(result.checks)

@@ -1,12 +1,10 @@
-"""The outcome of a test plan: what was checked against which limits, and what follows from it.
+"""The result of a test plan: checks of values against limits, and the verdict.
 
-A value with a standard uncertainty passes if it conforms with 97.5 % probability at least, and is *marginal* if it lies
-within its limits, but less surely.  Without one it is marginal nearer to a limit than ``margin`` times the width of the
-band.  What is marginal passes, and a reader should look at it.  A value that is no number is an *error* and never
-passes: not
-having measured is no proof.  What a rig cannot measure is *not available*, with the reason, and never passes either.
-All values are in SI;
-``scale`` is the SI value of one display unit.
+A value with a standard uncertainty passes if it conforms with a probability of at least 97.5 %. It is *marginal* if it
+lies within its limits with a lower probability. A value without uncertainty is marginal if its distance to a limit is
+less than ``margin`` times the width of the band. A marginal value passes, but needs attention. A value that is not a
+finite number is an *error* and never passes. A value that the rig cannot measure is *not available*, with the reason,
+and never passes either. All values are in SI; ``scale`` is the SI value of one display unit.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ MARGIN = 0.05
 
 
 class CheckVerdict(StrEnum):
-    """What one check says."""
+    """Verdict of one check."""
 
     PASS = "pass"
     MARGINAL = "marginal"
@@ -38,10 +36,10 @@ class CheckVerdict(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What the run as a whole says.
+    """Verdict of a run.
 
-    Incomplete means that all that could be judged passed, and that something could not be measured on this rig;
-    blocked means that the product was not judged.
+    Incomplete: all available checks passed, but others are not available on this rig. Blocked: the product was not
+    judged.
     """
 
     PASS = "pass"
@@ -58,10 +56,10 @@ def judge(
     u: float | None = None,
     even: float = 0.0,
 ) -> CheckVerdict:
-    """The verdict on a value between limits, of which one may be absent.
+    """Return the verdict on a value between limits, of which one may be None.
 
-    With a standard uncertainty ``u``, of which ``even`` is evenly distributed, the probability of conformity decides.
-    Without, the margin: the band is ``high - low`` wide, and with one limit only its own size stands for the width.
+    With a standard uncertainty ``u``, with the uniform part ``even``, the probability of conformity decides.
+    Without ``u`` the margin decides: a fraction of the band ``high - low``, or of the magnitude of a single limit.
     """
     if not math.isfinite(value):
         return CheckVerdict.ERROR
@@ -77,7 +75,7 @@ def judge(
 
 
 def band_width(low: float | None, high: float | None) -> float:
-    """The width that ``margin`` is a fraction of."""
+    """Return the width that ``margin`` is a fraction of."""
     if low is not None and high is not None:
         return high - low
     return abs(low if low is not None else high if high is not None else 0.0)
@@ -97,16 +95,16 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     phase: str = ""
     note: str = ""
     u: float | None = None  #: standard uncertainty, SI
-    even: float = 0.0  #: as much of it as is evenly distributed
-    parts: dict[str, float] = {}  #: what it is made of: standard uncertainty by cause
-    without: str = ""  #: why it has no uncertainty
+    even: float = 0.0  #: its uniformly distributed part
+    parts: dict[str, float] = {}  #: its parts: standard uncertainty by cause
+    without: str = ""  #: reason for a missing uncertainty
     conformity: float | None = None  #: the probability of lying within the limits
     at: float | None = None  #: when it was judged, in seconds since the record began
-    about: str = ""  #: what it measures and why that matters, in one sentence
+    about: str = ""  #: the measured quantity and its purpose, in one sentence
 
     def __post_init__(self) -> None:
         if self.value is None:
-            # JSON has no NaN: it travels as null.
+            # JSON has no NaN; it is written as null.
             msgspec.structs.force_setattr(self, "value", math.nan)
         if self.u is not None:
             _refuse_a_bad_uncertainty(self)
@@ -124,7 +122,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def number(self) -> float:
-        """The value in SI; NaN where nothing was measured."""
+        """The value in SI; NaN without a measured value."""
         return math.nan if self.value is None else self.value
 
     @property
@@ -166,7 +164,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def written(self) -> tuple[str, str]:
-        """Value and expanded uncertainty in the unit, with the digits that the uncertainty is worth."""
+        """Value and expanded uncertainty in the display unit, rounded to the significant digits of the uncertainty."""
         limits = [limit / self.scale for limit in (self.low, self.high) if limit is not None]
         number, expanded = self.number / self.scale, (self.expanded or 0.0) / self.scale
         shown = decimals(number, expanded, limits)
@@ -191,7 +189,7 @@ def check(
     without: str = "",
     about: str = "",
 ) -> Check:
-    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` why it has none.
+    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` the reason if it has none.
 
     Raises ``ValueError`` for a check that could not fail or could not pass: no limit at all, limits that are not
     finite or stand the wrong way round, a margin outside 0 to 0.5.
@@ -222,7 +220,7 @@ def check(
 
 
 def unavailable(name: str, reason: str, *, phase: str = "", about: str = "") -> Check:
-    """The check of what this rig cannot measure, with the ``reason`` in words.  ValueError without one."""
+    """Return a check that is not available on this rig, with the ``reason``. ValueError without a reason."""
     return Check(
         name=name,
         value=math.nan,
@@ -276,11 +274,11 @@ def _shown(value: float | None, scale: float, unit: str = "") -> str:
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
-    """How punctual the rig's ticks were; times in seconds.
+    """Lateness of the ticks of the rig; times in seconds.
 
     ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the edge before; the last count has no upper edge.
-    In virtual time nothing is late: the lists are empty and the figures absent. ``disturbed``: late ticks by the name
-    of the check that was measured meanwhile.
+    In virtual time no tick is late: the lists are empty and the figures None. ``disturbed`` is the number of late ticks
+    during the measurement of a check, by its name.
     """
 
     ticks: int
@@ -316,7 +314,7 @@ class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything a run of a plan concluded; made by ``conclude``, which finds the verdict."""
+    """All results of a run of a plan; made by ``conclude``, which determines the verdict."""
 
     plan: str
     title: str
@@ -327,14 +325,14 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     phases: list[Phase] = []
     reason: str = ""
     rig: str = ""
-    parameters: dict[str, str] = {}  #: of the plan, as people write them
+    parameters: dict[str, str] = {}  #: of the plan, as text with units
     specimen: SpecimenFacts | None = None
     seed: int | None = None
     timing: Timing | None = None
     preconditions: list[Condition] = []
-    warnings: list[str] = []  #: what a reader has to know of how it was measured
+    warnings: list[str] = []  #: restrictions of the measurement
     began: str = ""  #: ISO 8601 in UTC; empty in virtual time, which has no date
-    operator: str = ""  #: who ran it, as far as that was told
+    operator: str = ""  #: name, if given
     ambient: str = ""  #: the surroundings, in words
 
     def __post_init__(self) -> None:
@@ -374,12 +372,11 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 def conclude(
     plan: str, title: str, instruction: str, checks: Sequence[Check], *, reason: str = "", **rest: Any
 ) -> Result:
-    """The result of a run.
+    """Return the result of a run.
 
-    ``reason`` says whose fault it is that the product could not be judged, and blocks the run: a rig that broke may
-    well have broken the checks before it.  Otherwise one failed check fails the run; and a run with a check in error,
-    or without any that could be measured, is blocked, since nothing was proved.  What is then left is incomplete if
-    this rig cannot measure all of it.
+    A ``reason`` gives the origin of a fault, and blocks the run, because a faulty rig may also have affected earlier
+    checks. Without a reason, one failed check fails the run. A run with a check in error, or without an available
+    check, is blocked. Any other run is incomplete if a check is not available on this rig, else it passes.
     """
     verdict, why = _outcome(checks, reason)
     return Result(
@@ -410,7 +407,7 @@ def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
 
 
 def read_result(directory: Path | str) -> Result:
-    """The ``result.json`` of a directory.  Raises ``RecordError`` if there is none or it is not one of ours."""
+    """Return the ``result.json`` of a directory. Raises ``RecordError`` if it is missing or has another format."""
     path = Path(directory) / RESULT
     try:
         data = read_bounded(path, RESULT_BYTES)

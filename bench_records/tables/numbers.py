@@ -1,4 +1,4 @@
-"""Numbers as people and their programs write them: decimal commas, thousands, and cells that hold none."""
+"""Parser of numbers in tables: decimal commas, separators of thousands, and codes for missing values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench_records.tables.keys import FileKeys, Source
     from bench_records.tables.sheet import Sheet
 
-#: What programs write where they have no number, in capitals.
+#: Texts for a missing number in files of common programs, in capitals.
 MISSING: Final = (
     *("NAN", "-NAN", "NA", "N/A", "#N/A", "#NV", "<NA>", "NAT", "NULL", "NONE", "---", "--", "-", "?", "*", "\u2013"),
     *("#VALUE!", "#WERT!", "#DIV/0!", "#REF!", "#BEZUG!", "#NAME?", "#NUM!", "#ZAHL!", "#NULL!"),
@@ -35,7 +35,7 @@ INFINITE: Final = (
     "1.#INF",
     "-1.#INF",
 )
-_SPACES: Final = "[ '\u2019\u00a0\u2009\u202f]"  # Switzerland, France and ISO put them between threes
+_SPACES: Final = "[ '\u2019\u00a0\u2009\u202f]"  # separators of thousands in Switzerland, France and ISO
 _GROUPED: Final = rf"^[-+]?[0-9]{{1,3}}({_SPACES}[0-9]{{3}})+([.,][0-9]*)?$"
 _LOOKED_AT: Final = 5000
 _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
@@ -43,23 +43,23 @@ _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The first rows that show what separates decimals, by separator, and rows that could mean either."""
+    """The first rows that show the decimal separator, by separator, and rows that are ambiguous."""
 
     certain: dict[str, int]
-    open: dict[str, int]  #: 1.250 may be a thousand, by the separator that it has
-    between: frozenset[str]  #: what certainly is between thousands
+    open: dict[str, int]  #: rows with an ambiguous number such as 1.250, by separator
+    between: frozenset[str]  #: certain separators of thousands
 
 
 @dataclass(frozen=True)
 class Point:
-    """What is before decimals in a file, "" where it is open; and whether a key says so."""
+    """The decimal separator of a file, "" if unknown, and whether it is from a key."""
 
     point: str
     said: bool = False
 
 
 def first(mask: Any) -> int:
-    """The index of the first true one in an Arrow mask; -1 if there is none."""
+    """Return the index of the first True in an Arrow mask; -1 if there is none."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -67,7 +67,7 @@ def first(mask: Any) -> int:
 
 
 def tidy(cells: Any) -> Any:
-    """Cells without what has no meaning: spaces around, a typographic minus; null where nothing is left."""
+    """Return cells without outer spaces and with a plain minus; null for empty cells."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -83,10 +83,10 @@ def numbers(
     account: Account | None,
     where: str,
 ) -> npt.NDArray[np.float64]:
-    """Return the numbers (n,) of a column of text, NaN where a cell is empty or says that it has none.
+    """Return the numbers (n,) of a column of text; NaN for an empty cell or a code for a missing value.
 
-    ``decimal`` is what is before decimals where the column itself leaves it open. What is missing or infinite is told
-    to the ``account``. RecordError, with line, for a cell that is no number or could be two.
+    ``decimal`` is the decimal separator if the column itself does not show it. Missing and infinite values are counted
+    in ``account``. RecordError, with line, for a cell that is not a number or is ambiguous.
     """
     import numpy as np
     import pyarrow as pa
@@ -121,7 +121,7 @@ def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) ->
 
 
 def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
-    """The cells of a column, null where they say that there is no number; the ``account`` counts them."""
+    """Return the cells of a column, null for missing and infinite values; these are counted in ``account``."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -139,7 +139,7 @@ def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
 
 
 def in_plain_digits(cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str) -> Any:
-    """The cells with a point before the decimals and nothing between thousands; RecordError if that is not certain."""
+    """Return cells with a decimal point and no separator of thousands; RecordError if the cells are ambiguous."""
     import pyarrow.compute as pc
 
     grouped = pc.fill_null(pc.match_substring_regex(cells, _GROUPED), False)
@@ -164,7 +164,7 @@ def in_plain_digits(cells: Any, sheet: Sheet, index: int, source: Source, decima
 def _separators(
     cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str
 ) -> tuple[str, str]:
-    """What stands before decimals, and what between thousands ("": nothing)."""
+    """Return the separators of decimals and of thousands ("": none)."""
     if source.thousands:
         opposite = {".": ",", ",": "."}.get(source.thousands)
         return source.decimal or opposite or decimal.point or ".", source.thousands
@@ -188,7 +188,7 @@ def _separators(
             f'{where}: "{cells[at]}" in {sheet.at(at)} does not have decimal = "{point}"; decimal = "{other}" would '
             "be right for it"
         )
-    # Threes behind the other separator are thousands if the column itself, or a key, says what is before decimals.
+    # Three digits after the other separator are thousands if the column or a key defines the decimal separator.
     thousands = other in found.between or (
         other in found.open and (point in found.certain or bool(source.decimal) or decimal.said)
     )
@@ -202,10 +202,10 @@ def _separators(
 
 
 def evidence(cells: Any) -> _Evidence:
-    """What the cells of a column tell of their separators."""
+    """Return the evidence of the separators in the cells of a column."""
     import pyarrow.compute as pc
 
-    # Most columns have one separator, and show within a few rows what it is: nothing else then fits their numbers.
+    # Shortcut: most columns have one separator, and a few rows show that it is the decimal one.
     there = {mark for mark in ".," if pc.any(pc.match_substring(cells, mark)).as_py()}
     if not there:
         return _Evidence({}, {}, frozenset())
@@ -225,7 +225,7 @@ def evidence(cells: Any) -> _Evidence:
     between: set[str] = set()
     for point, other in ((".", ","), (",", ".")):
         p, o = re.escape(point), re.escape(other)
-        # Both: the last one is before decimals. One twice: it is between thousands.
+        # With both separators the last one is for decimals. A separator that occurs twice is for thousands.
         last = rf"^[-+]?[0-9]{{1,3}}({o}[0-9]{{3}})+{p}[0-9]*([eE][-+]?[0-9]+)?$"
         twice = rf"^[-+]?[0-9]{{1,3}}({o}[0-9]{{3}}){{2,}}$"
         single = rf"^[-+]?[0-9]*{p}[0-9]*([eE][-+]?[0-9]+)?$"
@@ -244,7 +244,7 @@ def evidence(cells: Any) -> _Evidence:
 
 
 def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> Point:
-    """What is before decimals in a file: what its key says, or what its columns agree upon."""
+    """Return the decimal separator of a file: from its key, or common to its columns."""
     if keys.decimal is not None:
         return Point(keys.decimal, said=True)
     shown: set[str] = set()
@@ -253,5 +253,5 @@ def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]
             shown |= set(evidence(without_missing(sheet, index, None)).certain)
     if len(shown) == 1:
         return Point(shown.pop())
-    # Where commas separate columns a point is before decimals; else 1.250 stays open.
+    # If commas separate columns, the point is the decimal separator; else 1.250 stays ambiguous.
     return Point("." if not shown and sheet.delimiter in (",", " ") else "")

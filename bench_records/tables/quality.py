@@ -1,7 +1,7 @@
-"""Checks of measured columns before anything is concluded from them: values that look valid and are no measurements.
+"""Checks of measured columns before their evaluation: values that look valid but are not measurements.
 
-Each check looks at one column over its whole record. `CHECKS` says what it finds and what follows; the reference page
-of the checks is made of it.
+Each check examines one column over its whole record. `CHECKS` describes the findings and consequences; the reference
+page of the checks is generated from it.
 """
 
 from __future__ import annotations
@@ -20,44 +20,44 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
     Mask = npt.NDArray[np.bool_]
 
-#: Codes are at most so many different values, in at most this part of the samples, and lie so many ranges of all other
-#: values away from these.
+#: Codes: largest number of different values, largest fraction of the samples, and smallest distance from the other
+#: values, in ranges of these.
 CODES, CODE_SHARE, FAR = 3, 0.25, 3.0
-#: Beside few other values, as of a column that stands still, a code is so many times larger than all of them; from a
-#: size on a value is a code whatever stands beside it.
+#: With few other values, as in a constant column, a code is larger than all of them by the factor LARGER. A magnitude
+#: above HUGE is always a code.
 LARGER, HUGE = 1000.0, 1e30
-#: A value is reached and left by jumps of so many usual steps: one that comes again, and one that comes once.
+#: Smallest jumps to and from a code, in usual steps: for a value that recurs, and for one that occurs once.
 JUMP, JUMP_ONCE = 10.0, 25.0
-#: A step over so many usual intervals of time is no jump.
+#: A step over more than this number of usual sampling intervals is not a jump.
 GAP = 3.0
-#: Usual steps are those that this part of all steps does not exceed; so many steps around are looked at as well.
+#: Quantile of all steps that is the usual step; number of neighbouring steps that are also compared.
 USUAL, AROUND = 0.85, 6
-#: Readings are equal for at least so many times as long as they usually are, and so many samples; chance makes that
-#: with less than this probability.
+#: Smallest length of equal readings: in usual lengths and in samples. The probability of such a length by chance is
+#: below CHANCE.
 CONSTANT = 20
 CHANCE = 1e-6
-#: A column that is held at more than this part of its values is coarse.
+#: A column that is held at more than this fraction of its different values is coarse.
 HELD_LEVELS = 0.05
-#: Plateaus at a rail: their samples, how many plateaus, and their part of all samples; elsewhere neighbours are equal
-#: in less than this part.
+#: Plateaus at a rail: smallest number of samples, of plateaus, and fraction of all samples; largest fraction of equal
+#: neighbours elsewhere.
 PLATEAU, PLATEAUS, RAIL_SHARE, SELDOM = 3, 3, 0.003, 0.3
-#: Another column moves if it moves at least this part of what it does on average, and so many times its noise.
+#: Another column moves if its change is at least MOVING times its average change, and ABOVE_NOISE times its noise.
 MOVING, ABOVE_NOISE = 0.3, 3.0
 #: A column is noisy whose third differences change sign so often and scatter by more than so many steps: those of white
 #: noise change it in 77 of 100 cases, those of a smooth signal hardly ever, and rounding scatters by a third of a step.
 TURNS, ABOVE_STEP = 0.6, 0.7
-#: A plateau without noise is entered at speed: it lasts so many times as long as the readings beside it.
+#: A plateau without noise is entered at speed: it lasts this number of times as long as the neighbouring readings.
 AT_SPEED = 8
-#: Fewer steps over the whole range are coarse.
+#: A column with fewer steps over the whole range is coarse.
 COARSE = 64
-#: With fewer different values a column is a switch, or still: that it is held shows nothing.
+#: A column with fewer different values is a switch or constant; held values are then no finding.
 LEVELS = 10
-#: Shorter columns show too little.
+#: Shorter columns are not examined.
 LEAST = 30
 
 
 class Check(NamedTuple):
-    """One check: what it finds, what follows for outputs and inputs of a simulation, and whether that is a doubt."""
+    """One check: its finding, the consequence for outputs and inputs of a simulation, and whether it is uncertain."""
 
     name: str
     finds: str
@@ -116,7 +116,7 @@ CHECKS: Final = {
 
 @dataclass(frozen=True)
 class Remark:
-    """What a check found in a column: how many of its samples, the first of them, and what follows."""
+    """Finding of a check in a column: number of samples, the first of them, and the consequence."""
 
     file: str
     column: str
@@ -129,23 +129,23 @@ class Remark:
     doubt: bool
 
     def sentence(self) -> str:
-        """The remark in words."""
+        """Return the remark as a sentence."""
         return (
             f"{self.file}, {self.column}: {self.check}, {self.count} of {self.samples} samples, first {self.first}: "
             f"{self.found}; {self.consequence}"
         )
 
 
-#: By column, the codes that it is said to have; an empty list says that it has none, None that nobody said it.
+#: Declared codes by column; an empty list means no codes, None means not declared.
 Nulls = Mapping[str, Sequence[float] | None]
 
 
 def examine(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without what is no measurement, and what was found.
+    """Return the columns of a file without values that are not measurements, and the remarks.
 
-    ``inputs`` drive a simulation: what is held there is kept.
+    ``inputs`` drive a simulation; their held values are kept.
     """
     found, remarks = without_codes(file, columns, nulls, inputs)
     signals = {name: _Signal.of(one) for name, one in found.items()}
@@ -167,7 +167,7 @@ def examine(
 def without_codes(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without codes for no value, declared and undeclared ones, and what was found."""
+    """Return the columns of a file without declared and undeclared codes for missing values, and the remarks."""
     found, remarks = dict(columns), list[Remark]()
     for name, series in columns.items():
         declared = nulls.get(name)
@@ -184,7 +184,7 @@ def without_codes(
 
 
 def measured(series: Series) -> Series:
-    """Return times and values where there is a value: what is empty was not measured."""
+    """Return times and values without the missing values."""
     known = np.isfinite(series.values)
     return series._replace(times=series.times[known], values=series.values[known], rows=None)
 
@@ -199,7 +199,7 @@ def _apply(
     what: str,
     inputs: Sequence[str],
 ) -> None:
-    """Add the remark of a check, if it found anything, and leave out what it says."""
+    """Add the remark of a check with a finding, and leave out its samples if that is the consequence."""
     series, one = found[name], CHECKS[check]
     if not mask.any():
         return
@@ -216,7 +216,7 @@ def _values(values: Numbers) -> str:
 
 
 def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
-    """Which values are codes, to the rounding of single precision."""
+    """Return a mask of the values that equal a code within single precision."""
     mask = np.zeros(len(values), np.bool_)
     for code in codes:
         mask |= np.isclose(values, code, rtol=1e-6, atol=0.0)
@@ -224,7 +224,7 @@ def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
 
 
 def _codes_in(series: Series) -> Mask:
-    """Which values of a column lie far from all others, or are reached and left by jumps."""
+    """Return a mask of the values that are far from all others, or are reached and left by jumps."""
     known = np.isfinite(series.values)
     values, times = series.values[known], series.times[known]
     mask = abs(values) > HUGE
@@ -261,7 +261,7 @@ def _jumps(values: Numbers, times: Numbers) -> Mask:
     if len(levels) < LEAST:
         return mask
     steps = np.diff(levels)
-    # Over a gap in time a signal may go anywhere.
+    # A step over a gap in time may have any size.
     gaps = np.diff(times)[starts[1:] - 1] > GAP * np.median(np.diff(times))
     before, after = np.where(gaps, 0.0, steps)[:-1], np.where(gaps, 0.0, steps)[1:]
     heights = np.where(before * after < 0.0, np.minimum(abs(before), abs(after)), 0.0)
@@ -283,7 +283,7 @@ def _jumps(values: Numbers, times: Numbers) -> Mask:
 
 @dataclass(frozen=True)
 class _Signal:
-    """A column without what is missing, and what its noise and its steps are."""
+    """A column without missing values, with its noise and its steps."""
 
     rows: npt.NDArray[np.intp]  #: of the samples in the column
     times: Numbers
@@ -311,23 +311,23 @@ class _Signal:
         return _Signal(rows, series.times[rows], values, levels, step, noise, noisy, len(series.values))
 
     def in_column(self, mask: Mask | None = None) -> Mask:
-        """Which samples of the column, missing ones among them, are these; all without a ``mask``."""
+        """Return the mask (or all known samples) in terms of the column with its missing samples."""
         whole = np.zeros(int(self.size), np.bool_)
         whole[self.rows if mask is None else self.rows[mask]] = True
         return whole
 
     @property
     def steps(self) -> int:
-        """How many of its steps the range has."""
+        """Range of the values in steps."""
         return round((self.levels[-1] - self.levels[0]) / self.step)
 
     def runs(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Begin and end of each run of equal values."""
+        """Return begin and end of each run of equal values."""
         starts = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
         return starts, np.append(starts[1:], len(self.values))
 
     def moves(self, spans: Sequence[tuple[float, float]]) -> bool:
-        """Whether it moves between these times as it does elsewhere."""
+        """Return whether it moves in these time spans as much as elsewhere."""
         lasts = 0.25 * float(np.mean([end - start for start, end in spans]))
         usual = self._moved(np.linspace(self.times[0], self.times[-1] - lasts, 500), lasts)
         if not lasts > 0.0 or usual <= ABOVE_NOISE * self.noise:
@@ -341,14 +341,14 @@ class _Signal:
 
 
 def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mask, Mask]:
-    """Which readings (n,) are held at a rail, and which elsewhere, while other columns move."""
+    """Return masks (n,) of readings that are held at a rail, and elsewhere, while other columns move."""
     rail, stuck = np.zeros((2, len(signal.values)), np.bool_)
     if len(signal.levels) < LEVELS:
         return rail, stuck
     starts, ends = signal.runs()
     lengths, held = ends - starts, signal.values[starts]
     long = lengths >= CONSTANT * max(float(np.median(lengths)), 1.0)
-    # How likely chance holds a reading follows from how often neighbours are equal elsewhere.
+    # The probability of equal readings by chance is estimated from the equal neighbours elsewhere.
     equal = 1.0 - float((~long).sum()) / max(float(lengths[~long].sum()), 1.0)
     if long.any():
         long &= lengths * np.log(max(equal, 1e-3)) < np.log(CHANCE / len(signal.values))

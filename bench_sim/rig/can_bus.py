@@ -1,4 +1,4 @@
-"""The CAN bus between the rig and its server: a chain of stages that every block of frames goes through, both ways."""
+"""The CAN bus between the rig and its server: a chain of stages that processes every block of frames, both ways."""
 
 import threading
 from collections.abc import Callable, Iterable
@@ -8,62 +8,62 @@ from bench_protocol.clock import Clock, Task
 from bench_protocol.frames import Block
 from bench_sim.rig.controls import TICK_NS
 
-#: The rig itself, among the names of those who send.
+#: Name of the rig as a sender.
 RIG: Final = "rig"
 
 
 class Stage:
-    """Something that befalls frames on their way from a sender to all others: a fault, the bus's pace, a recording.
+    """Processing of frames between a sender and all receivers: a fault, the bit rate of the bus, or a recording.
 
-    A block belongs to a stage while it has it: it may be changed in place, kept, or come back longer or shorter.
-    Times (ns) are those of the frames' stamps. This one changes nothing.
+    A stage owns the block that it is given: it may change it in place, keep it, or return a longer or shorter one.
+    Times (ns) are on the clock of the time stamps. This base class changes nothing.
     """
 
-    #: Stages stand in this order, seen from every sender; equal ones in the order in which they were added.
+    #: Order of the stages, for every sender; stages of equal rank keep the order in which they were added.
     rank: ClassVar[int] = 0
     FAULT: Final = 0
     PACE: Final = 1
     RECORD: Final = 2
 
     def outgoing(self, block: Block, now: int) -> Block:
-        """Return what goes on, now, of frames that the rig sends."""
+        """Return the frames to pass on now, for a block that the rig sends."""
         del now
         return block
 
     def incoming(self, block: Block, peer: str, now: int) -> Block:
-        """Return what goes on, now, of frames that ``peer`` sends."""
+        """Return the frames to pass on now, for a block that ``peer`` sends."""
         del peer, now
         return block
 
     def due(self, now: int) -> Iterable[tuple[Block, str]]:
-        """Return what has been kept and goes on now, with the name of its sender; asked every millisecond."""
+        """Return the kept blocks to pass on now, with the names of their senders; called every millisecond."""
         del now
         return ()
 
     def receives(self, peer: str) -> bool:
-        """Return whether what is kept reaches ``peer`` at all."""
+        """Return whether kept frames reach ``peer``."""
         del peer
         return True
 
     def forget(self, peer: str) -> None:
-        """Take note that ``peer`` has left the bus."""
+        """Handle a ``peer`` that has left the bus."""
 
 
 class CanServer(Protocol):
-    """Where the frames of the bus leave for other programs."""
+    """Server that sends the frames of the bus to other programs."""
 
     def publish(self, block: Block) -> None:
-        """Send frames of the rig to everybody."""
+        """Send frames of the rig to all clients."""
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send frames of ``peer`` to everybody else."""
+        """Send frames of ``peer`` to all other clients."""
 
 
 class CanBus:
-    """Passes frames between the rig, which ``receive(block, peer)`` s, and a server; an empty chain costs nothing.
+    """Passes frames between the rig and a server; an empty chain adds no work.
 
-    ``now()`` is the time of the frames' stamps (ns); ``clock`` wakes stages that keep frames every millisecond.
-    Thread-safe.
+    ``receive(block, peer)`` passes frames to the rig. ``now()`` is the time of the time stamps (ns). ``clock`` polls
+    stages that keep frames every millisecond. Thread-safe.
     """
 
     def __init__(self, receive: Callable[[Block, str], None], clock: Clock, now: Callable[[], int]) -> None:
@@ -74,18 +74,18 @@ class CanBus:
         self._ticking: Task | None = None
 
     def connect(self, server: CanServer) -> None:
-        """Send from now on what the rig sends, and what has been kept, through ``server``."""
+        """Send the frames of the rig, and kept frames, through ``server`` from now on."""
         self._server = server
 
     def add(self, stage: Stage) -> None:
-        """Put ``stage`` in its place in the chain."""
+        """Insert ``stage`` into the chain by its rank."""
         with self._lock:
             self._stages = tuple(sorted((*self._stages, stage), key=lambda one: one.rank))
             if self._ticking is None and self._keeping:
                 self._ticking = self._clock.every(TICK_NS, self.poll)
 
     def remove(self, stage: Stage) -> None:
-        """Take ``stage`` out; what it kept is lost. ValueError if it is not in the chain."""
+        """Remove ``stage``; the frames that it kept are lost. ValueError if it is not in the chain."""
         with self._lock:
             if stage not in self._stages:
                 raise ValueError(f"{type(stage).__name__} is not on the bus: it cannot be taken off")
@@ -96,12 +96,12 @@ class CanBus:
             idle.cancel()
 
     def close(self) -> None:
-        """Take all stages out."""
+        """Remove all stages."""
         for stage in self._stages:
             self.remove(stage)
 
     def publish(self, block: Block) -> None:
-        """Take frames from the rig to everybody else."""
+        """Send frames of the rig to all clients."""
         if not self._stages:
             self._send(block, RIG)
             return
@@ -109,25 +109,25 @@ class CanBus:
             self._send(self._through(self._stages, block, RIG), RIG)
 
     def carry(self, block: Block, peer: str) -> Block:
-        """Return what reaches everybody else now of the frames that ``peer`` sends: the server passes it on."""
+        """Return the frames to pass on now, for a block that ``peer`` sends; the server sends them to other clients."""
         if not self._stages:
             return block
         with self._lock:
             return self._through(self._stages, block, peer)
 
     def take(self, block: Block, peer: str) -> None:
-        """Take frames of ``peer`` to the rig, from a server whose other clients have received them already."""
+        """Pass frames of ``peer`` to the rig, from a server whose other clients have received them already."""
         block = self.carry(block, peer)
         if block.size:
             self._receive(block, peer)
 
     def forget(self, peer: str) -> None:
-        """Tell the stages that ``peer`` has left the bus."""
+        """Notify the stages that ``peer`` has left the bus."""
         for stage in self._stages:
             stage.forget(peer)
 
     def poll(self) -> None:
-        """Send on what is due of that which the stages have kept."""
+        """Pass on the kept frames of the stages that are due."""
         received: list[tuple[Block, str]] = []
         with self._lock:
             stages, now = self._stages, self._now()

@@ -1,7 +1,8 @@
-"""The rig as a CANopen node without a bus: boot-up, NMT, heartbeats, SYNC, and an SDO server in front of its objects.
+"""CANopen node of the rig, independent of the bus: boot-up, NMT, heartbeats, SYNC, and an SDO server for its objects.
 
-NMT and SDO carry no token. While somebody holds the bench they are counted and change nothing; otherwise they change
-how the node communicates, and never what the bench does. When the bench changes hands, the node is again as it booted.
+NMT and SDO frames carry no token. While the lease has a holder, NMT commands are refused and counted, and so are SDO
+writes that do not follow a write of the token by the holder. Without a holder they change only the communication of the
+node, never the motion of the bench. When the holder changes, the node returns to its state after booting.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +44,7 @@ from bench_protocol.table import TABLE
 from bench_sim.rig.controls import FAST, MEDIUM, SLOW, TICK_NS, Happened
 from bench_sim.rig.node_objects import DEFAULTS, TPDOS, NodeHost, NodeObjects, consumed
 
-#: A client waits for each answer; one that does not, or floods the bus, must not keep the rig from its ticks.
+#: Limits of the work in a tick, so that a client that does not wait for answers, or floods the bus, cannot delay it.
 _SDO_PER_TICK: Final = 8
 _FRAMES_AT_ONCE: Final = 32
 _LEASE_REQUEST: Final = TABLE.messages[TABLE.message_index["LeaseRequest"]].identifier
@@ -52,21 +53,21 @@ _TICKS_PER_MS: Final = 1_000_000 // TICK_NS
 
 
 class CanopenHost(NodeHost, Protocol):
-    """What the node needs of the rig that it belongs to."""
+    """Interface of the rig for its node."""
 
     def send(self, block: Block) -> None:
-        """Let frames leave that no tick sends."""
+        """Send frames outside of the tick."""
 
     def heartbeat_lost(self) -> None:
-        """React to a commander whose heartbeat has stopped."""
+        """Handle the loss of the heartbeat of the commander."""
 
     def heartbeat_back(self) -> None:
-        """Note that it is there again, or that nobody waits for it any more."""
+        """Handle a heartbeat that has returned, or is not expected any more."""
 
 
 class CanopenNode:
-    """The node. ``controls`` are the tick's; ``timed`` are the arrays of message rows that the tick sends by its own
-    time, in which -1 stands for a message that waits.
+    """The node. ``controls`` are those of the tick; ``timed`` are arrays with the rows of messages that the tick sends
+    periodically, with -1 for a message that is not sent.
     """
 
     def __init__(
@@ -95,25 +96,25 @@ class CanopenNode:
 
     @property
     def operational(self) -> bool:
-        """Whether PDOs come and go."""
+        """Whether PDOs are sent and received."""
         return int(self._controls["node_state"]) == NmtState.OPERATIONAL
 
     def start(self) -> None:
-        """Be as after booting, whatever somebody has set, without telling of a boot-up: the bench changes hands."""
+        """Restore the state after booting, without a boot-up message, because the bench has a new holder or none."""
         if not self.operational or self.objects.parameters != DEFAULTS:
             self._restore()
 
     def concerns(self, block: Block) -> bool:
-        """Return whether frames are among ``block`` that the node must see before commands are made of the others."""
+        """Return whether ``block`` has frames that the node must handle before the tick reads the others."""
         return not self.operational or bool(self._own(block).any())
 
     def _own(self, block: Block) -> npt.NDArray[np.bool_]:
-        """Return which frames are the node's own business."""
+        """Return a mask of the frames that only the node handles."""
         mine = self._mine[block["id"] & STANDARD_ID_MAX] & (block["extended"] == 0)
         return mine & (block["id"] <= STANDARD_ID_MAX)
 
     def receive(self, block: Block, peer: str) -> Block:
-        """Take from the frames of ``peer`` what is the node's own business; return the others."""
+        """Handle the frames of ``peer`` that are for the node; return the others."""
         self.objects.peer = peer
         mine = self._own(block)
         own, block = block[mine], block[~mine]
@@ -123,12 +124,12 @@ class CanopenNode:
         self.objects.refused[3] += max(0, own.size - _FRAMES_AT_ONCE)
         if self.operational:
             return block
-        asks = block["id"] == _LEASE_REQUEST  # the way back: whoever is given the bench starts the node
+        asks = block["id"] == _LEASE_REQUEST  # kept, because a new holder starts the node
         self.objects.refused[4] += int(block.size - asks.sum())
         return block[asks]
 
     def decide(self, happened: Happened) -> None:
-        """Do what the tick has found to be due."""
+        """Handle the timeouts that the tick has detected."""
         if Happened.NODE not in happened:
             return
         c = self._controls
@@ -168,7 +169,7 @@ class CanopenNode:
                 self._reset()
 
     def _reset(self) -> None:
-        """Boot the communication: tell so, with every setting at its default; the node starts by itself."""
+        """Boot the communication: send the boot-up message, set all parameters to defaults, and start the node."""
         self._send(HEARTBEAT_IDENTIFIER, bytes((NmtState.INITIALISING,)))
         self._restore()
 
@@ -183,23 +184,23 @@ class CanopenNode:
         self._plan()
 
     def _plan(self) -> None:
-        """Let the tick send what is due by time; what waits for SYNC, or for the node to be started, it leaves out."""
+        """Select the periodic messages of the tick, without those that wait for SYNC or for the start of the node."""
         for (rows, all_rows), period in zip(self._timed, (FAST, MEDIUM, SLOW), strict=True):
             timed = [self._transmission_type(row) in EVENT_DRIVEN for row in all_rows.tolist()]
             waited = rows < 0
             rows[:] = np.where(timed, all_rows, -1) if self.operational else -1
-            # Counters tell the sampling instant: what was not sent meanwhile is missing from them.
+            # A counter gives the sampling instant, so it also counts the messages that were not sent.
             self._encoder.counters[rows[waited & (rows >= 0)]] = int(self._controls["tick"]) // period % 256
 
     def _transmission_type(self, row: int) -> int:
-        """Return how the TPDO with this message leaves; 0 if it does not."""
+        """Return the transmission type of the TPDO with this message; 0 if it is not sent."""
         parameters = self.objects.parameters
         if parameters[TPDOS[row], PDO_COB_ID] & NOT_VALID:
             return 0
         return parameters[TPDOS[row], TRANSMISSION_TYPE]
 
     def _configure(self) -> None:
-        """Bring the tick in line with the parameters."""
+        """Apply the parameters to the tick."""
         c, parameters = self._controls, self.objects.parameters
         self._plan()
         period = parameters[HEARTBEAT_PRODUCER, 0] * _TICKS_PER_MS
@@ -225,7 +226,7 @@ class CanopenNode:
     # -- heartbeat, SYNC, SDO ------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, data: bytes) -> None:
-        """Expect the next one in time: the first starts the guarding, a boot-up counts as one."""
+        """Restart the timeout of the heartbeat; the first heartbeat, or a boot-up message, starts the monitoring."""
         if len(data) == 1:
             _, time = consumed(self.objects.parameters[HEARTBEAT_CONSUMER, 1])
             if self._controls["guard_due"] == _NEVER:
@@ -233,7 +234,7 @@ class CanopenNode:
             self._controls["guard_due"] = self._controls["tick"] + time * _TICKS_PER_MS
 
     def _on_sync(self, data: bytes) -> None:
-        """Send what waits for this SYNC; two within one sampling period would send the same values twice."""
+        """Send the PDOs of this SYNC; a second SYNC in one sampling period is ignored, as the values are the same."""
         del data  # the counter that some producers add
         sample = int(self._controls["tick"]) // FAST
         if not self.operational or sample == self._sync_sample:
