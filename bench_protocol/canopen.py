@@ -18,7 +18,7 @@ from bench_protocol.messages import Message, Protection
 #: The rig's node-ID.
 NODE: Final = 1
 NODE_MAX: Final = 127
-#: Stands for all nodes in an NMT command.
+#: Addresses all nodes in an NMT command.
 ALL_NODES: Final = 0
 
 NMT_IDENTIFIER: Final = 0x000

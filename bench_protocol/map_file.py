@@ -20,7 +20,7 @@ from bench_protocol.wires import Table, hash_of
 MAP_FILE: Final = 1000
 _FORMAT: Final = 1
 _HEAD: Final = 2
-#: A file has no more than 10 000 registers; what they unpack to is bounded too.
+#: A file has no more than 10 000 registers; their unpacked size is limited too.
 _BYTES_MAX: Final = 2 * (10_000 - _HEAD)
 _TEXT_MAX: Final = 1_000_000
 
@@ -29,7 +29,7 @@ ReadFile = Callable[[int, int, int], Sequence[int]]
 
 
 def map_registers(table: Table) -> list[int]:
-    """Return the registers of the file that tells ``table``."""
+    """Return the registers of the file that describes ``table``."""
     text = "\n".join(f"{place}: {content}" for place, content in table.places.items())
     packed = zlib.compress(text.encode(), 9)
     words = np.frombuffer(packed + bytes(len(packed) % 2), ">u2").tolist()
@@ -37,9 +37,9 @@ def map_registers(table: Table) -> list[int]:
 
 
 def read_places(read: ReadFile, at_once: int, map_hash: int) -> dict[str, str]:
-    """Return the places that a rig tells, ``at_once`` registers a request.
+    """Return the places that a rig reports, with ``at_once`` registers a request.
 
-    ValueError if they are in another format, broken, or not those of ``map_hash``, which the rig says it speaks.
+    Raises ValueError if the format is unknown, the data are corrupt, or their hash is not ``map_hash``.
     """
     form, size = read(MAP_FILE, 0, _HEAD)
     if form != _FORMAT or size > _BYTES_MAX:

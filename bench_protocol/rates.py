@@ -1,4 +1,4 @@
-"""The pace of the bench: its tick, how often messages are sent, how long it waits, and how late a tick may be."""
+"""The rates of the bench: its tick, the periods of messages, time-outs, and bins of the lateness of a tick."""
 
 import os
 from math import inf
@@ -8,7 +8,7 @@ from bench_protocol.units import kN, mm, mrad, ms, s, us
 
 #: Ticks per second that a rig may have; its compiled tick is made for one of them.
 TICK_RATES: Final = (1000, 2000, 5000)
-#: The variable of the environment that says which, when a process starts.
+#: The environment variable that selects the rate, read when a process starts.
 TICK_RATE_VARIABLE: Final = "ASTB_TICK_RATE"
 
 

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 from bench_protocol.signals import Kind, Signal
 
 ADDRESSES: Final = 65_536
-#: The address spaces with what stands before the 1-based numbers of classic documentation.
+#: The address spaces with the offset of the 1-based numbers of classic documentation.
 SPACES: Final = {"input": 30_001, "holding": 40_001, "coil": 1, "discrete": 10_001}
 #: The encodings with the registers (or bits) that they take.
 ENCODINGS: Final = {"float32": 2, "uint32": 2, "int16": 1, "uint16": 1, "bit": 1}
@@ -70,7 +70,7 @@ BLOCKS: Final = (
 LEASE_ADDRESS: Final = 0
 WATCHDOG_ADDRESS: Final = 1
 
-#: What stands in the blocks.
+#: Kinds of signals in the blocks.
 READINGS: Final = (Kind.MEASUREMENT, Kind.STATUS)
 _SPACE_OF: Final = {Kind.SETTING: "holding", Kind.ACTION: "coil", Kind.INTERLOCK: "discrete"}
 
@@ -160,9 +160,9 @@ def free_address(signals: Iterable[Signal]) -> int:
 
 
 def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
-    """Return the Modbus map of ``signals`` by address: the server's own registers, the readings, what is written.
+    """Return the Modbus map of ``signals`` by address: the server's own registers, readings, and writable signals.
 
-    ValueError for a signal without the address that its kind needs.
+    Raises ValueError for a signal without the address that its kind needs.
     """
     readings: dict[int, str] = {}
     others: list[Register] = []

@@ -76,7 +76,7 @@ _SIZED: Final = 0x01
 
 
 class _Transfer:
-    """A segmented transfer under way: what is still to be sent, or what has come."""
+    """The state of a segmented transfer: the data still to be sent, or received so far."""
 
     def __init__(self, index: int, sub: int, data: bytes = b"", *, download: bool) -> None:
         self.index, self.sub = index, sub

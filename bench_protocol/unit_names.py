@@ -18,11 +18,11 @@ from bench_protocol.units import UNITS, Unit
 
 
 class UnknownUnit(ValueError):
-    """An unknown or ambiguous unit; the message says which."""
+    """An unknown or ambiguous unit. The message names it."""
 
 
 class ReadUnit(NamedTuple):
-    """The unit in a text, and for pressures what they are relative to ("": not stated)."""
+    """The unit in a text, and for pressures their reference ("": not stated)."""
 
     unit: Unit
     reading: str = ""  #: "gauge" or "absolute"

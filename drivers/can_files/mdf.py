@@ -53,7 +53,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         raise
     except Unfit as error:
         raise CanLogError(f"{path} {error}") from None
-    except Exception:  # asammdf has an exception of its own and raises others, too
+    except Exception:  # asammdf raises its own exception and others
         raise CanLogError(
             f"{path} is a damaged MDF file, or of a kind that is not read, behind frame {len(frames)}"
         ) from None
@@ -63,7 +63,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
 def _made(kind: Any, path: Path) -> Any:
     try:
         return kind(path)
-    except Exception:  # asammdf has an exception of its own and raises others, too
+    except Exception:  # asammdf raises its own exception and others
         return None
 
 

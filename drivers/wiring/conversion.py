@@ -55,7 +55,7 @@ class Linear:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Straight lines between points, the outer ones going on beyond the ends; then a line of its own."""
+    """Linear interpolation between points, and extrapolation beyond them; then a second linear conversion."""
 
     numbers: tuple[float, ...]  #: rising
     meanings: tuple[float, ...]  #: rising or falling
@@ -73,7 +73,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Numbers of the rig by choice of ours; the first is what is written."""
+    """The numbers of the rig by choice; the first number of a choice is written."""
 
     numbers: Mapping[int, tuple[float, ...]]
 

@@ -33,7 +33,7 @@ from drivers.wiring.written import order_names, plain_number, si_value
 
 #: The kind of its named files.
 PACKAGE: Final = "wirings"
-#: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
+#: Permitted difference of a setting that is read back, as a share of its range, because a rig rounds values.
 _ROUNDED: Final = 0.001
 #: What the table ``[sequences]`` is called in files of version 0.1.
 _EARLIER: Final = "conduct"
@@ -54,9 +54,9 @@ def read_description(path: Path, table: Table) -> Description:
 def describe(
     content: Mapping[str, Any], where: Path, table: Table, under: str = "", *, whole: bool = False
 ) -> Description:
-    """Return what the keys ``content`` say, which stand in the file ``where`` (``under`` a key of it).
+    """Return the content of the keys ``content`` of the file ``where`` (``under`` one of its keys).
 
-    What is wrong is told at once; if it is to be the ``whole``, with what its transports cannot be and do not have.
+    All errors are raised at once. If ``whole``, they include those of its transports.
     """
     head = f"{where}: {under}." if under else f"{where}: "
     called = _EARLIER if _EARLIER in content else "sequences"
@@ -192,7 +192,7 @@ class _Reader:
     # -- signals -------------------------------------------------------------------------------------------------
 
     def _find_entries(self, found: dict[str, tuple[str, Any]]) -> None:
-        """Add to ``found`` the lines under ``[signals]`` by signal: where they stand, and what they say."""
+        """Add the lines under ``[signals]`` to ``found`` by signal: their place and content."""
         with AllAtOnce() as wrong:
             for key, given in self._keys.signals.items():
                 nested = "." not in key and isinstance(given, Mapping)
@@ -350,7 +350,7 @@ class _Reader:
         return PlayerLimits(**limits)
 
 
-#: Which keys a line may have, by the kind of its signal; ``absent`` stands alone.
+#: Permitted keys of a line, by the kind of its signal; ``absent`` excludes all others.
 _NUMBER: Final = ("unit", "sign", "calibration", "choices")
 _KEYS: Final = {
     **dict.fromkeys(READ, ("from", "value", "function", *_NUMBER)),

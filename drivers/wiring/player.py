@@ -100,7 +100,7 @@ class Player:
         self._lock = threading.Lock()
         self._program = Program.IDLE
         self._waves: list[_Wave] = []
-        self._kept: list[dict[str, float]] = []  # what was added for the next program
+        self._kept: list[dict[str, float]] = []  # waves added for the next program
         self._last: int | None = None  # ns of the last cycle of the set-points
         self._elapsed = 0  # ns of such cycles so far, without stalls
         self._time: int | None = None  # ns of the last one in the program, in time elapsed
@@ -165,7 +165,7 @@ class Player:
             self._program = Program.HOLD
 
     def stop(self) -> None:
-        """End the program, whose axes come back on straight lines within `RETURN`, or forget what was added."""
+        """End the program, whose axes return linearly within `RETURN`, or discard the waves added for the next one."""
         with self._lock:
             if not self.busy:
                 if self._kept:
@@ -227,7 +227,7 @@ class Player:
             self._returning = {}
         return {row: offset * share for row, offset in self._returning.items()}
 
-    # -- what is possible ----------------------------------------------------------------------------------------
+    # -- checks --------------------------------------------------------------------------------------------------
 
     def _possible(
         self, asked: Sequence[Mapping[str, float]], modes: Mapping[str, float], setpoints: Floats, verb: str

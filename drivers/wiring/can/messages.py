@@ -107,7 +107,7 @@ def _check_common(where: str, common: CommonKeys, codings: Mapping[str, Coding])
 
 
 def _with_common(keys: MessageKeys, common: CommonKeys, coding: Coding) -> MessageKeys:
-    """Return the keys of a message with what is common to all that have such signals, where it says nothing itself."""
+    """Return the keys of a message, completed with the common keys of all messages that have such signals."""
     names = {signal.name for signal in coding.signals}
     changes: dict[str, Any] = {}
     if keys.counter is None and common.counter in names:
@@ -185,7 +185,7 @@ def _check_points(
     points: Mapping[str, Mapping[str, SignalKeys]],
     codings: Mapping[str, Coding],
 ) -> None:
-    """WiringError for what is said of points that no message has, or that the DBC says already."""
+    """Raise WiringError for keys of points that no message has, or that the DBC defines already."""
     for message, signals in points.items():
         if message not in codings:
             raise WiringError(

@@ -10,12 +10,12 @@ from drivers.errors import BenchError, LinkLost, Refused
 from drivers.wiring.modbus.registers import Span
 
 Read = Callable[[Span], Sequence[int]]
-#: How many points are asked for one by one.
+#: Number of points that are polled one by one.
 _TRIED_MAX: Final = 32
 
 
 def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError:
-    """Return ``error``, of a reading of ``span``, with what narrower readings tell of its reason."""
+    """Return ``error``, of a reading of ``span``, with the reason found by smaller readings."""
     if span.count == 1 or (isinstance(error, Refused) and error.code not in (ILLEGAL_ADDRESS, ILLEGAL_VALUE)):
         return error
     points = span.points[:_TRIED_MAX]

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 Coded = list[tuple[RegisterPoint, list[int]]]
-#: Where nothing is said of coils, the device tells by which functions it takes them.
+#: Settings with which the functions for coils are found by trying.
 _FIND_OUT: Final = ("any", "combined")
 Ask = Callable[[Callable[["ModbusPort"], Any]], Any]
 
 
 class Writer:
-    """Writes points with as few requests as a device takes; one that does not know a function is asked by another."""
+    """Writes points with as few requests as possible; if the device lacks a function, another one is used."""
 
     def __init__(self, writes: Writes, request_max: int) -> None:
         self._writes, self._most = writes, request_max
@@ -93,7 +93,7 @@ class Writer:
             self._coils(address, bits, ask)
 
     def _runs(self, coded: Coded) -> list[Coded]:
-        """Return what one request each can write: neighbours in one table, or bits of one word."""
+        """Return the groups that one request each can write: neighbours in one table, or bits of one word."""
         runs: list[Coded] = []
         for point, words in coded:
             if runs and self._follows(runs[-1], point):

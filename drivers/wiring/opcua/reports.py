@@ -87,7 +87,7 @@ class Reports:
         return self._every if one is None else max(self._every, one.period, one.sampling)
 
     def drain(self) -> list[tuple[int, dict[str, float]]]:
-        """Return what has come since the last call, in order; unchanged values have the time of their confirmation."""
+        """Return the values since the last call, in order; unchanged ones have the time of their confirmation."""
         with self._lock:
             news, self._news = self._news, []
             published = self._published
@@ -115,7 +115,7 @@ class Reports:
         return self._ended or self.silence > self.allowed
 
     async def renew(self, client: Client) -> None:
-        """Subscribe again in the place of a subscription that was dropped."""
+        """Subscribe again after a subscription was dropped."""
         silence = self.silence
         if self._subscription is not None:  # the server may still know it
             await _delete(self._subscription)
@@ -126,7 +126,7 @@ class Reports:
         self._drops, self._missing = self._drops + 1, self._missing + silence
 
     def remarks(self) -> list[Remark]:
-        """Return what the server does otherwise than one might think, and whether anything is lost by it."""
+        """Return remarks on unexpected behaviour of the server, with whether data are lost by it."""
         found = []
         if self._drops:
             said = f"the server dropped the subscription {self._drops} times; no values came for {self._missing:.2g} s"
