@@ -1,4 +1,4 @@
-"""How a run asks its operator: the bench is kept meanwhile, and every wait has an end."""
+"""Questions of a run to its operator; the bench is commanded during the wait, and every wait has a timeout."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from test_plans.operator import ABORT, Answer, Operator, Question, Unanswered
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: How often somebody who thinks is looked at.
+#: Poll interval (ns) of an answer in virtual time.
 _LOOK: Final = round(20 * ms * NS)
 
 
 class Asking(Protocol):
-    """Who asks: as much of a run as that takes."""
+    """Interface of a run that asks questions."""
 
     bench: Bench
     operator: Operator
@@ -28,24 +28,24 @@ class Asking(Protocol):
         """The time of the bench's clock (ns)."""
 
     def keep(self, kind: str, text: str, **data: Any) -> None:
-        """Let the record keep an event."""
+        """Write an event to the record."""
 
     def follow(self, text: str) -> None:
-        """Tell whoever watches."""
+        """Send a note to the watcher."""
 
 
 class Aborted(Exception):
-    """The operator ended the run, or nobody knows what an operator is doing at the rig."""
+    """The operator ended the run, or did not answer and may be at work on the rig."""
 
 
 class NotInTime(Unanswered):
-    """Somebody was asked, and gave no answer in time."""
+    """The operator did not answer in time."""
 
 
 def answer_to(run: Asking, question: Question) -> Answer:
-    """Ask, and wait for the answer.
+    """Ask the operator and wait for the answer.
 
-    Unanswered if none comes, NotInTime if somebody was there to give one, Aborted if the operator ends the run.
+    Unanswered without an operator, NotInTime after the timeout, Aborted if the operator ends the run.
     """
     run.keep("prompt", question.text, answers=list(question.answers), within=question.within)
     run.follow(f"asked: {question.text}")
@@ -78,10 +78,10 @@ def _put(run: Asking, question: Question) -> Answer:
 
 
 def wait_for_somebody(run: Asking, condition: Callable[[], bool], within: float, what: str) -> bool:
-    """Wait until somebody has done something; return whether it happened within so many s.
+    """Wait for a ``condition`` that depends on a person; return whether it was met ``within`` the timeout (s).
 
-    In real time the bench is commanded and watched meanwhile: RigFault and LinkLost come at once. A rig in virtual
-    time stands still while people think, and what is counted is their time.
+    In real time the bench is commanded and monitored during the wait: RigFault and LinkLost are raised at once. In
+    virtual time the rig is paused, and the timeout counts real time.
     """
     if not isinstance(run.bench.clock, VirtualClock):
         try:

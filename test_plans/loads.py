@@ -1,4 +1,4 @@
-"""What a spring has to carry, and what is good under that load: limits by name, as the specimen's file has them."""
+"""Load cases of a spring and the limits under each load, by name, as in the file of the specimen."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from bench_protocol.units import UNITS
 from test_plans.analysis.geometry import bolster_weight
 
-#: The load cases that the plans ask a specimen for: the empty and the full car.
+#: Load cases of the plans: the empty and the full car.
 AW0: Final = "AW0"
 AW3: Final = "AW3"
-#: What the car of each is called.
+#: Name of the car by load case.
 CARS: Final = {AW0: "empty", AW3: "full"}
 
 T = TypeVar("T")
 
 
 class SpecimenError(ValueError):
-    """A specimen's file does not say what is needed, or says what nobody understands."""
+    """A specimen's file lacks an entry or has an invalid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Limits of a check, SI; None where there is none on that side."""
+    """Limits of a check, SI; None without a limit on that side."""
 
     low: float | None = None
     high: float | None = None
@@ -35,7 +35,7 @@ class Band:
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
 
     def wider(self, by: float) -> Band:
-        """Return this band with limits that lie further out by the fraction ``by`` of them."""
+        """Return this band with both limits moved outward by the fraction ``by`` of their magnitudes."""
         low = None if self.low is None else self.low - by * abs(self.low)
         return Band(low, None if self.high is None else self.high + by * abs(self.high))
 
@@ -44,7 +44,7 @@ class Band:
         return Band(*(None if end is None else factor * end for end in (self.low, self.high)))
 
     def told(self, unit: str) -> str:
-        """Say the limits in ``unit``."""
+        """Return the limits as text in ``unit``."""
         factor = UNITS[unit].factor
         ends = (("at least", self.low), ("at most", self.high))
         return ", ".join(f"{which} {end / factor:g} {unit}" for which, end in ends if end is not None)
@@ -57,10 +57,10 @@ def within(expected: float, tolerance: float) -> Band:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits that one table of a specimen's file states, by name; ``where`` names file and table.
+    """The limits in one table of a specimen's file, by name; ``where`` names file and table.
 
-    Those that stand in a table with a plan's name are called ``plan.name`` here. Nobody but the plan knows what they
-    are of, so it says in which ``unit`` it will take them.
+    Limits in a table with the name of a plan are called ``plan.name`` here. Only the plan defines their quantity, so it
+    passes the ``unit`` that it expects.
     """
 
     where: str
@@ -68,7 +68,7 @@ class Limits:
     curves: Mapping[
         str, Mapping[float, Band]
     ]  #: over frequency (Hz), amplitude, offset or plate (m), roll (rad)
-    units: Mapping[str, str] = field(default_factory=dict)  #: SI unit of each that stands in a plan's table
+    units: Mapping[str, str] = field(default_factory=dict)  #: SI unit of each limit in the table of a plan
 
     def band(self, name: str, unit: str = "") -> Band:
         """Return the limits of one value. SpecimenError if the file does not state them, or in another quantity."""
@@ -79,9 +79,9 @@ class Limits:
         return self._stated(name, unit, self.curves, "a list of places, expected and tolerance")
 
     def curve_at(self, name: str, place: float, unit: str = "") -> tuple[float, float]:
-        """Return low and high at a ``place`` (SI) on a curve, between those of its neighbours.
+        """Return low and high at a ``place`` (SI) on a curve, interpolated linearly.
 
-        SpecimenError if the file does not state the curve, or ends before.
+        SpecimenError if the file has no such curve, or the ``place`` is outside of it.
         """
         curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):
@@ -114,7 +114,7 @@ class Load:
     limits: Limits
 
     def actuator_force(self, rig: Mapping[str, float]) -> float:
-        """Return what each vertical actuator adds to its half of the bolster's weight (N)."""
+        """Return the force of each vertical actuator in addition to half of the bolster's weight (N)."""
         return self.preload - bolster_weight(rig) / 2
 
     def sweep(self, direction: str) -> Iterator[tuple[float, Band, Band]]:
