@@ -1,6 +1,6 @@
 """`astb run` and `astb report`: plans on a rig, and the reports of their records."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,6 +31,7 @@ from drivers.errors import BenchError
 
 if TYPE_CHECKING:
     from astb.run import Keeping
+    from bench_records.result import Result
 
 #: Exit codes by verdict; of several plans the last in this order counts.
 _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked": BLOCKED}
@@ -158,10 +159,12 @@ def run_command(
         misuse(error)
     except BenchError as error:
         blocked(error)
+    raise click.exceptions.Exit(_status(results, any(deviating)))
+
+
+def _status(results: Sequence["Result"], deviates: bool) -> int:
     status = _EXIT[max((result.verdict for result in results), key=list(_EXIT).index)]
-    if status in (PASS, INCOMPLETE) and any(deviating):
-        status = DEVIATES
-    raise click.exceptions.Exit(status)
+    return DEVIATES if deviates and status in (PASS, INCOMPLETE) else status
 
 
 def _keeping(
@@ -175,6 +178,7 @@ def _keeping(
     message_elsewhere: bool,
 ) -> "Keeping":
     from astb.run import Keeping
+    from bench_records.result import Result
 
     try:
         messages = Messages(receiver(message, elsewhere=message_elsewhere)) if message else None
