@@ -178,7 +178,6 @@ def _keeping(
     message_elsewhere: bool,
 ) -> "Keeping":
     from astb.run import Keeping
-    from bench_records.result import Result
 
     try:
         messages = Messages(receiver(message, elsewhere=message_elsewhere)) if message else None

@@ -36,7 +36,7 @@ Models = Sequence[tuple[Mapping[str, float], Effects]]
 
 
 def predicted_checks(
-    checks: CheckFigures,
+    checks: CheckFigures | None,
     beside: Sequence[MeasuredRun],
     before: FittedModel,
     after: FittedModel,
@@ -46,8 +46,10 @@ def predicted_checks(
 ) -> list[CheckPrediction]:
     """Return the figures of the planned experiments, and instead of them those that runs ``beside`` the data hold.
 
-    ``covariance`` (k, k) is that of the numbers of ``after``.
+    ``covariance`` (k, k) is that of the numbers of ``after``. A system without ``checks`` has no figures.
     """
+    if checks is None:
+        return []
     rng = np.random.default_rng(seed)
     drawn = rng.multivariate_normal(after.point.numbers, covariance, DRAWS, method="eigh")
     points = [before.point, after.point, *(after.point.at(numbers) for numbers in drawn)]

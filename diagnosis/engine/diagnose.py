@@ -24,7 +24,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from itertools import combinations
@@ -69,12 +69,11 @@ from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, laws, rivals, scores
 from diagnosis.finding import (
     Cause,
-    CheckPrediction,
     Finding,
     NextRun,
     NextSensor,
+    PanelRow,
     Provenance,
-    Suspect,
     Unseen,
     Verdict,
 )
@@ -140,10 +139,7 @@ def _finding(
     """Compare both models and put everything that was concluded into the finding."""
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
     base = _base_model(found, extended, named)
-    watching = aside(
-        config.workers,
-        lambda: panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else [],
-    )
+    watching = _panel_aside(base, config)
     role, runs = held_back(data)
     after = predict(extended, runs, fixed=True)
     floors = not_above(found.floors, extended, after)
@@ -155,28 +151,24 @@ def _finding(
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     covariance = widened(named, judgement.screened.tests, at_most_left(data.of("select"), found.floors))
     accepted = _causes(found, named, covariance, hypotheses, left, config)
-    causes = [] if verdict is Verdict.UNRESOLVED else accepted
+    unresolved = verdict is Verdict.UNRESOLVED
+    causes = [] if unresolved else accepted
     others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
-    nearest: list[Suspect] = []
-    if verdict is Verdict.UNRESOLVED:
-        nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
+    near = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous) if unresolved else []
     spread = covariance if extended is named else widened(extended, ())
-    predicted: list[CheckPrediction] = []
-    if checks is not None:
-        predicted = predicted_checks(checks, data.beside, best, extended, spread, seed=config.seed)
-        causes = confirmed(causes, predicted)
+    predicted = predicted_checks(checks, data.beside, best, extended, spread, seed=config.seed)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
     finding = Finding(
         verdict=verdict,
         sentence="",
-        causes=causes,
+        causes=confirmed(causes, predicted),
         threshold=screening.threshold,
         alpha=config.alpha,
         provenance=_provenance(data, extended, config),
         models=models(best, extended, gain),
         ambiguous_with=others,
-        suspects=nearest,
+        suspects=near,
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
@@ -196,6 +188,14 @@ def _finding(
         checks=predicted,
     )
     return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond)))
+
+
+def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRow]]:
+    """Begin the panel of tests in another thread; return what waits for its rows."""
+    return aside(
+        config.workers,
+        lambda: panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else [],
+    )
 
 
 def _not_seen(judgement: Judgement, left: Remainder, config: Config) -> list[Unseen]:

@@ -388,7 +388,6 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
     damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
     wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
     damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
-    # What cannot be judged is kept all the same.
     for check, quantity, one in ((STIFF, STORAGE, stiffness), (DAMPED, DAMPING, damping)):
         keep(run, "pair", f"{check}, wind and track", AMPLITUDE, quantity, [K.amplitude], [one])
     beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure

@@ -121,7 +121,6 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     _watch(MODEL, [*modelled.values()], progress)
     for future in as_completed([*checked, *modelled.values(), *(f for fs in spread.values() for f in fs)]):
         future.result()
-
     entries: dict[int, dict[str, Any]] = {}
     rides: list[ComfortRow] = []
     for one in checked:
