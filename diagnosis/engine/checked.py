@@ -16,21 +16,17 @@ shows an error of the tuned model, and the extended one has much less of it, the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
 
 from diagnosis.contracts import Array, CheckFigures, Effects, Experiment, Figures, Job, MeasuredRun
-from diagnosis.engine.config import RELATIVE
+from diagnosis.engine.config import CHECK_DRAWS, RELATIVE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.simulation import simulate_many
 from diagnosis.estimates import Z95, number
 from diagnosis.finding import NAMED, SUSPECTED, Cause, CheckPrediction
-
-#: Draws from the covariance: so many tell a standard deviation to a sixth.
-DRAWS: Final = 20
 
 Models = Sequence[tuple[Mapping[str, float], Effects]]
 
@@ -51,7 +47,7 @@ def predicted_checks(
     if checks is None:
         return []
     rng = np.random.default_rng(seed)
-    drawn = rng.multivariate_normal(after.point.numbers, covariance, DRAWS, method="eigh")
+    drawn = rng.multivariate_normal(after.point.numbers, covariance, CHECK_DRAWS, method="eigh")
     points = [before.point, after.point, *(after.point.at(numbers) for numbers in drawn)]
     rows: dict[str, CheckPrediction] = {}
     for experiment in checks.experiments:

@@ -62,6 +62,8 @@ LEAST_IN_BIN: Final = 30
 PARITY_BLOCKS: Final = 24
 #: Draws of the noise that the F statistic of a parity signal is compared with: twelve times as many means.
 PARITY_DRAWS: Final = 12
+#: Draws from the covariance for the uncertainty of predicted checks: they give a standard deviation to a sixth.
+CHECK_DRAWS: Final = 20
 #: Samples that a drawn autoregression runs before its first one counts, so that it has forgotten its start.
 PARITY_BURN_IN: Final = 200
 #: Cycles belong to one stretch while period and height agree within this part: an amplitude or frequency of a plan

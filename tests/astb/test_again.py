@@ -88,7 +88,10 @@ def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
         ([], "name either"),
         (["--from", "{kept}@40s", "--fault", "leek"], "leek is no fault"),
         (["--from", "{kept}@40s", "--model", "{kept}/none.toml"], "none.toml"),
-        (["--from", "{kept}@40s", "--effect", "leek.left=1mm2"], "leek.left is no effect; leak.left"),
+        (
+            ["--from", "{kept}@40s", "--effect", "leek.left=1mm2"],
+            "leek.left is no effect; did you mean 'leak.left'",
+        ),
         (["--from", "{kept}@40s", "--effect", "leak.left"], "NAME=VALUE, such as leak.left=0.2mm2"),
         (["--from", "{kept}@40s", "--effect", "leak.left=1m2"], "leak.left: area = 1e+06 mm2 is outside"),
         (["--from", "{kept}@40s", "--change", "bellows_volum=20l"], "did you mean 'bellows_volume'?"),

@@ -63,7 +63,7 @@ def test_all_is_combined_with_all_and_a_variant_goes_over_a_change(tmp_path):
 
 def test_who_changes_a_specimens_file_has_another_case(tmp_path):
     specimen = tmp_path / "mine.toml"
-    text = (ROOT / "specimens" / "astb.toml").read_text()
+    text = (ROOT / "astb" / "data" / "specimens" / "astb.toml").read_text()
     keys = []
     for serial in ("virtual", "virtual", "another"):
         specimen.write_text(text.replace('serial_number = "virtual"', f'serial_number = "{serial}"'))

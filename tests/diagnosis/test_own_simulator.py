@@ -357,7 +357,7 @@ def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
         ("amplifier_of_mine", "names no factory of a module; right would be such as"),
         ("nothing_here:Gain", "there is no module nothing_here in "),
         ("needs:Gain", "needs needs nowhere_to_be_found"),
-        ("amplifier_of_mine:Gian", "has no class or function Gian; Gain would be near"),
+        ("amplifier_of_mine:Gian", "has no class or function Gian; did you mean 'Gain'"),
         (
             "amplifier_of_mine:broken",
             r"ZeroDivisionError: division by zero \(amplifier_of_mine.py, line 15\)",

@@ -133,10 +133,10 @@ def test_without_fmpy_it_is_said_what_to_install(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("drive =", "drvie =", r"columns.drvie: ShakenMass.fmu has no variable drvie; use a name such as drive"),
+        ("drive =", "drvie =", r"columns.drvie: ShakenMass.fmu has no variable drvie; did you mean 'drive'"),
         ('unit = "kN"', 'unit = "bar"', r'columns.drive.unit: "bar" is no unit of this quantity; .* N, .*kN'),
         ('drive = { column = "F", unit = "kN" }\n', "", r"settings.drive is missing: .* a column or a value"),
-        ("mass =", "maas =", r"fmu.base.maas: ShakenMass.fmu has no variable maas; use a name such as mass"),
+        ("mass =", "maas =", r"fmu.base.maas: ShakenMass.fmu has no variable maas; did you mean 'mass'"),
         ("mass =", "displacement =", r"base.displacement: displacement is output .* use a real parameter"),
         ('"0.1 kg"', '"0.1 N"', r'fmu.base.mass.spread = "0.1 N": "N" is no unit of this quantity'),
         ('"0.1 kg"', '"0 kg"', r'fmu.base.mass.spread = "0 kg" is not positive'),

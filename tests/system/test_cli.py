@@ -191,7 +191,7 @@ BAD_ARGUMENTS = {
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
     "run aw0 --specimen nobody": "there is astb, and any path that ends in .toml would do",
     "list specimens nobody": "specimen nobody cannot be read",
-    "run aw0 --set amplitude=20mm": "aw0 has no parameter amplitude; it has none",
+    "run aw0 --set amplitude=20mm": "aw0 has no parameter amplitude",
     "run aw0 --set amplitude": "--set amplitude has no value; write NAME=VALUE",
     "run aw0 --set aw3.load=AW0": "aw3.load is a parameter of the plan aw3, but the plans to run are aw0",
     "run aw0 --with nowhere.toml": "--with nowhere.toml cannot be read: No such file",

@@ -85,7 +85,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
             "data.csv is not TOML: line 1, time,x: a key without a value",
         ),
         ("identify nowhere --out out/model.toml", "nowhere does not exist"),
-        ("identify --out model.toml", "without a record nothing is identified"),
+        ("identify --out model.toml", "--out model.toml needs data"),
         ("identify empty --out out/model.toml", "empty holds no record.parquet"),
         ("identify data.csv", "data.csv is no directory of a run on the bench"),
         (
