@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 GIGABYTE = 10**9 >> 20  # MiB
 #: Notes that cannot be read are shown as such.
 READ = ("lists.json", "deep.json")
-ERRORS = ("Unfit", "RecordError", "DbcError", "SpecimenError", "DiagnosisError")
+ERRORS = ("Unfit", "RecordError", "DbcError", "SpecimenError", "FmuError")
 
 
 @pytest.fixture(scope="module")

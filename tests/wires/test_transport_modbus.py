@@ -364,7 +364,7 @@ def changed(**keys: object) -> dict:
         ),
         (
             changed(points={"height": {"table": "input", "address": 1, "type": "word"}}),
-            "height: type = 'word': there is bit, float32, float64, int16",
+            "height: type = 'word': there are int16",
         ),
         (
             changed(alive={"point": "height", "every": "1 s"}),
