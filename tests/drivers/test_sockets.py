@@ -69,7 +69,9 @@ def test_nothing_is_lost_while_the_plan_computes(live):
         bench.wait(0.2 * s)  # a busy machine still holds a part in its sockets
     assert capture.times("left.height").size >= 0.8 * 200
     times = np.concatenate([t[r == HEIGHT] for t, r in heard])
-    assert set(np.diff(times).tolist()) == {5_000_000}
+    steps = np.diff(times)
+    # On a busy machine, a frame that arrives sooner than all before corrects the offset of the stamps once.
+    assert steps.max() == 5_000_000 and (steps < 5_000_000).sum() <= 1
     assert bench.wiring.direct.tally()["lost"] == 0
     bench.vertical.preload(1 * kN, 2 * kN, rate=20 * kN)
     assert bench.vertical_right.force == pytest.approx(2 * kN, abs=0.5 * kN)
