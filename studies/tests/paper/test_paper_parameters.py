@@ -122,9 +122,9 @@ def test_files_that_do_not_fit(tmp_path, old, new, message):
 def test_missing_parts(tmp_path):
     with pytest.raises(ParameterError, match="no parameter set 'nowhere'"):
         load_paper("nowhere")
-    with pytest.raises(ParameterError, match="AW7 is no load case; .*AW"):
+    with pytest.raises(ParameterError, match=r"AW7 is no load case; .*AW"):
         load_paper().under("AW7")
-    with pytest.raises(ParameterError, match="AW7 is no load case; .*AW"):
+    with pytest.raises(ParameterError, match=r"AW7 is no load case; .*AW"):
         load_paper(load_case="AW7")
     path = tmp_path / "short.toml"
     path.write_text(TEXT.split("[load_case.AW0]", maxsplit=1)[0], encoding="utf-8")
