@@ -14,7 +14,7 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-assert not any(map(find_spec, ("bench_sim", "astb.fmu", "astb"))), "this project is installed here"
+assert not any(map(find_spec, ("bench_sim", "diagnosis", "astb"))), "this project is installed here"
 
 OUTPUTS = (
     *("left.vertical_force", "right.vertical_force", "left.lateral_force", "right.roll_moment"),
