@@ -165,13 +165,11 @@ class Run:
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
-        A `CheckName` as ``name`` adds a sentence that explains the measured quantity and its purpose.
-
-        A value with an uncertainty U passes if its probability of conformity is high enough, and is *marginal* if it
-        lies within the limits with a lower probability (see `judged`). A value without U is *marginal* within
-        ``margin`` (a fraction of the band) of a limit, unless it is `Exact`. A check is *not available* if U is more
-        than half the width of the limits and value ± U reaches into them, or if a hold began after the time ``since``
-        (ns). ``unit`` is the display unit.
+        A `CheckName` as ``name`` adds a sentence that explains the measured quantity. A value with an uncertainty U
+        passes if its probability of conformity is high enough. It is *marginal* if it is within the limits with a lower
+        probability (see `judged`). A value without U is *marginal* within ``margin`` (a fraction of the band) of a
+        limit, unless it is `Exact`. A check is *not available* if U is more than half the width of the limits and value
+        ± U reaches into them, or if a hold began after the time ``since`` (ns). ``unit`` is the display unit.
 
         Raises PlanError for an undeclared unit, and ValueError for limits that no value can break or meet.
         """
