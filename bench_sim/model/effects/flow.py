@@ -174,7 +174,7 @@ EFFECTS: Final = (
     #
     #     G = C ρ₀ p₁ √(T₀/T₁) iso(p₂/p₁) between the auxiliary chambers, at any difference,   C = A ψ_c/(ρ₀ √(R T₀))
     #
-    # while the valve is connected; A as in `bench_sim.model.effects.leak`. A difference between left and right
+    # while the valve is connected; A as in the effect `leak`. A difference between left and right
     # decays to zero. Source: ISO 6358-1; sizes assumed.
     Effect(
         name="dpv_leak",

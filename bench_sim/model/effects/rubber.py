@@ -117,7 +117,7 @@ EFFECTS: Final = (
     #
     #     K(iω) = r k_sh (s iωτ₁/(1 + iωτ₁) + (1−s) iωτ₂/(1 + iωτ₂))
     #
-    # as `bench_sim.model.effects.maxwell`, which it contains with a share s of one. Source: as there; sizes assumed.
+    # as the effect `maxwell`, which it contains with a share s of one. Source: as there; sizes assumed.
     Effect(
         name="maxwell_two",
         family="rubber",
@@ -198,7 +198,7 @@ EFFECTS: Final = (
     #
     #     F = s F_max f(x; x_2,a) + (1−s) F_max f(x; x_2,b)
     #
-    # f as in `bench_sim.model.effects.friction`, which it contains with a share s of one. The two elements stand
+    # f as in the effect `friction`, which it contains with a share s of one. The two elements stand
     # for the spread of sliding limits that a bank of Jenkins elements has. Source: Iwan, J. Appl. Mech. 33 (1966)
     # 893; Berg 1998; sizes assumed.
     Effect(
