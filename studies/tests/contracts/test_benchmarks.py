@@ -2,13 +2,12 @@
 
 import ast
 import importlib
-from pathlib import Path
 
 import pytest
 
 from astb_studies.benchmarks.__main__ import NAMES
+from astb_studies.places import ROOT
 
-ROOT = Path(__file__).parents[3]
 SOURCES = sorted(
     path for folder in ("studies/astb_studies", "tools") for path in (ROOT / folder).rglob("*.py")
 )

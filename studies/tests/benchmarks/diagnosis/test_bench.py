@@ -3,13 +3,13 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from astb_studies.benchmarks.diagnosis.ground_truth import draw
 from astb_studies.benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
+from astb_studies.places import ROOT
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
 from bench_records.record import read
@@ -18,7 +18,6 @@ from bench_sim.parameters import load
 from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring.simulator import OUTPUTS
 
-ROOT = Path(__file__).parents[3]
 #: A few candidates of every family; the whole catalogue is the benchmark's.
 FEW = (
     "maxwell",
