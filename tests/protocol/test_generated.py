@@ -4,11 +4,12 @@ import re
 
 import pytest
 
+from astb.plugins import offers, own_summaries
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
 from test_plans.instruments import ordinary, read_instruments
 from tools.generate import instruments_file
-from tools.generate.files import ROOT, files
+from tools.generate.files import ROOT, commands_page, files
 
 
 @pytest.mark.parametrize("path", files(), ids=lambda path: path.name)
@@ -16,6 +17,13 @@ def test_generated_files_are_up_to_date(path: object) -> None:
     assert path.read_text(encoding="utf-8") == files()[path], (
         f"run `make generate` ({path.relative_to(ROOT)})"
     )
+
+
+def test_generation_leaves_the_commands_of_other_packages(monkeypatch):
+    monkeypatch.setitem(offers(), "foreign-command", {"other-package": "nowhere:command"})
+    before = dict(offers()), dict(own_summaries())
+    assert "foreign-command" not in commands_page()
+    assert (offers(), own_summaries()) == before
 
 
 def test_what_the_file_of_instruments_lacks_comes_from_the_row_of_its_group(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, TextIO
+from unittest.mock import patch
 
 import click
 
@@ -337,8 +338,6 @@ def commands_page() -> str:
     """Return the reference page of the command line: the output of `--help`."""
     from astb.cli import commands
 
-    own_summaries().update(read_summaries(command_summaries()))
-    offers().clear()  # the page has only own commands
     out = io.StringIO()
     print(_NOTE.replace("table of signals", "command line"), file=out)
     print("# The command line\n", file=out)
@@ -351,9 +350,12 @@ def commands_page() -> str:
         file=out,
     )
     print("trips), 6 deviates (all checks pass, but the rig deviates from its model).\n", file=out)
-    for title, command in _with_all_below("astb", commands):
-        context = click.Context(command, info_name=title, terminal_width=100)
-        print(f"## `{title}`\n\n```text\n{command.get_help(context)}\n```\n", file=out)
+    summaries = read_summaries(command_summaries())
+    # The page has only own commands. Both tables are shared by the process, so they get their contents back.
+    with patch.dict(own_summaries(), summaries), patch.dict(offers(), clear=True):
+        for title, command in _with_all_below("astb", commands):
+            context = click.Context(command, info_name=title, terminal_width=100)
+            print(f"## `{title}`\n\n```text\n{command.get_help(context)}\n```\n", file=out)
     return out.getvalue()
 
 
