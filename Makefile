@@ -7,6 +7,7 @@ READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
 COMPILE := $(BIN)/python -m tools.compile_model
 MDF := .venv/mdf
+DOCS := .venv/docs
 
 # Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -60,9 +61,10 @@ test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mo
 		$$(grep -rl --include='*.py' 'mark.vcan' tests | xargs -n 1 dirname | sort -u) $(ARGS)
 
 .PHONY: check
-check: $(READY)  ## lint, format, types, import contracts, generated files
+check: $(READY)  ## lint, spelling, format, types, import contracts, generated files
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m tools.generate --check
@@ -76,6 +78,13 @@ format: $(READY)  ## let ruff put the code in order
 .PHONY: generate
 generate: $(READY)  ## write the files that come from the table of signals and of states
 	$(BIN)/python -m tools.generate
+
+.PHONY: docs
+docs: $(DOCS)/.ready  ## build the documentation as a site with search: build/site/docs/index.html
+	@rm -rf build/site build/site-source && mkdir -p build/site-source
+	@ln -s $(addprefix ../../,$(filter-out build runs %.egg-info,$(wildcard *))) build/site-source/
+	@NO_MKDOCS_2_WARNING=1 PYTHONPATH=$$(echo $(CURDIR)/$(DOCS)/lib/*/site-packages) $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "open build/site/docs/index.html"
 
 .PHONY: notebook
 notebook: $(READY)  ## run the notebook of the tutorials and keep what came out
@@ -128,4 +137,10 @@ $(READY): pyproject.toml studies/pyproject.toml
 $(MDF)/.ready: $(READY)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --prefix $(MDF) \
 		$$($(BIN)/python -c 'from bench_protocol.extras import requirements; print(*requirements("mdf"))')
+	@touch $@
+
+# Not into the environment itself either: the tests need none of these packages.
+$(DOCS)/.ready: $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --prefix $(DOCS) \
+		$$($(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
 	@touch $@

@@ -115,7 +115,7 @@ def _print_version(ctx: click.Context, param: click.Parameter, requested: bool) 
     help="Print the version and the commit, and exit.",
 )
 def commands() -> None:
-    """Test railway air springs on a simulated or real rig, and find errors of their model.
+    """Test railway air springs on real or simulated rigs, and find model errors.
 
     Type astb COMMAND --help for the options of a command.
     """

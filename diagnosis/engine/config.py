@@ -1,7 +1,7 @@
 """What a diagnosis may be told, and every level that its argument rests on, in the order of the steps that use them.
 
 ``Config`` is what a caller may change. The constants below it were chosen once and measured with it: the rates of false
-alarms and of right names in docs/reference/diagnosis-benchmark.md hold for these numbers. A change of any of them is a
+alarms and of right names in studies/docs/diagnosis-benchmark.md hold for these numbers. A change of any of them is a
 change of the method, to be measured again.
 
 Terms: χ² is the sum of squares of whitened residuals; *penalised* χ² adds the squares of the parameters in units of

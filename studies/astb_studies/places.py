@@ -5,3 +5,5 @@ from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
 DOCS: Final = ROOT / "docs"
+#: Pages with counted and measured results.
+PAGES: Final = ROOT / "studies" / "docs"

@@ -21,7 +21,7 @@ PROJECT = CONFIG["project"]
 
 def test_extras_are_those_of_the_project() -> None:
     declared = PROJECT["optional-dependencies"]
-    assert set(EXTRAS) | {"dev"} == set(declared)
+    assert set(EXTRAS) | {"dev", "docs"} == set(declared)
     for extra in EXTRAS:
         assert [Requirement(text) for text in requirements(extra)] == list(map(Requirement, declared[extra]))
         assert mend(extra) == "pip install " + " ".join(f"'{text}'" for text in declared[extra])

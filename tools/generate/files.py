@@ -125,10 +125,10 @@ def _print_signals(out: TextIO) -> None:
         Kind.MEASUREMENT: "Measurements",
         Kind.STATUS: "Status",
         Kind.SETPOINT: "Set-points (CAN, 50 Hz, end-to-end protected)",
-        Kind.SETTING: "Settings (Modbus holding registers; staged, then taken over by `action.apply`)",
+        Kind.SETTING: "Settings (Modbus holding registers, applied by `action.apply`)",
         Kind.ACTION: "Actions (Modbus coils, acting on the rising edge)",
         Kind.INTERLOCK: "Interlocks (Modbus discrete inputs)",
-        Kind.FURTHER: "Further measurements (of rigs that have a file of their own; not on these wires)",
+        Kind.FURTHER: "Further measurements (of described rigs only)",
     }
     places = _places()
     for kind, title in titles.items():

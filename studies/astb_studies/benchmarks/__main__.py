@@ -36,7 +36,7 @@ NAMES: Final = (
 def main(names: tuple[str, ...], quick: bool) -> None:
     """Measure all of them, or those that are named.
 
-    Results go to runs/benchmarks.json, and unless it was quick to their sections of docs/reference/benchmarks.md.
+    Results go to runs/benchmarks.json, and unless it was quick to their sections of studies/docs/benchmarks.md.
     """
     console = Console() if sys.stdout.isatty() else Console(width=170)
     sections: dict[str, Section] = {}

@@ -110,7 +110,7 @@ def run(effort: Effort) -> Section:
                     )
                 )
     notes = (
-        f"Both streams at the same time, 50 blocks a second, {seconds} s each, beside {BURNERS} processes that "
+        f"Both streams at the same time, 50 blocks a second, {seconds} s each, with {BURNERS} processes that "
         "compute, as another process hears them. "
         f"In C the plan's thread keeps the interpreter for {CALL / ms:g} ms a call. "
         f"The stream outlives a stuck interpreter by {AUTONOMY * 1e-6:g} ms, no longer.",

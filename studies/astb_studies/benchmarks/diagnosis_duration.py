@@ -35,7 +35,7 @@ REPETITIONS, QUICK_REPETITIONS = 3, 1
 #: What a diagnosis does while it tells of it by the beginning of such a text.
 PURPOSES: Final = {
     "fitting the base model": "base fit and first scores",
-    "fitting candidates": "trials, and scores beside what entered",
+    "fitting candidates": "trials, and scores with the entered candidates",
     "checking the causes": "each cause left out",
     "looking for unknown effects": "surfaces",
     "measuring the gain": "panel and gain",

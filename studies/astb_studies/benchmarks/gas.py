@@ -90,7 +90,7 @@ def run(effort: Effort) -> Section:
         x[:] = start
         step(x, parameters, STEP, STEPS)
 
-    title = "The air of one spring: two chambers, orifice, heat (Runge-Kutta step of 1 ms)"
+    title = "Air of one spring: two chambers, orifice, heat (step of 1 ms)"
     with tempfile.TemporaryDirectory() as directory:
         try:
             library = ctypes.CDLL(str(gcc.compiled("gas.c", Path(directory), "-shared", "-fPIC")))

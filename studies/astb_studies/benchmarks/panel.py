@@ -76,7 +76,7 @@ def run(effort: Effort) -> Section:
         f"{pairs} times {seconds} s each way, in turns, on one rig: the rig's own account of its ticks. With the panel "
         f"its server runs on the same machine and sends {PAGES} pages the plots that they show first."
     )
-    return Section("A panel beside the rig", rows, (note,))
+    return Section("A panel during a run", rows, (note,))
 
 
 @contextlib.contextmanager

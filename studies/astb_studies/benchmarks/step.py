@@ -123,7 +123,7 @@ def run(effort: Effort) -> Section:
         compare(
             "one step of 1 ms, whole bench",
             found["fixed"],
-            "LSODA, started anew every tick",
+            "LSODA, restarted every tick",
             found["ticks"],
             aim="at most 1.5 µs",
             met=met,
@@ -138,7 +138,7 @@ def run(effort: Effort) -> Section:
         f"fixed step {ours:.1e}, LSODA {theirs:.1e} with rtol = {rtol:.1e}, for which it asks for the derivative "
         f"{evaluations / DURATION:.0f} times a second (the fixed step {4 / STEP:.0f} times).",
         "The derivative is compiled in all; scipy's solve_ivp calls it from Python. A rig changes its inputs, its "
-        "latches and the direction of its friction at any tick, where a solver with a memory has to start anew. "
+        "latches and the direction of its friction at any tick, where a solver with a memory has to restart. "
         "Processor time of one thread.",
     )
     return Section("One step of the model", rows, notes)

@@ -100,11 +100,12 @@ def draw(virtual: Mapping[Cut, Times], real: Mapping[Cut, Times]) -> None:
 
 
 NOTES: Final = (
-    "A plan arms the bench, holds the bolster against springs under pressure (in virtual time 0.5 to 5.6 bar, 40 mm "
-    "below to 60 mm above design height, half of them moving; on sockets 0.6 bar) and is then lost at any instant. "
-    "*Holds* is when somebody else on the bus hears of it, *safe* is when every pressure is below 0.22 bar and the "
-    "actuators have let go. The aims are what the [table of states](states.md) promises, with one tick and what "
-    "carries the frame: a message of the state every 20 ms, on sockets 10 ms. A plan that loses Modbus alone still has "
-    "CAN: the PLC's watchdog of 1 s is what notices a black hole there, and the plan then lets D go.",
-    "![Histograms of both times: bars virtual, marks on sockets, lines the aims](../gallery/time-to-safe.svg)",
+    "A plan arms the bench and holds the bolster against springs under pressure (in virtual time 0.5 to 5.6 bar, 40 mm "
+    "below to 60 mm above design height, half of them moving; on sockets 0.6 bar). The connection is lost at a random "
+    "instant. *Holds* is the time until another CAN node receives the state, *safe* the time until every pressure is "
+    "below 0.22 bar and the actuators are without force. The limits are those of the "
+    "[table of states](../../docs/reference/states.md), plus one tick and the period of the state message: 20 ms, on "
+    "sockets 10 ms. If Modbus alone fails without a reset, the watchdog of 1 s detects it, and the plan then disables "
+    "the drives over CAN.",
+    "![Histograms of both times: bars virtual, marks on sockets, lines the aims](../../docs/gallery/time-to-safe.svg)",
 )

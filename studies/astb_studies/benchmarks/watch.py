@@ -81,7 +81,7 @@ def run(effort: Effort) -> Section:
         f"At most, while the run went on: {most}. One cause is a leak from 60 s on; two are the same, and a load cell "
         "that is off from 66 s on."
     )
-    return Section("A twin beside the rig", rows, (note,))
+    return Section("A twin during a run", rows, (note,))
 
 
 def _beside(

@@ -24,7 +24,7 @@ text](explanation/the-paper.md): [areas and volumes](gallery/figure-07.svg), [st
 angle](gallery/figure-10.svg), [comfort in the crosswind](gallery/comfort.svg). How the diagnosis comes to a
 name is drawn on [its own page](explanation/how-the-diagnosis-works.md), which
 `python -m astb_studies.benchmarks.diagnosis.explanation_drawings` illustrates anew, and how often it is right in [its
-benchmark](reference/diagnosis-benchmark.md). Or see it happen: [a notebook](tutorials/bench.ipynb).
+benchmark](../studies/docs/diagnosis-benchmark.md). Or see it happen: [a notebook](tutorials/bench.ipynb).
 """
 
 

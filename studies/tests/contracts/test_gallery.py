@@ -5,6 +5,7 @@ from pathlib import Path
 
 from astb_studies.gallery.page import PAGE, page
 from astb_studies.gallery.recipes import GALLERY, RECIPES
+from astb_studies.places import DOCS, PAGES
 
 SIZE = {".svg": 200_000, ".png": 150_000}
 
@@ -29,10 +30,10 @@ def test_a_picture_drawn_again_is_the_same(tmp_path):
 
 
 def test_no_picture_lies_there_that_no_page_shows():
-    docs = Path(GALLERY).parent
     shown_anywhere = {
         Path(name).name
-        for one in docs.rglob("*.md")
+        for folder in (DOCS, PAGES)
+        for one in folder.rglob("*.md")
         for name in re.findall(r"\]\((\S*gallery/[^)#]+\.(?:svg|png))\)", one.read_text())
     }
     assert {one.name for one in GALLERY.iterdir()} <= shown_anywhere

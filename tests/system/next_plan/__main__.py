@@ -21,26 +21,24 @@ from tests.system.next_plan.matrix import (
 from tests.system.next_plan.stand import DELAYS
 
 KEPT = Path("runs") / "next_plan.json"
-PAGE = Path(__file__).parents[3] / "docs" / "reference" / "next-plan.md"
+PAGE = Path(__file__).parents[3] / "studies" / "docs" / "next-plan.md"
 HEAD = """<!-- Written by `python -m tests.system.next_plan`; do not edit. -->
 
-# The next plan
+# Start of a plan after a loss in the previous one
 
-What a plan meets after a commander, a wire or the bench itself was lost under the one before. A first plan runs into
-each loss, at an instant that is drawn; when it is over, or its process gone, the next one begins: at once, 5 s and 30
-s later, with another preload. It is followed through its preconditions and its set-up until its main part begins:
-there the bench carries what it shall carry. All of it in virtual time, on a rig that is put back before each.
+This page shows whether a plan can start after the previous plan lost its commander, a wire or the bench. A first plan
+has each loss at a random instant. The next plan starts when the first one ended: at once, 5 s and 30 s later, with
+another preload. It is followed through its preconditions and its set-up, until its main part begins and the bench
+carries the load. All runs are in virtual time, on a rig that is reset before each.
 
-Plans that begin alike, with the same preconditions and the same set-up, are tried once: the {all} plans of the
-catalogue begin in {tried} ways. Before {whole} of these everything was lost, {losses} losses, at each of the three
-instants; before the other {part} one loss of each of the {kinds} kinds at one instant, both drawn. The lists below the
-table tell which.
-`make test-slow` repeats a few, drawn by a seed.
+Plans with the same preconditions and the same set-up are tried once: the {all} plans of the catalogue start in {tried}
+ways. For {whole} of these all {losses} losses were tried, at each of the three instants. For the other {part}, one loss
+of each of the {kinds} kinds was tried at one instant, both random. The lists below the table show which.
+`make test-slow` repeats a few at random.
 
-A plan *runs*, or it is *blocked*. Then its reason is checked against the rig itself: that what it names as the cause
-is so, that somebody is told what to do, and that no word on the air, on the state and on others who command contradicts
-the springs, the valves and who is there.
-{cells} cells, {ran} of which run; {wrong} with a reason that is not true. Gone over {days}{left}.
+A plan *runs*, or it is *blocked*. If it is blocked, its message is compared with the rig: the cause is true, it
+has a remedy, and its statements about air, state and other commanders are true.
+{cells} cells: {ran} run, {wrong} have a wrong message. Measured {days}{left}.
 
 | kind | lost | at once | 5 s later | 30 s later |
 |---|---|---|---|---|

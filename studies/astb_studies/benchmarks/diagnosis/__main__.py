@@ -66,7 +66,7 @@ def main(
     again: bool,
     page_only: bool,
 ) -> None:
-    """Carry out the cases that were not counted yet, and write docs/reference/diagnosis-benchmark.md.
+    """Carry out the cases that were not counted yet, and write studies/docs/diagnosis-benchmark.md.
 
     With a first seed of its own, cases are only carried out and kept.
     """

@@ -119,7 +119,7 @@ def tables(counted: Sequence[Counted]) -> str:
 
 def _live(counted: Sequence[Counted]) -> list[str]:
     lines = [
-        "| In real time | at (s) | told after (s) | explained after (s) | as | ticks late by 1 ms "
+        "| In real time | at (s) | detected after (s) | explained after (s) | as | ticks late by 1 ms "
         "| of 1000, late by 250 µs |",
         "| --- | ---: | ---: | ---: | --- | ---: | ---: |",
     ]
@@ -128,7 +128,7 @@ def _live(counted: Sequence[Counted]) -> list[str]:
         grows = " creeping" if one.case.creeps else ""
         what = f"`{one.case.effect}` {SIZES[one.case.step]:g} ×{grows}, {one.case.plan}"
         times = (f"{time:.1f}" if time is not None else "–" for time in (one.live.told, one.live.explained))
-        word = next((name for name, of in _ROWS[2:] if of(one)), "not told")
+        word = next((name for name, of in _ROWS[2:] if of(one)), "not detected")
         lines.append(
             f"| {what} | {one.case.at:.0f} | {' | '.join(times)} | {word} | {one.live.late} | {one.live.tail:.2f} |"
         )
@@ -161,8 +161,8 @@ def _in_a_hundred(count: int, hours: float) -> str:
 
 
 _ROWS: Final[tuple[tuple[str, Callable[[Counted], bool]], ...]] = (
-    ("told before it began", lambda one: one.early),
-    ("told", lambda one: one.told is not None),
+    ("detected before it began", lambda one: one.early),
+    ("detected", lambda one: one.told is not None),
     ("named", lambda one: one.named),
     ("as one of two", lambda one: one.one_of_two),
     ("unknown", lambda one: one.unknown),
@@ -181,10 +181,10 @@ def _faulty(faulty: Sequence[Counted]) -> list[str]:
         _line("creeping", [one for one in faulty if one.case.creeps]),
     ]
     for step, size in enumerate(SIZES):
-        lines.append(_line(f"{size:g} × ordinary", [one for one in faulty if one.case.step == step]))
+        lines.append(_line(f"{size:g} × usual", [one for one in faulty if one.case.step == step]))
     for plan in sorted({one.case.plan for one in faulty}):
         lines.append(_line(f"in {plan}", [one for one in faulty if one.case.plan == plan]))
-    lines.append(_line("where the best test would tell", [one for one in faulty if one.best is not None]))
+    lines.append(_line("if the optimal test detects it", [one for one in faulty if one.best is not None]))
     for name in sorted({_kind(one) for one in faulty}):
         lines.append(_line(f"`{name}`", [one for one in faulty if _kind(one) == name]))
     return lines

@@ -160,7 +160,7 @@ def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert asked == ["single 1", "single 2", "single 3"]
     assert [known.seed for known in read(kept)] == [1, 2, 3]
     assert "died" in told[1]
-    assert summary(read(kept))[0] == "something hidden: the right name: 2 of 2, 100 % (15.8 … 100)"
+    assert summary(read(kept))[0] == "with an effect: the right name: 2 of 2, 100 % (15.8 … 100)"
     assert "no verdict: 1 of 3" in summary(read(kept))[4]
 
 
