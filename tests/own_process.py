@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def told_by(script: str, **environment: str) -> str:
+def output_of(script: str, **environment: str) -> str:
     """Return what a ``script`` (Python text) prints in the root of the project, in a process with ``environment``."""
     run = subprocess.run(
         [sys.executable, "-W", "error", "-c", script],

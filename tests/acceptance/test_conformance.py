@@ -35,7 +35,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "connect-a-rig.md"
 IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
 
 
-class Stand:
+class MemoryRig:
     """A rig in memory as a stranger meets it, whose frames and answers a test may spoil on their way out."""
 
     def __init__(self, frames=lambda block: block, answers=lambda request, reply: reply):
@@ -63,7 +63,7 @@ class Stand:
 
 @pytest.fixture(scope="module")
 def sound():
-    stand = Stand()
+    stand = MemoryRig()
     moved = []
     stand.memory.clock.every(10**8, lambda: moved.append(stand.rig.state))
     at_rest = stand.examine()
@@ -79,7 +79,7 @@ def test_a_sound_rig_is_found_sound_and_stays_where_it_is(sound):
 
 
 def test_with_motion_it_is_led_up_and_left_disabled():
-    stand = Stand()
+    stand = MemoryRig()
     findings = stand.examine(motion=True)
     assert not stand.report.wrong
     assert findings["the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=3e-4)
@@ -133,12 +133,12 @@ def lax(request: bytes, reply: bytes) -> bytes:
     ids=["slow frames", "codes", "words", "lax"],
 )
 def test_a_spoilt_rig_is_found_out(spoilt, found):
-    assert found <= Stand(**spoilt).wrong()
+    assert found <= MemoryRig(**spoilt).wrong()
 
 
 def test_a_rig_that_keeps_what_a_command_has_left_is_found_out_and_brought_to_rest(monkeypatch):
     monkeypatch.setattr(InForce, "rest", lambda in_force, vented: None)
-    stand = Stand()
+    stand = MemoryRig()
     ends = ("the lease is returned", "the holder's connection is closed")
     findings = stand.examine()
     assert {f"in force after {end}" for end in ends} == {one.what for one in stand.report.wrong}
@@ -159,15 +159,15 @@ def test_a_rig_that_moves_when_it_is_armed_and_in_hold_is_found_out(monkeypatch)
 
     monkeypatch.setattr(InForce, "_present", lambda in_force, target: 5 * kN)
     monkeypatch.setattr(Supervisor, "handle", follow)
-    wrong = Stand().wrong(motion=True)
+    wrong = MemoryRig().wrong(motion=True)
     assert {
         "HOLD keeps it where it is, whatever set-point comes",
         "armed by bits alone, and in HOLD: heights and displacements",
     } <= wrong
 
 
-def test_a_rig_that_falls_silent_is_told_and_the_rest_is_asked_all_the_same():
-    findings = Stand(answers=lambda request, reply: b"").examine()
+def test_a_silent_rig_is_reported_and_the_other_checks_continue():
+    findings = MemoryRig(answers=lambda request, reply: b"").examine()
     assert findings["to the end"].outcome is Outcome.WRONG
     assert "no answer" in findings["to the end"].found
     assert findings["SpringLeft, rate"].outcome is Outcome.RIGHT
@@ -189,7 +189,7 @@ def test_a_rig_whose_clock_is_set_is_found_out(step):
     def stepped(block: Block) -> Block:
         return with_times(block, block["time"] + 10**18 + step * (block["time"] > 2 * 10**9))
 
-    memory = Stand(frames=stepped).memory
+    memory = MemoryRig(frames=stepped).memory
     access = RawAccess(Wall(memory.clock), memory.can, lambda: pytest.fail("nothing is asked"))
     access.wait(0.5)
     times = listen(access)[0].findings
@@ -210,7 +210,7 @@ def test_two_rigs_are_compared(sound, tmp_path):
     again = read_report(path)
     assert again == stand.report
     assert not differences(stand.report, again)
-    other = Stand(answers=hasty_codes)
+    other = MemoryRig(answers=hasty_codes)
     other.examine()
     apart = {one.what: one for one in differences(other.report, again)}
     assert apart["half of a float"].here == "exception 4"

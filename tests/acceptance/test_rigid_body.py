@@ -168,7 +168,7 @@ def test_a_lie_is_found_with_the_true_value_and_no_other_dimension_is_accused_wi
 
 
 @slow
-def test_what_the_motions_cannot_show_is_said():
+def test_parameters_not_excited_by_the_motions_are_reported():
     """The centre of the bolster above the top plates, and these above the platform: only the sum makes a moment."""
     random = np.random.default_rng(3)
     known = built(random)

@@ -81,7 +81,7 @@ def in_order(*parts: list[Sample]) -> list[Sample]:
 
 
 @pytest.mark.parametrize("name", ["a.asc", "a.log", "a.blf"])
-def test_a_channel_is_chosen_or_the_list_of_them_is_told(came, name: str) -> None:
+def test_a_channel_is_selected_or_the_channels_are_listed(came, name: str) -> None:
     frames = in_order(heights(30), heights(30, channel=2, sign=-1))
     content = {"a.asc": asc, "a.log": candump, "a.blf": lambda all_: by_python_can(all_, ".blf")}[name](
         frames
@@ -147,7 +147,7 @@ def test_only_what_comes_of_a_dbc_is_judged(came) -> None:
     assert came("a.log", candump(heights(30, 0x101)), twice)[0] == PASS
 
 
-def test_values_beyond_the_range_of_the_dbc_are_told(came) -> None:
+def test_values_beyond_the_range_of_the_dbc_are_reported(came) -> None:
     within = HEIGHTS.replace("[0|0]", "[-300|5]", 1)
     status, text, out = came("a.log", candump(heights(30)), HEAD + within)
     assert status == PASS
@@ -358,9 +358,7 @@ def test_a_key_that_a_file_has_no_use_for_is_refused(tmp_path) -> None:
         ("a.csv", ["--table", "raw=true"], "--table raw=True is for an MDF file, not for"),
     ],
 )
-def test_a_key_that_says_nothing_of_a_file_is_refused(
-    tmp_path, name: str, options: list[str], said: str
-) -> None:
+def test_a_key_without_a_file_is_refused(tmp_path, name: str, options: list[str], said: str) -> None:
     table = "time_s,left.height [mm]\n0,1\n1,2\n"
     content = {"a.log": candump(heights(9)), "a.asc": asc(heights(9)), "a.csv": table}[name]
     (tmp_path / name).write_text(content)

@@ -130,7 +130,7 @@ def test_a_snapshot_travels_as_json(watch):
     assert json.loads(msgspec.json.encode(seen))["readings"][0]["name"] == "left.height"
 
 
-def test_a_question_is_told_and_the_screen_left_to_whoever_answers(bench_composed):
+def test_a_question_is_shown_and_the_screen_is_free_for_the_answer(bench_composed):
     box, paper = QuestionBox(), StringIO()
     with bench_composed() as made:
         held = Suspension()
@@ -223,7 +223,7 @@ def read_from(descriptor: int) -> bytes:
         return b""
 
 
-def test_which_checks_failed_is_told_while_the_run_lasts(bench_composed):
+def test_failed_checks_are_shown_during_the_run(bench_composed):
     with bench_composed() as made:
         live = Live("walk", made.bench, operator="A. Miller", can_hold=False)
         for value in (1.0, 3.0, float("nan")):

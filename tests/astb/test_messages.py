@@ -84,7 +84,7 @@ def test_a_webhook_hears_of_the_end_and_of_a_question(server, sent, tmp_path):
     assert issubclass(Terminal, QuestionBox)
 
 
-def test_what_does_not_get_there_is_told_and_followed_nowhere(server, sent, tmp_path):
+def test_unreached_set_points_are_reported_and_not_followed(server, sent, tmp_path):
     server.answer = 302
     to = f"http://localhost:{server.server_port}/hook"
     (wrong,) = sent(to, lambda messages: messages.ended(RESULT, tmp_path))
@@ -122,14 +122,14 @@ def test_a_command_hears_the_words_as_its_last_argument_and_all_of_it_as_json(se
         ("   ", "there is no command"),
     ],
 )
-def test_who_cannot_be_told_is_refused_before_anything_moves(to, why, tmp_path):
+def test_an_unreachable_subscriber_is_refused_before_motion(to, why, tmp_path):
     with pytest.raises(MessageError, match=why):
         receiver(to)
     done = CliRunner().invoke(run_command, ["leak_down", "--message", to, "--out", str(tmp_path / "runs")])
     assert done.exit_code == MISUSE and why in done.stderr and not (tmp_path / "runs").exists()
 
 
-def test_another_machine_is_told_only_by_who_says_so():
+def test_another_machine_is_reached_only_on_request():
     assert receiver("https://192.0.2.1/hook", elsewhere=True)
 
 

@@ -132,7 +132,7 @@ def test_the_envelope_is_that_of_a_recorded_run(tmp_path):
     assert found.air < 1e-5, "the springs stay empty"
 
 
-def test_limits_are_sorted_by_what_is_left_and_say_who_told_them(tmp_path):
+def test_limits_are_sorted_by_margin_and_show_their_source(tmp_path):
     told = {"signal": "lateral.displacement", "kind": "upper", "at": "40 mm"}
     found, directory = swayed(tmp_path, 10.0, RigFile("hall", limits=(told,)))
     first = found.limits[0]
@@ -146,7 +146,7 @@ def test_limits_are_sorted_by_what_is_left_and_say_who_told_them(tmp_path):
     assert "40 mm" in text
 
 
-def test_a_limit_that_only_tells_refuses_nothing(tmp_path):
+def test_a_warning_limit_refuses_no_set_point(tmp_path):
     found, _ = swayed(tmp_path, 10.0, virtual(UPPER | {"at": "5 mm", "action": "indicate"}))
     assert found.refusal is None
     assert len(found.indicated) == 1
@@ -191,7 +191,7 @@ def test_what_a_real_rig_lacks_the_simulated_one_lacks_too(tmp_path):
     assert any("lacks " in note and " lateral.force, " in note for note in found.notes)
 
 
-def test_limits_of_a_simulated_rig_stand_in_its_simulation(tmp_path):
+def test_limits_of_a_simulated_rig_are_in_its_simulation(tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text('name = "x"\nlimits = [{ signal = "left.height" }]\n[simulation]\n')
     with pytest.raises(ValueError, match="limits beside simulation"):

@@ -60,7 +60,7 @@ def test_a_sound_spring_under_another_preload_passes(tmp_path: Path) -> None:
         (["astb", "mine", "--preload", "AW0=45 kN"], "mine.toml"),
     ],
 )
-def test_what_is_not_meant_is_refused_before_anything_runs(
+def test_an_unintended_input_is_refused_before_the_run(
     arguments: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -167,7 +167,7 @@ def _rest(name):
     return {key: value for key, value in (empty | {"remembered": [name]}).items() if key in known}
 
 
-def test_a_run_says_what_it_is_told(capsys):
+def test_a_run_shows_the_stated_data(capsys):
     from rich.console import Console
 
     console = Console(file=io.StringIO(), force_terminal=True, width=200)

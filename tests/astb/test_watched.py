@@ -119,7 +119,7 @@ class Generator:
 
 
 @pytest.mark.parametrize(("ends", "parts_at"), [(True, 30.0), (True, 1e9), (False, 30.0)])
-def test_cycles_end_with_the_parting_only_where_that_is_wished(ends, parts_at):
+def test_cycles_end_at_a_deviation_only_if_requested(ends, parts_at):
     generator = Generator(100.0)
     parting = object()
 

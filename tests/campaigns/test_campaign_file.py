@@ -71,7 +71,7 @@ def test_who_changes_a_specimens_file_has_another_case(tmp_path):
     assert keys[0] == keys[1] != keys[2]
 
 
-def test_the_parameters_of_its_rig_file_lie_beside_that(tmp_path, monkeypatch):
+def test_parameters_are_in_the_folder_of_the_rig_file(tmp_path, monkeypatch):
     (tmp_path / "rigs").mkdir()
     (tmp_path / "rigs" / "mine.toml").write_text(
         'name = "mine"\n[simulation]\nparameters = "identified.toml"'
@@ -142,7 +142,7 @@ def test_through_a_pipe_there_are_plain_lines_now_and_then():
 @pytest.mark.parametrize(
     ("seconds", "said"), [(3.4, "3 s"), (100, "2 min"), (5000, "83 min"), (9000, "2.5 h")]
 )
-def test_a_duration_is_told_roughly(seconds, said):
+def test_a_duration_is_rounded(seconds, said):
     assert duration(seconds) == said
 
 
@@ -159,7 +159,7 @@ def test_where_every_case_failed_no_row_has_a_verdict():
     assert said.getvalue().split() == ["plan", "case", "error", "p", "v", "1"]
 
 
-def test_an_attempt_that_was_killed_does_not_stand_in_the_way_of_the_next(tmp_path, monkeypatch):
+def test_a_killed_attempt_does_not_block_the_next(tmp_path, monkeypatch):
     used = []
     monkeypatch.setattr(plan_case, "_told", lambda result: {})
     monkeypatch.setattr(plan_case, "_run", lambda case, directory: used.append(directory))

@@ -35,13 +35,13 @@ ROWS = [
 ]
 
 
-def said(table: Any) -> str:
+def printed(table: Any) -> str:
     text = io.StringIO()
     Console(file=text, width=160).print(table)
     return text.getvalue()
 
 
-def test_keys_and_kinds_tell_the_loads_apart() -> None:
+def test_keys_and_kinds_distinguish_the_loads() -> None:
     keys = {PlanCase(plan="stiff", values={"load": load}).key.rpartition("/")[0] for load in ("AW0", "AW3")}
     assert keys == {"stiff/load=AW0/seed 0", "stiff/load=AW3/seed 0"}
     strange = PlanCase(plan="stiff", values={"file": "../a b/c"}).key
@@ -60,8 +60,8 @@ def test_each_load_has_a_distribution_of_its_own_and_what_fails_comes_first() ->
 
 
 def test_the_terminal_says_which_check_failed() -> None:
-    assert re.search(r"stiff +load=AW3, as drawn +2 +2", said(verdicts(ROWS)))
-    assert re.search(r"K' at 1 Hz +2 of 4 +stiff +load=AW3, as drawn", said(failed_checks(ROWS)))
+    assert re.search(r"stiff +load=AW3, as drawn +2 +2", printed(verdicts(ROWS)))
+    assert re.search(r"K' at 1 Hz +2 of 4 +stiff +load=AW3, as drawn", printed(failed_checks(ROWS)))
     assert failed_checks(ROWS[:3]) is None
 
 

@@ -67,7 +67,7 @@ def test_one_campaign_at_a_time(tmp_path):
     KeptRows(tmp_path).close()
 
 
-def test_a_directory_of_something_else_is_refused_and_left_alone(tmp_path):
+def test_an_unrelated_directory_is_refused_and_unchanged(tmp_path):
     (tmp_path / "part-000000.parquet").write_text("my own notes")
     with pytest.raises(KeptError, match="cannot be read as the rows of a campaign"):
         KeptRows(tmp_path)
@@ -85,7 +85,7 @@ def test_a_row_that_does_not_fit_is_refused_in_words(tmp_path, row, said):
     assert [row["key"] for row in read_rows(tmp_path)] == ["a"]
 
 
-def test_a_data_set_of_somebody_else_is_refused_and_left_alone(tmp_path):
+def test_a_third_party_data_set_is_refused_and_unchanged(tmp_path):
     theirs = tmp_path / "part-000.parquet"
     pd.DataFrame({"temperature": [293.0]}).to_parquet(theirs)
     with pytest.raises(KeptError, match="other tables than the rows of a campaign"):
@@ -93,7 +93,7 @@ def test_a_data_set_of_somebody_else_is_refused_and_left_alone(tmp_path):
     assert list(pd.read_parquet(theirs)["temperature"]) == [293.0]
 
 
-def test_files_that_are_no_parts_are_left_alone(tmp_path):
+def test_unrelated_files_are_ignored(tmp_path):
     (tmp_path / "part-of-my-thesis.parquet").write_text("notes")
     with KeptRows(tmp_path) as kept:
         kept.add({"key": "a"})

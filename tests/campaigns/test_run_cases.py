@@ -82,7 +82,7 @@ def test_what_cannot_be_sent_is_an_error_of_its_case(client):
     assert errors["neither"] == ""
 
 
-def test_a_scheduler_that_is_none_is_told(monkeypatch):
+def test_an_unknown_scheduler_is_reported(monkeypatch):
     monkeypatch.setattr("astb.campaigns.workers.CONNECT", 0.5)
     with (
         pytest.raises(ClusterError, match=r"no scheduler answers at tcp://127.0.0.1:9"),

@@ -63,7 +63,7 @@ def late(tree: ast.AST, inside: bool = False) -> Iterator[ast.AST]:
         yield from late(node, inside or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
 
 
-def test_imports_stand_at_the_top() -> None:
+def test_imports_are_at_the_top() -> None:
     """Where it became more, move them up; where it became fewer, say so here."""
     counted = Counter(
         package
@@ -80,7 +80,7 @@ def test_what_counts_as_inside() -> None:
 
 
 @pytest.mark.parametrize("what", LIGHT)
-def test_what_must_start_quickly_imports_nothing_heavy(what: str) -> None:
+def test_quick_commands_import_no_heavy_modules(what: str) -> None:
     modules, heavy = LIGHT[what]
     asked = f"import sys, {', '.join(modules)}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", asked], cwd=ROOT, capture_output=True, text=True, check=True)

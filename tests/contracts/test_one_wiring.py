@@ -44,7 +44,7 @@ def test_no_part_of_the_product_asks_which_wiring_it_has():
     assert asked == []
 
 
-def test_parts_of_the_contract_that_one_may_lack_are_those_of_transports():
+def test_only_transports_have_optional_members():
     """What only some wirings could do would have to be asked of each."""
     partial = [
         name

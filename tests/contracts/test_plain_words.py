@@ -32,10 +32,10 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
         bic_gain=1.0, lpd_gain=1.0, gained=1.0, plain=plain,
     )  # fmt: skip
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
-    said = _told(Verdict.NAMED, one, left)
+    said = _sentence(Verdict.NAMED, one, left)
     assert said.startswith(f"{told} (0.200 ± 0.020 mm2), ")
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
-    asked = _told(Verdict.AMBIGUOUS, one, left, rival)
+    asked = _sentence(Verdict.AMBIGUOUS, one, left, rival)
     assert "Heat (0.200 ± 0.020 mm2) instead of dry friction" in asked
 
 
@@ -56,13 +56,13 @@ def test_a_pure_number_has_no_unit(size: dict[str, float | None], told: str) -> 
             lpd_gain=1.0,
         )  # fmt: skip
         left = Remainder("fit", 1.0, 0.0, 0.0)
-        text = _told(Verdict.AMBIGUOUS, cause, left, _rival(one))
+        text = _sentence(Verdict.AMBIGUOUS, cause, left, _rival(one))
         assert f"({told.replace(',', after + ',') if ',' in told else told + after}) instead of" in text
         assert _estimate(one).endswith(f" {unit}") or unit == "1" or f" {unit} (95 %" in _estimate(one)
         assert unit != "1" or " 1 " not in f"{_estimate(one)} "
 
 
-def _told(verdict: Verdict, one: Cause, left: Remainder, *rivals: Rival) -> str:
+def _sentence(verdict: Verdict, one: Cause, left: Remainder, *rivals: Rival) -> str:
     finding = Finding(
         verdict=verdict, sentence="", causes=[one], threshold=3.0, alpha=0.01, ambiguous_with=[*rivals],
         provenance=Provenance(simulator="", seed=1, fit=[], select=[], report=[]), models=Models(before={}, after={}),

@@ -22,7 +22,7 @@ def test_the_rooms_are_those_of_the_packages_and_of_the_whole() -> None:
     )
 
 
-def test_contributors_are_told_of_rooms_that_have_no_packages_name() -> None:
+def test_the_guide_lists_test_folders_without_a_package_name() -> None:
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     told = page.partition("\n## Tests\n")[2].partition("\n## ")[0]
     assert [room for room in sorted(WHOLE | rooms_of("bench_sim")) if f"`{room}`" not in told] == []

@@ -65,7 +65,7 @@ def complaints(found: dict[str, int], listed: dict[str, int]) -> list[str]:
     return said
 
 
-def test_nothing_is_longer_than_what_can_be_read() -> None:
+def test_no_entry_exceeds_the_readable_length() -> None:
     assert complaints(too_long(ROOT), EXCEPTIONS) == []
 
 

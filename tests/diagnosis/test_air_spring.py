@@ -73,7 +73,7 @@ def healthy(bench_record):
 # -- a healthy rig -----------------------------------------------------------------------------------------------------
 
 
-def test_a_healthy_rig_leaves_nothing_but_noise(healthy):
+def test_a_healthy_rig_leaves_only_noise(healthy):
     """χ²/N is 1, neighbours do not resemble each other, and no block of a twentieth of the run lies apart."""
     for name, error in leftover(healthy.model, healthy.runs).items():
         if name not in DIRECT:
@@ -160,7 +160,7 @@ def made():
 
 
 @pytest.mark.parametrize("name", [name for name, effect in CATALOGUE.items() if effect.diagnosable])
-def test_an_absent_effect_changes_nothing(made, name):
+def test_a_missing_effect_changes_no_value(made, name):
     for label, effect in made.simulator.catalogue.items():
         if label.partition(".")[0] != name:
             continue
@@ -171,7 +171,7 @@ def test_an_absent_effect_changes_nothing(made, name):
 
 
 @pytest.mark.parametrize("name", TERMS)
-def test_an_absent_surface_changes_nothing_and_a_flat_one_is_a_constant(made, name):
+def test_a_missing_surface_is_zero_and_a_flat_one_constant(made, name):
     surface = next(surface for surface in made.simulator.surfaces if surface.name == name)
     assert len(surface.coefficients) == len(surface.centres) == 32
     assert np.array_equal(made.simulator.run(made.experiment, {}, {name: {}}), made.base)
@@ -332,7 +332,7 @@ def test_the_walls_temperature_is_a_setting_of_a_run(made):
     assert outputs(wall_temperature=303.15)["left.bellows_temperature"][0] == pytest.approx(303.15)
 
 
-def test_parity_signals_move_with_their_subsystem_alone(made):
+def test_parity_signals_depend_only_on_their_subsystem(made):
     def moved(effects):
         now = made.simulator.run(made.experiment, {}, effects)
         before = made.simulator.parity(made.experiment, made.base)
@@ -351,7 +351,7 @@ def test_parity_signals_move_with_their_subsystem_alone(made):
     assert give["left mass of air, g"] < 1e-9
 
 
-def test_a_softer_frame_means_less_shear_where_the_give_is_told(made):
+def test_a_softer_frame_gives_less_shear_if_its_compliance_is_stated(made):
     frame, lateral = {"frame_compliance": {"compliance": 2e-8}}, "load_cell.5"
     place = [channel.name for channel in made.simulator.channels].index(lateral)
     shear = 5 * mm * np.sin(np.linspace(0.0, 6.0, len(made.experiment.time)))
@@ -418,7 +418,7 @@ def test_what_is_missing_is_named(made):
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_a_zero_of_a_height_leaves_no_trace_beside_another_spring(place):
+def test_a_height_offset_leaves_no_trace_on_the_other_spring(place):
     """Seen too high, it is another spring: of the misfit nothing stays but constants, which pass for zeros."""
     simulator = AirSpring(load("astb"), effects={})
     time = 5e-3 * np.arange(400)

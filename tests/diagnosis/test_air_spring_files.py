@@ -76,7 +76,7 @@ def test_the_model_recognises_its_own_measurements(tmp_path: Path) -> None:
     assert np.all(np.std(left, axis=0) < 0.01 * swing)
 
 
-def test_a_parameter_set_that_is_none_is_told_with_the_map(tmp_path: Path) -> None:
+def test_an_invalid_parameter_set_is_reported_with_the_map(tmp_path: Path) -> None:
     data, mapping = write(tmp_path, "nowhere.toml")
     with pytest.raises(DiagnosisError, match=r"map\.toml: parameters: .*nowhere\.toml"):
         read_mapped([data], mapping)

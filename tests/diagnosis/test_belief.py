@@ -37,7 +37,7 @@ def fitted(laboratory, **nominal):
     return fit(replay, noise, base_point(replay.simulator.nuisances, replay.names))
 
 
-def test_a_parameter_far_from_what_is_believed_is_told_and_no_other(laboratory):
+def test_only_a_parameter_far_from_its_prior_is_reported(laboratory):
     assert contradicted(fitted(laboratory)) == []
     (told,) = contradicted(fitted(laboratory, stiffness=2400.0))
     assert told.startswith("stiffness was fitted as ")
@@ -86,7 +86,7 @@ def test_a_cause_that_the_base_model_imitates_says_so_first(laboratory, hidden, 
 
 
 @pytest.mark.slow
-def test_doubts_and_what_was_left_out_stand_before_the_verdict_on_the_terminal_and_on_the_page(laboratory):
+def test_doubts_and_omissions_precede_the_verdict_on_terminal_and_page(laboratory):
     lab = laboratory(samples=500)
     said, told = "columns.x.sign may be wrong", "a.csv: left out: 3 empty rows"
     data = replace(lab.measure(1), doubts=(said,), readings=(told,))

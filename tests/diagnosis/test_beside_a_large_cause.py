@@ -62,7 +62,7 @@ class Mixed(CompleteSimulator):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_strains_a_large_cause_is_found_beside_it(seed, monkeypatch):
+def test_a_small_cause_is_found_with_a_large_one(seed, monkeypatch):
     # Here a second look finds the leak, too.
     monkeypatch.setattr("diagnosis.engine.search.look_again", lambda *_: ())
     simulator, rng = Mixed(), np.random.default_rng(seed)

@@ -86,7 +86,7 @@ def test_a_laminar_leak_follows_its_closed_form(chamber) -> None:
     assert ratio == pytest.approx(ratio[0] * np.exp(-rate * hold().time), rel=1e-4)
 
 
-def test_pores_are_laminar_when_the_flow_is_small_and_obey_forchheimer(chamber) -> None:
+def test_pores_are_laminar_at_small_flow_and_follow_forchheimer(chamber) -> None:
     laminar = chamber.run(hold(), {}, {"leak_laminar": {"conductance": 1e-16}})
     slow = chamber.run(hold(), {}, {"leak_inertial": {"conductance": 1e-16, "transition": 1e9}})
     assert slow == pytest.approx(laminar, rel=1e-6)

@@ -112,7 +112,7 @@ def test_a_sine_is_found_in_a_motion_where_it_is_steady_and_no_other_one_is():
 
 
 @pytest.mark.slow
-def test_a_record_of_a_plan_beside_the_data_holds_the_figures_that_the_plan_measured(bench_record, tmp_path):
+def test_a_record_in_the_data_folder_holds_the_measured_figures(bench_record, tmp_path):
     made = bench_record("beside", MEDLEY)
     with RigInMemory(Rig(made.parameters, seed=1)).bench(outward=Faults(), seed=1) as bench:
         result = execute(plans()["dynamic_stiffness"], bench, tmp_path / "dynamic", seed=1)

@@ -111,7 +111,7 @@ def test_detectable_size_is_threshold_and_power_over_root_information(laboratory
 
 
 @pytest.mark.slow
-def test_what_would_have_been_found_beside_a_cause_is_found(laboratory):
+def test_a_second_detectable_cause_is_found(laboratory):
     lab = laboratory(samples=400)
     large = {"cubic": {"amplitude": 1e6}}
     config = Config(workers=1, with_panel=False)

@@ -57,7 +57,7 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
 
 
 @pytest.mark.parametrize("surfaces", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_what_repeats_do_not_tell_from_nothing_is_not_named(laboratory, oscillator, force_surface, surfaces):
+def test_a_cause_within_the_repeatability_is_not_named(laboratory, oscillator, force_surface, surfaces):
     # Three specimens, of which one has the contrary of the others: their mean foretells the select run well.
     lab = laboratory(samples=600)
     runs = [

@@ -165,7 +165,7 @@ def test_columns_that_come_from_under_another_noise_are_those_of_this_one(labora
     assert np.array_equal(again.information, linearised(others).information)
 
 
-def test_a_prediction_with_fixed_numbers_simulates_nothing_but_what_the_new_run_has_of_its_own(laboratory):
+def test_a_prediction_with_fixed_numbers_simulates_only_the_new_runs_parameters(laboratory):
     lab = laboratory(samples=300)
     fitted = fit(
         Replay(lab.simulator, lab.measure(8).of("fit"), 1),

@@ -82,7 +82,7 @@ def test_a_wrong_extension_gains_less(laboratory, right):
     assert wrong.fraction < 0.5 < right[3].gains[0].fraction
 
 
-def test_nothing_to_explain_is_no_fraction(laboratory):
+def test_no_fraction_explained_without_deviation(laboratory):
     data, base, extended = arms(laboratory, 1, "cubic", 0.0, truth=None)
     gain = compared(base, extended, data).gains[0]
     assert gain.fraction is None and gain.noise_ratio == pytest.approx(1.0, abs=0.05)

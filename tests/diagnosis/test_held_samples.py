@@ -52,7 +52,7 @@ def test_the_period_is_found(period, held, late, lost):
     late=st.floats(0.0, 0.01),
     seed=st.integers(0, 1000),
 )
-def test_a_period_that_is_told_is_right(period, held, late, seed):
+def test_a_reported_period_is_correct(period, held, late, seed):
     """Nothing is told where motion has the same line; a reading held for long is later than rates tell."""
     found = held_period(measured(held, period, seed, late=late), SHORTEST, LONGEST)
     assert found is None or found == pytest.approx(period, rel=5e-5)
@@ -64,7 +64,7 @@ def test_readings_that_are_only_late_are_not_held(noise, late, seed):
     assert held_period(measured(0.0, 0.05, seed, noise, late), SHORTEST, LONGEST) is None
 
 
-def test_a_hold_that_noise_hides_is_not_told():
+def test_a_hold_hidden_by_noise_is_not_reported():
     assert held_period(measured(0.02, 0.012, noise=300.0), SHORTEST, LONGEST) is None
     assert held_period([], SHORTEST, LONGEST) is None
 
@@ -77,7 +77,7 @@ def test_what_was_measured_a_day_later_is_left_out():
     assert held_period(brief[:1], SHORTEST, LONGEST) is None
 
 
-def test_a_period_that_is_known_is_tried_alone():
+def test_only_a_known_period_is_tried():
     bench = AirSpring(load(), effects=CATALOGUE)
     known = of_period(bench.catalogue["sample_and_hold"], 0.0371)
     assert known.grid == ((0.0371,),)

@@ -53,7 +53,7 @@ def test_what_lies_ahead_is_not_remembered():
     assert all(value <= LOW for value in remembered_loads(Past(recorded(), 100.0, 120.0), load()).values())
 
 
-def test_without_load_cells_nothing_is_told_and_no_load_is_assumed():
+def test_no_load_is_assumed_without_load_cells():
     assert remembered_loads(Past(recorded(missing=CELLS[2:3]), 100.0, 120.0), load()) == {}
     assert remembered({}, "left", 100.0) == 0.0
 
@@ -129,7 +129,7 @@ def test_a_dash_pot_is_behind_by_what_it_has_not_yet_followed(memory):
         assert behind(told, place, memory) == pytest.approx(rise * left, abs=max(close * abs(rise), 1e-12))
 
 
-def test_without_load_cells_the_emergency_spring_is_rigid_and_without_heights_nothing_is_told():
+def test_without_load_cells_the_emergency_spring_is_rigid():
     told = remembered_places(Past(filled(missing=CELLS[:1]), 390.0, 410.0), load(), shimmed)
     assert behind(told, "right", 300.0) == pytest.approx(45e-3 * np.exp(-240.0 / 300.0), rel=1e-6)
     assert remembered_places(Past(filled(missing=("left.height",)), 390.0, 410.0), load(), shimmed) == {}

@@ -62,7 +62,7 @@ def shares(found):
     }
 
 
-def test_what_is_foretold_of_runs_is_what_they_tell(laboratory):
+def test_predictions_for_runs_match_their_results(laboratory):
     here = laboratory(samples=400)
     first, *others = here.experiments()[:3]
     data = here.measure(3)
@@ -80,7 +80,7 @@ def test_what_is_foretold_of_runs_is_what_they_tell(laboratory):
 
 
 @pytest.mark.slow
-def test_what_does_not_move_is_not_told_and_the_run_that_would_tell_is_known_beforehand():
+def test_constant_signals_identify_no_cause_and_a_sufficient_run_is_predicted():
     upright = believed(UnknownSpring(load("astb")), [motion("up and down", lateral=False)])
     before, after = shares(upright), shares(expected(upright, [motion("sideways", lateral=True)]))
     assert all(before[name] > 0.9 for name in LATERAL)
@@ -90,7 +90,7 @@ def test_what_does_not_move_is_not_told_and_the_run_that_would_tell_is_known_bef
 
 
 @pytest.mark.slow
-def test_whatever_is_known_of_an_oscillator_holds_as_often_as_is_said(laboratory):
+def test_intervals_of_an_oscillator_hold_with_their_stated_probability(laboratory):
     """Of specimens whose parameters are drawn from what is believed, 95 % of the intervals hold; noise is AR(1)."""
     here, away = laboratory(samples=400), []
     for seed in range(16):

@@ -111,7 +111,7 @@ def fitted(presliding):
     return effect, fit(Replay(system, data.runs, 1), white([0.05]), start)
 
 
-def test_a_presliding_below_the_travel_from_sample_to_sample_is_told_as_a_bound():
+def test_a_presliding_below_the_travel_per_sample_is_a_bound():
     effect, model = fitted(10e-6)
     place = model.point.place(effect_coordinates(effect)[2])
     assert resolution(model, place) == pytest.approx(SPEED * STEP, rel=0.01)
@@ -121,7 +121,7 @@ def test_a_presliding_below_the_travel_from_sample_to_sample_is_told_as_a_bound(
     assert force.low < 6.0 < force.high and share.low < 60.0 < share.high
 
 
-def test_a_presliding_of_several_samples_is_told_with_its_interval():
+def test_a_presliding_of_several_samples_has_an_interval():
     effect, model = fitted(0.5e-3)
     assert below_resolution(model, effect) == []
     *_, presliding = intervals(effect, model, model.covariance())
@@ -143,7 +143,7 @@ def test_a_lag_below_the_sampling_period_is_no_cause_and_a_longer_one_is():
     assert findings[25e-3].suspects == []
 
 
-def test_a_length_along_nothing_that_is_measured_is_refused():
+def test_a_length_without_a_measured_displacement_is_refused():
     effect, model = fitted(0.5e-3)
     bare = [replace(run, experiment=replace(run.experiment, inputs={})) for run in model.replay.runs]
     place = model.point.place(effect_coordinates(effect)[2])

@@ -106,7 +106,7 @@ def found(hidden: Effects, besides: float = 0.0, seed: int = 1) -> Finding:
 @given(
     st.sampled_from(sorted(LATE)), st.floats(11e-3, 30e-3), st.sampled_from([0.0, 100.0]), st.integers(0, 99)
 )
-def test_a_late_channel_is_told_by_its_name_and_no_clock_is_blamed(channel, delay, besides, seed):
+def test_a_late_channel_is_named_instead_of_a_clock(channel, delay, besides, seed):
     finding = found({channel: {"delay": delay}}, besides, seed)
     if besides and channel == "latency.force":  # of that channel most remains: nothing is named
         assert not finding.causes
@@ -119,7 +119,7 @@ def test_a_late_channel_is_told_by_its_name_and_no_clock_is_blamed(channel, dela
 
 @settings(deadline=None, max_examples=8, derandomize=True)
 @given(st.floats(3e-4, 1.5e-3), st.sampled_from([0.0, 100.0]), st.integers(0, 99))
-def test_a_clock_is_told_where_all_channels_of_its_device_fall_behind(skew, besides, seed):
+def test_a_slow_clock_is_found_from_the_delay_of_all_its_channels(skew, besides, seed):
     finding = found({"clock": {"skew": skew}}, besides, seed)
     assert [cause.effect for cause in finding.causes] == ["clock"]
     assert finding.causes[0].parameters[0].value == pytest.approx(skew, rel=0.05)

@@ -24,7 +24,7 @@ CASES = [
 
 
 @cache
-def told(kind: str, seed: int) -> tuple[str, Finding]:
+def identified(kind: str, seed: int) -> tuple[str, Finding]:
     cases = OscillatorCases()
     truth = cases.draw(seed, kind, "white")
     config = Config(seed=seed, workers=1, with_panel=False, with_gain=False)
@@ -32,8 +32,8 @@ def told(kind: str, seed: int) -> tuple[str, Finding]:
 
 
 @pytest.mark.parametrize(("kind", "seed"), CASES)
-def test_no_law_is_told_plainly_where_the_runs_do_not_tell_it(kind, seed):
-    hidden, finding = told(kind, seed)
+def test_no_law_is_named_if_the_runs_are_insufficient(kind, seed):
+    hidden, finding = identified(kind, seed)
     (cause,) = finding.causes
     assert hidden in {cause.effect, *(law.effect for law in cause.laws)}
     assert cause.laws and {law.family for law in cause.laws} == {"rubber"}
@@ -44,9 +44,9 @@ def test_no_law_is_told_plainly_where_the_runs_do_not_tell_it(kind, seed):
 
 
 @pytest.mark.slow
-def test_a_law_is_told_where_the_runs_tell_it():
+def test_a_law_is_identified_from_sufficient_runs():
     for kind, seed in (("near", 1165), ("single", 300072)):
-        hidden, finding = told(kind, seed)
+        hidden, finding = identified(kind, seed)
         assert finding.names == (hidden,) and not finding.causes[0].laws
         assert finding.causes[0].title in finding.summary.wrong
 

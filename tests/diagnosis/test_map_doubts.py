@@ -38,7 +38,7 @@ BELOW = "columns.pressure.reading may be wrong: its lowest pressure lies 0.92"
         ("chamber", "chamber__Ultimaker*", (ABSOLUTE,), [BELOW]),
     ],
 )
-def test_what_cannot_be_right_is_doubted_and_nothing_else(
+def test_only_implausible_values_are_doubted(
     system: str, data: str, changes: tuple[tuple[str, str], ...], doubts: list[str], tmp_path: Path
 ) -> None:
     text = MAPS[system]
@@ -93,7 +93,7 @@ force = { column = "f", unit = "N" }
 
 @pytest.mark.parametrize("kind", STILL)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_signs_beside_a_displacement_that_stands_still_are_doubted_once_or_not_at_all(
+def test_signs_at_a_constant_displacement_are_doubted_at_most_once(
     kind: str, sign: int, tmp_path: Path
 ) -> None:
     """Of a force beside pressure times area the sign is known; of a displacement that stands still nothing is."""

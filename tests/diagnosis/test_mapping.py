@@ -422,7 +422,7 @@ def test_a_code_never_reaches_a_simulation_without_a_doubt(code: float, share: f
     assert np.abs(seen - true)[np.isfinite(seen)].max() < 1.0 + np.ptp(FORCE)
 
 
-def test_nothing_found_in_data_in_doubt_is_no_finding_of_nothing() -> None:
+def test_no_finding_in_doubtful_data_is_no_pass() -> None:
     rows = [
         DataQuality("a.csv", "force", "stuck", 10, 100, "line 3", "", "kept", doubt)
         for doubt in (True, False)

@@ -59,7 +59,7 @@ class Blind(Oscillator):
     unseen_errors = ({"stiffness": 3.0, "mass": -0.01},)
 
 
-def test_an_error_without_a_trace_widens_what_imitates_it_and_nothing_else(laboratory):
+def test_an_error_without_a_trace_widens_only_similar_parameters(laboratory):
     lab = laboratory(Blind(), samples=600)
     replay = Replay(lab.simulator, lab.measure(3).of("fit"), 1)
     model = fit(

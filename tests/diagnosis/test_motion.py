@@ -120,7 +120,7 @@ def test_what_follows_with_a_lag_comes_back(lag):
     assert followed[0] == 0.0
 
 
-def test_without_any_lag_nothing_follows():
+def test_zero_lag_keeps_the_values():
     values = np.random.default_rng(3).standard_normal(50)
     assert with_lag(values, 0.0, STEP) is values
 
@@ -150,7 +150,7 @@ def test_a_wave_that_noise_hides_is_found_in_step_with_a_larger_one(lost):
     assert np.std((found - height)[inside]) < 0.2 * np.std(height[inside])
 
 
-def test_nothing_goes_in_step_by_chance():
+def test_random_signals_are_not_synchronous():
     found = []
     for seed in range(20):
         sideways, _, measured = rolled(8.0, 0.0, seed)
@@ -173,7 +173,7 @@ def test_short_runs_ends_and_a_data_sheet_that_is_too_good_invent_no_motion(samp
     assert np.mean(ends) < 0.05
 
 
-def test_nothing_goes_in_step_with_what_stands_still():
+def test_no_signal_is_synchronous_with_a_constant():
     _, _, measured = rolled(8.0, 0.0, 1)
     for still in (np.zeros(4000), np.full(4000, 1e-3)):
         assert not in_step(measured, still, STEP, NOISE).any()
@@ -194,7 +194,7 @@ def test_sudden_marks_what_cubics_between_samples_miss():
     assert np.abs(time[marked] - 5.0).max() < 0.06
 
 
-def test_abrupt_marks_corners_and_nothing_else():
+def test_abrupt_marks_only_corners():
     time = STEP * np.arange(1000)
     corner = 0.04 * np.clip(time - 2.5, 0.0, None)
     found = np.flatnonzero(abrupt(corner, NOISE))

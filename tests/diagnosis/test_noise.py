@@ -165,7 +165,7 @@ def test_whitened_columns_have_the_inner_products_of_whitened_samples(colour):
 @pytest.mark.parametrize(
     "noise", [ChannelNoise((4.0,)), ar1(0.9, 3.0), ar1(-0.5), ar1(0.99), ChannelNoise((1.0, 0.8, 0.75, 0.7))]
 )
-def test_correlations_go_to_where_nothing_is_left_of_them(noise):
+def test_correlations_extend_to_their_decay(noise):
     exact = covariance(noise, 3000) / noise.autocovariance[0]
     known = noise.correlations(2999)
     assert known == pytest.approx(exact[: len(known)])

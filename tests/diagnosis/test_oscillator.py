@@ -78,7 +78,7 @@ def test_a_seed_makes_the_same_specimen_again_and_its_noise_has_the_size_of_the_
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.9])
-def test_noise_remembers_as_much_as_it_is_told(coefficient):
+def test_noise_has_the_stated_correlation(coefficient):
     noise = ar1_noise(np.random.default_rng(2), 50_000, coefficient)
     assert noise.std() == pytest.approx(1.0, abs=0.05)
     assert np.mean(noise[1:] * noise[:-1]) == pytest.approx(coefficient, abs=0.05)

@@ -194,7 +194,7 @@ def test_what_breaks_the_contract_is_named_with_its_parameters(term, low: float,
         check_contract(Scale(term, low), PUSHED)
 
 
-def test_a_base_model_that_fails_forgets_nothing_or_has_another_shape_is_refused() -> None:
+def test_a_base_model_that_fails_or_ignores_state_or_shape_is_refused() -> None:
     plain = Scale(lambda a, s, u: a * u)
     with pytest.raises(DiagnosisError, match=r"y is inf at .*gain = 0 V/N"):
         check_contract(_Changed(plain, lambda y, p: y / p["gain"], nuisance_low=0.0), PUSHED)
@@ -308,7 +308,7 @@ def test_an_input_is_held_as_the_simulator_or_the_map_says(
         load_system("amplifier_of_mine:Gain", own)
 
 
-def test_a_map_may_name_the_simulator_beside_it(own: Path) -> None:
+def test_a_map_may_name_a_simulator_in_its_folder(own: Path) -> None:
     mapping = own / "map.toml"
     columns = (
         '[columns]\ndrive = {column = "drive", unit = "V"}\ny = {column = "y", unit = "V", noise = "0.2 V"}\n'

@@ -224,7 +224,7 @@ def test_benjamini_and_hochberg_keep_the_false_part_small():
     assert np.mean(false_part) == pytest.approx(0.08, abs=0.02)  # α times the part that is null
 
 
-def test_rows_that_do_not_apply_cost_nothing():
+def test_rows_that_do_not_apply_are_skipped():
     rows = judged([row("a", 0.004), row("b", None, None), row("c", 0.9)], alpha=0.01)
     assert rows[0].q == pytest.approx(0.008) and rows[0].significant
     assert rows[1].q is None and not rows[1].significant

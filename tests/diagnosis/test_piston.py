@@ -91,7 +91,7 @@ def test_friction_state_has_the_loop_and_the_loss_of_berg() -> None:
     steps=st.lists(st.floats(-1e-3, 1e-3), min_size=2, max_size=80),
     x_2=st.floats(1e-5, 1e-2),
 )
-def test_friction_state_stays_within_one_and_turns_with_the_motion(steps: list[float], x_2: float) -> None:
+def test_friction_state_stays_within_one_and_follows_the_motion(steps: list[float], x_2: float) -> None:
     x = np.cumsum(steps)
     alpha = friction_state(x, x_2)
     assert np.abs(alpha).max() <= 1.0 + 1e-12

@@ -59,7 +59,7 @@ def test_every_replay_phase_is_a_run(dataset):
         assert run.experiment.minutes == pytest.approx(n * STEP / 60.0, rel=1e-3)
 
 
-def test_samples_stand_where_the_rig_took_them(recorded, dataset):
+def test_samples_have_the_times_of_the_rig(recorded, dataset):
     record = read(recorded.directory)
     times, values = record.series("left.bellows_pressure")
     phase = next(phase for phase in record.phases if phase.name.startswith("replay"))
@@ -179,7 +179,7 @@ def test_a_planned_record_counts_what_the_record_of_the_bench_then_counts(bench_
     assert forces < 0.8 * pressure < 0.8 * len(experiment.time)
 
 
-def test_what_conditions_is_not_scored_and_what_rests_is_told(dataset):
+def test_conditioning_is_not_scored_and_rest_is_reported(dataset):
     run = dataset.runs[0]
     height = run.experiment.inputs["left.height"]
     first = int(np.argmax(run.scored))
@@ -236,7 +236,7 @@ def test_lost_frames_are_gaps_in_outputs_and_bridges_in_inputs(recorded, dataset
     assert np.std(difference) < 0.2 * mm
 
 
-def test_runs_of_one_name_are_told_apart_by_their_records(recorded):
+def test_records_distinguish_runs_of_one_name(recorded):
     twice = read_records([recorded.directory, recorded.directory], AirSpring(recorded.parameters, effects={}))
     assert len(twice.runs) == 4
     assert all(str(recorded.directory) in run.experiment.name for run in twice.runs)
@@ -248,7 +248,7 @@ def test_a_record_without_anything_to_replay_is_refused(bench_record):
         read_records([empty.directory], AirSpring(empty.parameters, effects={}))
 
 
-class Told:
+class EventsOnly:
     """A record of events alone."""
 
     def __init__(self, *events):
@@ -270,7 +270,7 @@ class Sampled:
         return STEP * np.arange(len(values))[known], values[known]
 
 
-def test_where_an_accelerometer_lost_its_samples_nobody_tells_the_acceleration():
+def test_the_acceleration_is_unknown_where_samples_are_lost():
     """A gap of two samples is bridged; a longer one hides what happens in it, however smoothly it is bridged."""
     par, grid = load().record, STEP * np.arange(400)
     wave = 5.0 * np.sin(2.0 * np.pi * 2.0 * grid)
@@ -283,7 +283,7 @@ def test_where_an_accelerometer_lost_its_samples_nobody_tells_the_acceleration()
     assert _lateral_acceleration_is_unknown(Sampled(), grid, {}, par) is None
 
 
-def test_an_accelerometer_that_shows_nothing_is_not_believed():
+def test_a_dead_accelerometer_is_not_used():
     par, grid = load().record, STEP * np.arange(400)
     record = Sampled(lateral__acceleration=np.zeros(400))
     flat = {"lateral.acceleration": np.full(400, 1e-4 * sensor_noise("lateral.acceleration", par))}
@@ -303,7 +303,7 @@ def test_a_held_piston_reads_as_if_its_frame_had_no_damper():
     outputs[:, place] = 1e-3 - behind  # The vertical ones push down.
     record = Sampled(vertical_left__force=force)
     settings = SettingsOfRecord(
-        Told((0.0, {"vertical.control": "displacement"}), (5.0, {"vertical.control": "force"}))
+        EventsOnly((0.0, {"vertical.control": "displacement"}), (5.0, {"vertical.control": "force"}))
     )
     inside, force_controlled = slice(200, 980), slice(1005, 2000)
     before = outputs.copy()
@@ -315,9 +315,9 @@ def test_a_held_piston_reads_as_if_its_frame_had_no_damper():
     assert not np.delete(outputs, place, axis=1).any()
 
 
-def test_after_a_service_valve_was_at_work_nothing_is_scored():
+def test_residuals_are_not_scored_after_a_service_valve_acted():
     settings = SettingsOfRecord(
-        Told(
+        EventsOnly(
             (0.0, {"air.left_mode": "hold"}),
             (2.0, {"air.left_mode": "fill"}),
             (3.0, {"air.left_mode": "hold"}),
@@ -328,16 +328,16 @@ def test_after_a_service_valve_was_at_work_nothing_is_scored():
 
 
 def test_a_pipe_that_is_fitted_has_its_length():
-    settings = SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
+    settings = SettingsOfRecord(EventsOnly((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
     assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
 
 
 def test_springs_were_shimmed_before_a_record_for_what_it_first_says():
     settings = SettingsOfRecord(
-        Told((0.0, {"rig.nominal_preload": 53.5e3}), (9.0, {"rig.nominal_preload": 145e3}))
+        EventsOnly((0.0, {"rig.nominal_preload": 53.5e3}), (9.0, {"rig.nominal_preload": 145e3}))
     )
     assert settings.preload(np.array([-600.0, 0.5, 9.5])).tolist() == [53.5e3, 53.5e3, 145e3]
-    assert SettingsOfRecord(Told()).preload(np.zeros(1)).tolist() == [0.0]
+    assert SettingsOfRecord(EventsOnly()).preload(np.zeros(1)).tolist() == [0.0]
     assert settings.constants(-1.0) == {}
 
 

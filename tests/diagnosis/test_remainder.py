@@ -145,7 +145,7 @@ def test_a_channel_that_reaches_its_noise_by_chance_does_not_speak_for_the_other
     assert math.isnan(part_left(predicted(1.01, 0.9), predicted(0.9, 0.9), floors))
 
 
-def test_hysteresis_that_nobody_looks_for_becomes_no_maxwell_branch(laboratory):
+def test_hysteresis_without_a_candidate_gives_no_maxwell_branch(laboratory):
     """Friction in plain view and a catalogue of relatives: no plain name, and the sentence says what is left."""
     lab = laboratory(samples=400)
     data = lab.measure(31, {"coulomb": {"amplitude": 3.0}})
@@ -157,7 +157,7 @@ def test_hysteresis_that_nobody_looks_for_becomes_no_maxwell_branch(laboratory):
     assert f" {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
 
 
-def test_what_was_gained_is_told_in_the_sentence(laboratory):
+def test_the_sentence_contains_the_improvement(laboratory):
     lab = laboratory(samples=600)
     finding = diagnose(
         lab.measure(32, {"cubic": {"amplitude": 1e6}}),

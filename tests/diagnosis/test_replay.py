@@ -126,7 +126,7 @@ def test_the_replay_reads_what_the_free_bench_read(free):
     ],
     ids=lambda turned: next(iter(turned)),
 )
-def test_a_replay_turns_as_the_free_bench_did(turned):
+def test_a_replay_rotates_like_the_free_bench(turned):
     free = free_bench(**turned)
     after = np.array([free.record], PARAMETERS)
     for name, value in turned.items():
@@ -236,7 +236,7 @@ def test_bolster_and_platform_follow_a_cubic_exactly():
     assert np.abs(rows[:, Algebraic.HEIGHT_SPEED] - speed).max() < 1e-9
 
 
-def test_actuators_obey_newton_on_the_bolster():
+def test_actuators_follow_newton_on_the_bolster():
     """Where the springs' forces are known, m z̈ = ΣF_z − ΣF − m g is an identity of the readings."""
     record = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0, sensor_lag=0.0).record
     time = INTERVAL * np.arange(400)

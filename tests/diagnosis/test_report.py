@@ -50,7 +50,7 @@ def found(laboratory, force_surface):
 
 
 @pytest.fixture(scope="module")
-def nothing(laboratory):
+def no_finding(laboratory):
     lab = laboratory()
     return diagnose(lab.measure(4), lab.simulator)
 
@@ -104,14 +104,14 @@ def test_the_page_tells_the_finding(found):
     assert found.provenance.fit[0] in text
 
 
-def test_the_page_of_nothing_says_what_would_have_been_seen(nothing):
-    assert nothing.verdict is Verdict.NO_EFFECT
-    text = text_of(render(nothing))
+def test_a_page_without_finding_shows_the_detectable_sizes(no_finding):
+    assert no_finding.verdict is Verdict.NO_EFFECT
+    text = text_of(render(no_finding))
     assert text.index("What would have been seen") < text.index("How well the model predicts")
     assert "The cause" not in text
 
 
-def test_the_page_stands_alone(found):
+def test_the_page_loads_no_other_file(found):
     page = render(found)
     assert not re.search(r'(src|href)="(?!#|data:)', page) and "@import" not in page and "<script" not in page
 
@@ -197,7 +197,7 @@ def test_no_bar_stands_on_a_logarithmic_scale(found):
     assert 'id="scores-patch_5"' not in scores and 'id="scores-line2d' in scores
 
 
-def test_the_surface_of_a_speed_is_told_in_its_own_unit(force_surface):
+def test_the_surface_of_a_speed_has_its_own_unit(force_surface):
     assert not any("asinh" in one for one in force_surface.coordinates)
     speeds = sorted({speed for _, speed in force_surface.centres})
     assert speeds[0] == -speeds[-1]

@@ -175,7 +175,7 @@ def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated):
 @pytest.mark.parametrize(
     ("pressure", "leak", "packs"), [(2.1e5, False, 1), (2.1e5, True, 1), (5.2e5, False, 2)]
 )
-def test_springs_are_apart_while_nothing_passes_the_valve_between_them(bench, pressure, leak, packs):
+def test_springs_are_separate_while_the_valve_between_them_is_shut(bench, pressure, leak, packs):
     """A differential pressure valve that is connected but shut joins nothing; open or leaking, it does.
 
     That it opens shows when both springs have been integrated apart; from then on they go together, and not roughly.
@@ -195,7 +195,7 @@ def test_springs_are_apart_while_nothing_passes_the_valve_between_them(bench, pr
     assert [outputs is None for outputs in simulator.run_roughly([job])] == [leak or packs > 1]
 
 
-def test_a_valve_that_opens_for_one_job_changes_nothing_for_others(bench):
+def test_a_valve_opened_by_one_job_does_not_affect_others(bench):
     """Whether it opens is asked of each job. Bit for bit, whatever was asked before, in whatever batch."""
     begin = {"left.bellows_pressure": 3.235e5}
     experiment = shaken("nearly", 1.0, inputs={"dpv": np.ones(200)}, **begin)
@@ -392,7 +392,7 @@ def test_what_is_too_alike_is_never_rough(too_alike, slopes, monkeypatch):
     assert [columns.along(unit) for unit in np.eye(2)] == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_discharge_coefficient_is_seen_beside_the_tolerances_of_both_sides(bench):
+def test_the_discharge_coefficient_shows_above_tolerances_of_both_sides(bench):
     """It is their sum, but for what is believed of these: rough differences, wrong by a fiftieth, hide that."""
     experiment = shaken("orifice", seconds=5.0)
     nothing = np.zeros(len(experiment.time), np.bool_)

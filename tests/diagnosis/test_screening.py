@@ -30,7 +30,7 @@ def test_threshold_of_correlated_scores_against_brute_force():
 
 @pytest.mark.parametrize("one_sided", [True, False])
 @pytest.mark.parametrize("alpha", [0.003, 0.05])
-def test_threshold_of_scores_that_are_all_alike_or_have_nothing_in_common(one_sided, alpha):
+def test_threshold_of_equal_or_unrelated_scores(one_sided, alpha):
     """Closed forms of 70 scores, to a hundredth of a standard deviation whatever the seed."""
     sides = np.full(70, one_sided)
     for cosines, independent in ((np.ones((70, 70)), 1), (np.eye(70), 70)):

@@ -85,7 +85,7 @@ def test_a_pair_of_effects_is_named(laboratory):
 
 
 @pytest.mark.parametrize("conditions", [{}, {"colour": 0.9}, {"quantised": True}, {"dropped": 0.1}], ids=str)
-def test_nothing_is_named_where_nothing_is_hidden(laboratory, conditions):
+def test_no_cause_is_named_without_a_hidden_effect(laboratory, conditions):
     lab = laboratory()
     for seed in range(3):
         result = search(lab, lab.measure(100 + seed, **conditions))

@@ -68,7 +68,7 @@ def test_the_page_says_what_comes_of_its_example(capsys):
 @pytest.mark.parametrize(
     "hidden", [{}, {"coulomb": {"amplitude": 0.2}}, {"cubic": {"amplitude": 3e4}}], ids=str
 )
-def test_nobody_looks_again_where_the_noise_is_reached(laboratory, oscillator, monkeypatch, hidden):
+def test_no_second_search_at_the_noise_level(laboratory, oscillator, monkeypatch, hidden):
     lab = laboratory(oscillator(catalogue=CATALOGUE), samples=600)
 
     def never(*_):

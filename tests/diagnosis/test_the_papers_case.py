@@ -74,14 +74,14 @@ def test_damping_is_off_by_some_percent(case):
     assert low < loss(run, run.outputs) / loss(run, simulator.run(run.experiment, {}, {})) - 1.0 < high
 
 
-def test_each_of_three_causes_is_named_by_force_alone(case):
+def test_each_of_three_causes_is_identified_by_force(case):
     """Rubber and orifice deviate by the same amount, the lag by as much the other way: nothing but shape tells them."""
     name, simulator, data = case
     finding = diagnose(data, simulator, Config(effects=tuple(CASES)))
     assert_named(finding, name, simulator)
 
 
-def test_three_times_the_discharge_is_named_by_force_alone(bench_record):
+def test_three_times_the_discharge_is_identified_by_force(bench_record):
     effects = {"discharge": {"change": -0.15}}
     data, simulator = by_force(bench_record("discharge", [Stretch((SINE,))], effects=effects, seed=1))
     finding = diagnose(data, simulator, Config(effects=tuple(CASES)))
@@ -112,7 +112,7 @@ def test_sines_over_a_decade_are_recommended_before_fast_ones(bench_record):
 
 
 @pytest.mark.timeout(600)
-def test_sines_over_a_decade_tell_them_apart(bench_record):
+def test_sines_over_a_decade_distinguish_them(bench_record):
     """Under the limit that one sine does not meet, the branch is named, with its two parameters."""
     (part,) = MENU["isolated_reservoirs"].parts
     records = [recorded(bench_record, stretches) for stretches in ([Stretch((SINE,))], part.stretches)]

@@ -59,7 +59,7 @@ def test_corrections_repeat_and_are_odd_about_where_both_grids_meet():
         (np.full(3, np.nan), CONVERTER, NOISE),
     ],
 )
-def test_what_was_not_rounded_twice_is_left_alone(readings, converter, noise):
+def test_values_rounded_once_are_unchanged(readings, converter, noise):
     assert twice_rounded(readings, converter, noise) is None
 
 

@@ -142,7 +142,7 @@ def test_at_constant_temperature_the_blow_down_excludes_all_laws_but_that_of_por
         assert misfit[wrong] > 5.0 * misfit["leak_inertial"]
 
 
-def test_a_slow_leak_says_nothing_about_its_law() -> None:
+def test_a_slow_leak_does_not_identify_its_law() -> None:
     # In 26 mbar of 7.3 bar every law is a straight line: the best of each differ by less than the noise.
     simulator, dataset = chamber("Aluminium")
     runs = dataset.runs
@@ -270,7 +270,7 @@ def test_a_surface_over_the_speed_does_not_displace_the_friction_that_it_imitate
 
 
 @pytest.mark.slow
-def test_the_diagnosis_cannot_tell_the_law_of_a_slow_leak_and_says_so(
+def test_the_diagnosis_reports_the_law_of_a_slow_leak_as_unknown(
     typed: Callable[[str], Finding],
 ) -> None:
     finding = typed("chamber__Aluminium.csv")

@@ -40,12 +40,12 @@ class PointsInMemory:
             raise LinkLost(f"nobody answers within {within:g} s")
         self._clock, self._lost = clock, lost
         self.connections += 1
-        self._task = clock.every(round(self.period * 1e9), self.tell)
+        self._task = clock.every(round(self.period * 1e9), self.publish)
 
     def subscribe(self, receive: Callable[[int, Mapping[str, float]], None]) -> None:
         self._receive = receive
 
-    def tell(self, *names: str) -> None:
+    def publish(self, *names: str) -> None:
         """Let points come now: the named ones, or all that come by themselves."""
         assert self._clock is not None
         if self.silent or self._receive is None:

@@ -20,7 +20,7 @@ def described(text: str):
     return describe(tomllib.loads(text), Path("hall.toml"), TABLE)
 
 
-def test_all_lines_that_are_wrong_are_told_in_one_run():
+def test_all_wrong_lines_are_reported_in_one_run():
     text = GOOD.replace('unit = "mm", sign = -1', 'unit = "bar"').replace("[5, 6]", '"six"')
     text = text.replace("gain = 1.01", "gian = 1.01")
     with pytest.raises(WiringError) as told:
@@ -70,7 +70,7 @@ command = { table = "holding", address = 6 }
 
 @settings(deadline=None, max_examples=40)
 @given(st.sets(st.sampled_from(WRONG), min_size=1))
-def test_whatever_is_wrong_in_a_file_is_told_in_one_run(wrong):
+def test_all_errors_of_a_file_are_reported_in_one_run(wrong):
     text = GOOD.replace('kind = "modbus"\n', POINTS)
     for right, becomes, _ in wrong:
         assert right in text
@@ -84,7 +84,7 @@ def test_whatever_is_wrong_in_a_file_is_told_in_one_run(wrong):
     assert "is missing" not in said, "what only follows from another line is not told"
 
 
-def test_all_points_that_are_wrong_are_told_in_one_run():
+def test_all_wrong_points_are_reported_in_one_run():
     points = {
         "height": {"table": "inputs", "address": 1},
         "force": {"table": "input", "address": 2, "type": "int24"},

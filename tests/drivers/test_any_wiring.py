@@ -66,12 +66,12 @@ class Tiny:
         self.opened = True
         rows = np.array([TABLE.index[name] for name in self.reports])
 
-        def tell():
+        def publish():
             now = clock.now()
             self.values["rig.state"] = float(STATES.index(self.state))
             receive(np.full(rows.size, now), rows, np.array([self.values[n] for n in self.reports]), now)
 
-        self._telling = clock.every(50_000_000, tell)
+        self._telling = clock.every(50_000_000, publish)
 
     def begin(self):
         pass
@@ -152,7 +152,7 @@ def test_an_order_that_the_rig_never_acknowledges_is_named(tiny, bench):
     assert bench.now - before <= 1.2 * s, "the step's own time, not that of the whole way"
 
 
-def test_a_fault_on_the_way_up_is_told_without_the_reason_that_the_rig_does_not_give(tiny, bench):
+def test_a_fault_without_a_reason_is_reported_while_arming(tiny, bench):
     tiny.deaf = {3}
     tiny.clock.every(round(0.6 * NS), lambda: setattr(tiny, "state", "FAULT_HOLD"))
     with pytest.raises(RigFault, match=r"did not reach ACTIVE: state FAULT_HOLD$"):
@@ -231,7 +231,7 @@ def test_a_wiring_is_closed_though_the_plan_failed(tiny):
     assert (tiny.opened, tiny.state) == (False, "DISABLED")
 
 
-def test_an_order_that_is_refused_keeps_the_others_from_nothing(tiny):
+def test_a_refused_order_does_not_block_the_others(tiny):
     """On the way to rest what comes after it may still do it."""
     tiny.sequences = Sequences(tiny.sequences.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
     say = tiny.say
@@ -253,17 +253,17 @@ def test_an_order_that_is_refused_keeps_the_others_from_nothing(tiny):
         tiny.deaf = set()
 
 
-def test_a_state_that_nobody_knows_is_not_called_silence(tiny, bench):
+def test_an_unknown_state_is_not_reported_as_silence(tiny, bench):
     bench.arm()
     tiny.clock.sleep_until(tiny.clock.now() + 60_000_000)
     tiny._telling.cancel()
     row = np.array([TABLE.index["rig.state"]])
 
-    def tell():
+    def publish():
         tiny.receiver.receive(np.array([tiny.clock.now()]), row, np.array([math.nan]), tiny.clock.now())
 
     tiny.receiver = bench.receiver
-    tiny._telling = tiny.clock.every(50_000_000, tell)
+    tiny._telling = tiny.clock.every(50_000_000, publish)
     with pytest.raises(LinkLost, match="the rig reports no known state"):
         bench.wait(5 * s)
 

@@ -145,7 +145,7 @@ def stranger(tmp_path: Path) -> Stranger:
     return Stranger(tmp_path)
 
 
-def test_nothing_goes_out_before_somebody_commands(stranger):
+def test_no_command_frames_before_the_first_command(stranger):
     with stranger.bench() as bench:
         bench.wait(5.0)
         assert bench.vertical_left.displacement == pytest.approx(12.5 * mm)
@@ -180,7 +180,7 @@ def test_one_of_two_set_points_in_a_frame_takes_no_start_value_along(stranger):
     assert set(sent) == {(3.0, 4.0)}
 
 
-def test_who_only_looks_leaves_a_living_rig_alone(stranger):
+def test_a_read_only_client_does_not_affect_a_live_rig(stranger):
     stranger.state = 2
     with stranger.bench() as bench:
         assert bench.state == "ACTIVE"

@@ -39,7 +39,7 @@ def test_arming_walks_through_every_state_and_disarming_back(world, bench):
     ]
 
 
-def test_arming_stops_where_it_is_told_to_and_goes_on_from_there(bench):
+def test_arming_stops_at_the_given_state_and_continues_from_there(bench):
     bench.arm(to="HOLD")
     assert bench.rig.state == "HOLD"
     bench.arm()
@@ -166,7 +166,7 @@ def test_steady_means_without_interruption(world, bench):
     assert bench.now - before == pytest.approx(0.4, abs=0.021)
 
 
-def test_nothing_known_satisfies_no_limit(world, bench):
+def test_an_unknown_value_satisfies_no_limit(world, bench):
     world.peer.silent_can = True
     world.pass_time(0.5)
     for condition in (lambda: bench.left.height > -1, lambda: bench.left.height < 1):
@@ -255,7 +255,7 @@ def test_the_watchdog_is_fed_while_an_answer_is_awaited(world, armed):
     armed.check()
 
 
-def test_strangers_are_told_of_where_the_bench_is_described(world, armed):
+def test_third_party_programs_are_reported_with_the_bench(world, armed):
     assert armed.strangers() == ""
     world.peer.values |= {"rig.strangers": 12, "rig.stranger": 4711, "rig.stranger_identifier": 0x201}
     world.peer.values |= {"rig.lease": armed.wiring.given["control.token"]}
@@ -318,7 +318,7 @@ def test_an_average_is_the_mean_of_what_came(world, bench):
     assert means["right.height"] == pytest.approx(4 * mm)
 
 
-def test_no_average_of_nothing(world, bench):
+def test_an_empty_window_has_no_average(world, bench):
     world.peer.values["left.height"] = math.nan
     bench.wait(0.1)
     with pytest.raises(
@@ -344,7 +344,7 @@ def test_settling(world, bench):
         bench.settle("left.height", band=1 * mm, over=1 * s, within=5 * s)
 
 
-def test_what_only_turns_has_not_settled(world, bench):
+def test_a_rotating_body_has_not_settled(world, bench):
     began = bench.now
     bench.clock.every(
         5_000_000,

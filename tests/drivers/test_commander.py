@@ -78,7 +78,7 @@ def test_every_frame_is_accepted_by_the_autosar_oracle():
         assert sequence == [k % 15 for k in range(40)]
 
 
-def test_set_points_nobody_gave_travel_as_not_available_and_bits_as_zero():
+def test_missing_set_points_are_sent_as_not_available_and_bits_as_zero():
     line = Line()
     line.commander.start()
     line.cycles(1)
@@ -150,7 +150,7 @@ def test_ramps_of_one_call_start_on_the_same_cycle_and_another_call_takes_over()
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_and_changes_nothing(call, error, words):
+def test_unsuitable_values_are_refused_without_effect(call, error, words):
     line = Line()
     line.commander.set("lateral.force_setpoint", 5 * kN)
     with pytest.raises(error, match=words):
@@ -252,7 +252,7 @@ def test_set_points_wait_for_a_cycle_that_holds_the_mutex():
 
 
 @pytest.mark.parametrize("error", [Refused("not in this state", 4), KeyError("Set.Left")])
-def test_whatever_ends_the_stream_is_told(monkeypatch, error):
+def test_every_end_of_the_stream_is_reported(monkeypatch, error):
     """A transport of somebody's own may raise anything; in a thread nobody would hear of it."""
     clock, port = VirtualClock(), InMemoryCan(lambda block: None)
     wiring = wiring_on(port)

@@ -170,7 +170,7 @@ def test_a_plan_that_is_stuck_is_not_alive(peer):
 
 
 @compiled_only
-def test_nothing_is_written_to_a_wire_that_was_cut(peer):
+def test_no_write_to_a_disconnected_wire(peer):
     peer.wire.cut()
     peer.fail()
     assert isinstance(peer.commander.failure, LinkLost)

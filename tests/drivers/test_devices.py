@@ -109,7 +109,7 @@ def test_filling_holding_and_venting(world, armed):
     assert (armed.air.left_mode, armed.air.right_mode) == ("level", "level")
 
 
-def test_one_side_alone(world, armed):
+def test_one_side_only(world, armed):
     armed.air.fill(left=1 * bar, within=5 * s)
     assert armed.air.left_mode == "fill"
     assert armed.air.right_mode == "hold"
@@ -157,9 +157,7 @@ def test_filling_too_slowly_is_a_time_out(armed):
 
 
 @pytest.mark.parametrize(("starts", "within", "told"), [(0.5, 30, True), (8.0, 30, True), (8.0, 20, False)])
-def test_a_pressure_that_has_long_stopped_falling_is_told_from_one_that_has_not(
-    world, armed, starts, within, told
-):
+def test_a_settled_pressure_differs_from_a_falling_one(world, armed, starts, within, told):
     values, step = world.peer.values, world.peer._step
 
     def never_below_half_a_bar():
@@ -180,7 +178,7 @@ def test_a_pressure_that_has_long_stopped_falling_is_told_from_one_that_has_not(
     assert str(late.value).count("has not fallen") == told
 
 
-def test_a_zero_that_is_far_off_does_not_hold_up_what_the_chamber_beside_it_knows(world, armed):
+def test_a_large_offset_does_not_disturb_the_estimate_of_the_next_chamber(world, armed):
     values, step = world.peer.values, world.peer._step
     values["left.bellows_pressure"] = 2.0 * bar
 

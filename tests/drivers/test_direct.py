@@ -38,26 +38,26 @@ def described(lines, *, generator=True, **transports):
     return describe(keys, FILE, TABLE)
 
 
-class Beside:
+class RigWithBox:
     """A rig of ours with a box beside it, whose laser stands still and whose valve may refuse."""
 
     def __init__(self) -> None:
         self.memory = RigInMemory(Rig(load(), seed=1))
         self.box = PointsInMemory({"laser": 12.5, "target": 2.0, "target_is": 2.0})
-        self.box.react = self.obey
+        self.box.react = self.apply
         self.refuses = False
         can, modbus = self.memory.can(), self.memory.modbus()
         direct = AstbTransport("rig", RIG, TABLE, lambda: (can, modbus))
         told = described(LINES, box={"kind": "box.py:make"})
         self.wiring = DescribedWiring("the rig", told, {"box": self.box}, direct)
 
-    def obey(self, point: str, number: float) -> None:
+    def apply(self, point: str, number: float) -> None:
         if point == "target" and not self.refuses:
             self.box.points["target_is"] = number
 
 
 def test_signals_with_a_line_go_their_way_and_all_others_that_of_the_table():
-    beside = Beside()
+    beside = RigWithBox()
     with Bench(beside.wiring, beside.memory.clock) as bench:
         bench.arm()
         with bench.capture("left.height", "right.height") as capture:
@@ -78,7 +78,7 @@ def test_signals_with_a_line_go_their_way_and_all_others_that_of_the_table():
 
 
 def test_settings_of_both_ways_are_taken_over_together_or_not_at_all():
-    beside = Beside()
+    beside = RigWithBox()
     with Bench(beside.wiring, beside.memory.clock) as bench:
         before = bench.settings.readings("air.right_target", "air.left_target")
         beside.refuses = True
@@ -138,7 +138,7 @@ def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
         ({"left.height": {"from": "rig.left.height", "unit": "m"}}, {}, r"carries signals instead of points"),
     ],
 )
-def test_what_cannot_be_beside_a_table_is_told(lines, transports, words):
+def test_keys_that_exclude_a_table_are_reported(lines, transports, words):
     with pytest.raises(WiringError, match=words):
         described(lines, **transports)
 
@@ -169,7 +169,7 @@ def test_what_becomes_of_the_air_is_one_of_three_things(air, words):
         describe(keys | {"sequences": {"air": air}}, FILE, TABLE)
 
 
-def test_a_rig_that_is_not_there_is_told_and_nothing_stays_open():
+def test_a_missing_rig_is_reported_and_connections_are_closed():
     wiring = open_described("the rig", described({}, rig=RIG | {"modbus": {"port": 1}}))
     with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1\b"):
         wiring.open(VirtualClock(), lambda *heard: None, print, within=1 * s)

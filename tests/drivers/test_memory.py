@@ -72,7 +72,7 @@ def test_each_direction_can_have_faults_of_its_own():
     assert np.array_equal(join(sent), block)
 
 
-def test_delayed_frames_come_late_but_not_later_than_said():
+def test_delayed_frames_keep_the_stated_delay():
     block = counted(2000)
     inward, _, _ = through(Faults(delay=0.1, delay_frames=20), 5, block)
     order = inward["time"]

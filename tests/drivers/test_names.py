@@ -19,7 +19,7 @@ from bench_protocol.table import TABLE
         (lambda bench: TABLE["xyz"], KeyError, "there is no signal 'xyz'; `astb rig signals` lists them"),
     ],
 )
-def test_what_was_meant_is_said(bench, ask, error, said):
+def test_did_you_mean_names_the_nearest(bench, ask, error, said):
     with pytest.raises(error, match=said):
         ask(bench)
 
@@ -35,7 +35,7 @@ def test_a_device_can_be_copied_and_asked_for_what_it_lacks(bench):
     assert copy.copy(bench.left).height == pytest.approx(bench.left.height, nan_ok=True)
 
 
-def test_all_names_are_told_where_none_is_near():
+def test_all_names_are_listed_if_none_is_close():
     assert did_you_mean("height", ["hight", "force"]) == "did you mean 'hight'?"
     assert did_you_mean("height", ["force", "axis"]) == "there are force, axis"
     assert did_you_mean("height", ["force", "axis"], "ask elsewhere") == "ask elsewhere"

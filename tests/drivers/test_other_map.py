@@ -82,7 +82,7 @@ EXTRA = table(
 OLDER = table({"supply.pressure": None, "load_cell.6": None})
 
 
-class Stand:
+class MixedVersions:
     """A rig that speaks the table, and a driver that knows another one."""
 
     def __init__(self, known: Table) -> None:
@@ -168,8 +168,8 @@ def test_a_file_that_is_no_map_is_refused(spoil, why):
     ],
     ids=["swapped", "rescaled", "moved register", "extra", "older"],
 )
-def test_what_differs_is_said_and_what_agrees_is_right(known, absent, said):
-    stand = Stand(known)
+def test_differences_are_reported_and_agreement_passes(known, absent, said):
+    stand = MixedVersions(known)
     stand.open()
     assert set(stand.wiring.absent) == absent | FURTHER
     assert re.search(said, stand.wiring.capabilities.notes["identity"])
@@ -192,7 +192,7 @@ def test_any_shuffle_of_the_measurements_is_read_right_or_not_at_all(seed):
     steps = {
         row.name: replace(row, step=2 * row.step) for row in chance.sample(TABLE.of_kind(Kind.MEASUREMENT), 3)
     }
-    stand = Stand(table(steps, **shuffled))
+    stand = MixedVersions(table(steps, **shuffled))
     stand.open()
     stand.check_what_agrees()
     expected = {
@@ -225,7 +225,7 @@ def places_of(name: str, known: Table) -> dict[str, str]:
     ],
 )  # fmt: skip
 def test_a_bench_goes_nowhere_with_a_rig_that_would_take_its_word_otherwise(known, why):
-    stand = Stand(known)
+    stand = MixedVersions(known)
     with pytest.raises(MapMismatch, match=f"differs in what must agree.*({why})") as mismatch:
         stand.open()
     assert len(str(mismatch.value)) < 2000
@@ -233,7 +233,7 @@ def test_a_bench_goes_nowhere_with_a_rig_that_would_take_its_word_otherwise(know
 
 
 def test_a_bench_on_another_map_arms_moves_and_says_what_it_lacks():
-    stand = Stand(SWAPPED)
+    stand = MixedVersions(SWAPPED)
     with Bench(stand.wiring, stand.memory.clock) as bench:
         bench.arm()
         bench.platform.move_to(vertical=5 * mm)
@@ -258,7 +258,7 @@ def test_a_plan_says_with_what_it_goes_on(tmp_path):
         """Look: it does not press."""
         run.check("force", run.bench.vertical_left.force, "kN", low=-2 * kN, high=2 * kN)
 
-    stand = Stand(SWAPPED)
+    stand = MixedVersions(SWAPPED)
     with Bench(stand.wiring, stand.memory.clock) as bench:
         assert execute(look, bench, tmp_path, watcher=Watcher()).verdict == "pass"
     assert any("the rig speaks another table of signals" in text and "left.height" in text for text in said)

@@ -62,7 +62,7 @@ def test_a_description_of_our_own_rig_arms_moves_and_disarms_it(memory, describe
     assert memory.rig.lease.token == 0
 
 
-def test_both_wirings_hear_the_same(memory, described):
+def test_both_wirings_receive_the_same(memory, described):
     heard = {"own": [], "file": []}
     own = AstbListener(
         TABLE, memory.clock, None, lambda t, rows, v, _: heard["own"].extend(zip(t, rows, v, strict=True))

@@ -157,7 +157,7 @@ def test_what_a_generator_refuses(settings, mode, message):
     assert message in str(told.value)
 
 
-def test_states_in_which_an_action_means_nothing():
+def test_states_without_an_action():
     player = _player()
     for act in (player.hold, player.stop):
         with pytest.raises(Refused, match="no program runs"):

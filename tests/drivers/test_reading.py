@@ -47,7 +47,7 @@ def test_a_declaration_of_the_wrong_kind_is_refused_when_the_device_is_made(worl
         Wrong(world.bench, "left")
 
 
-def test_every_reading_is_what_the_rig_last_said(world, bench):
+def test_every_reading_is_the_last_one_from_the_rig(world, bench):
     for k, signal in enumerate(TABLE.of_kind(Kind.MEASUREMENT)):
         world.peer.values[signal.name] = signal.low + (signal.high - signal.low) * (k + 1) / 64
     bench.wait(0.2)
@@ -59,7 +59,7 @@ def test_every_reading_is_what_the_rig_last_said(world, bench):
         assert value == pytest.approx(world.peer.values[signal.name], abs=0.501 * (place.step or signal.step))
 
 
-def test_nothing_is_known_before_the_first_frame(world):
+def test_no_value_before_the_first_frame(world):
     bench = world.bench
     for signal in TABLE.of_kind(Kind.MEASUREMENT):
         sample = bench.sample(signal.name)

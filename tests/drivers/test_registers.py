@@ -72,7 +72,9 @@ def test_a_scaled_number_comes_back_within_half_a_step(
 
 @pytest.mark.parametrize("swapped", ["big", "little"])
 @given(word=st.integers(0, 0xFFFF), bit=st.integers(0, 15), value=st.booleans())
-def test_a_bit_changes_nothing_else_in_its_word(swapped: str, word: int, bit: int, value: bool) -> None:
+def test_writing_a_bit_keeps_the_other_bits_of_its_word(
+    swapped: str, word: int, bit: int, value: bool
+) -> None:
     ours = point(bit=bit, byte_order=swapped)
     changed = ours.with_bit(word, float(value))
     assert ours.decode([changed]) == value

@@ -86,7 +86,7 @@ def test_what_the_rig_refuses_to_apply_does_not_stay_staged(world):
     assert world.peer.settings == before | {"air.right_target": 2 * bar}
 
 
-def test_nothing_to_write_sends_nothing(world):
+def test_an_empty_write_sends_no_frame(world):
     world.bench.settings.write({})
     assert world.peer.requests == []
 

@@ -55,7 +55,7 @@ def live(make_world):
 
 
 @pytest.mark.slow
-def test_nothing_is_lost_while_the_plan_computes(live):
+def test_no_frame_is_lost_while_the_plan_computes(live):
     peer, _, bench = live
     heard = []
     bench.arm()

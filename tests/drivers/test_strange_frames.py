@@ -142,7 +142,7 @@ def test_a_checksum_is_where_the_frame_has_it_however_long_it_is(bus):
     assert next(one.text for one in rig.transport.remarks() if one.doubtful).startswith("Guarded: ")
 
 
-def test_who_connects_is_told_what_came_instead(bus):
+def test_a_new_client_receives_the_replacement(bus):
     rig = bus(messages=GUARD)
     rig.comes((513, bytes([1, 0, 0, 0, 0, 0, 0, 0])), (0x123, b"1"), (0x124, b"2"))
     with pytest.raises(
@@ -154,7 +154,7 @@ def test_who_connects_is_told_what_came_instead(bus):
     assert "is the rig running" not in str(told.value)
 
 
-def test_other_identifiers_are_told_and_not_doubted(bus):
+def test_other_identifiers_are_reported_without_doubt(bus):
     rig = bus()
     rig.comes((512, bytes(8)), *((0x300 + k, b"") for k in range(20)))
     rig.connect().wait()
@@ -202,7 +202,7 @@ def test_j1939_is_known_by_its_group(bus):
 @pytest.mark.parametrize(
     ("keys", "value"), [({}, 256.0), ({"messages": {"Height": {"source": 0x22}}}, 128.0)]
 )
-def test_of_two_that_send_one_group_one_is_heard(bus, keys, value):
+def test_only_one_of_two_senders_of_a_group_is_accepted(bus, keys, value):
     rig = bus(J1939, **keys)
     group = rig.base.get_message_by_name("Height").frame_id & ~0xFF
     rig.comes(

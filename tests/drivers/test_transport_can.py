@@ -62,14 +62,14 @@ def test_it_conforms_in_memory_and_in_virtual_time(memory: InMemory, where: Path
         memory.silent = False
         return CanTransport("bus", BUS, where, port=memory.port)
 
-    def nobody() -> CanTransport:
+    def silent_transport() -> CanTransport:
         memory.silent = True
         return CanTransport("bus", BUS, where, port=memory.port)
 
     def cut() -> None:
         memory.ports[-1].lose("the bus is cut here")
 
-    findings = check_transport(Subject(make, nobody=nobody, cut=cut, clock=memory.clock, **SUBJECT))
+    findings = check_transport(Subject(make, nobody=silent_transport, cut=cut, clock=memory.clock, **SUBJECT))
     assert [str(finding) for finding in findings if finding.breach] == []
     assert ["`refused`" in finding.skipped for finding in findings if finding.skipped] == [True]
     assert memory.far.bad == []
@@ -282,7 +282,7 @@ OURS = {DATABASE.get_message_by_name(name).frame_id for name in ("Stream", "Hear
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(st.sampled_from([*KNOWN, (0x123, False)]), st.binary(max_size=8)), max_size=40))
-def test_whatever_comes_is_heard_as_numbers_or_counted(
+def test_received_bytes_become_numbers_or_are_counted(
     where: Path, frames: list[tuple[tuple[int, bool], bytes]]
 ) -> None:
     port, heard = InMemoryCan(lambda block: None), []
@@ -328,7 +328,7 @@ def test_in_the_order_given_and_page_by_page(memory: InMemory, connected: Callab
     ]
 
 
-def test_a_number_that_nobody_gave_is_not_made_up(memory: InMemory, connected: Callable) -> None:
+def test_a_missing_number_is_not_invented(memory: InMemory, connected: Callable) -> None:
     transport = connected()
     memory.far.received.clear()
     with pytest.raises(
@@ -365,7 +365,7 @@ def test_at_the_rigs_own_rate_while_somebody_streams(memory: InMemory, connected
     assert len(memory.far.received) >= 5
 
 
-def test_a_new_connection_streams_nothing_of_the_old_one(memory: InMemory, connected: Callable) -> None:
+def test_a_new_connection_streams_no_old_values(memory: InMemory, connected: Callable) -> None:
     transport = connected()
     transport.stream({"Stream.Value": 3.5}, memory.clock.now())
     memory.wait(0.05)
@@ -378,7 +378,7 @@ def test_a_new_connection_streams_nothing_of_the_old_one(memory: InMemory, conne
     assert transport.counts == {}, "what passed meanwhile is not lost"
 
 
-def test_what_fails_in_the_background_is_told(memory: InMemory, where: Path) -> None:
+def test_background_failures_are_reported(memory: InMemory, where: Path) -> None:
     """A checksum of the user's own that raises would otherwise end the stream, and nobody would know."""
     (where / "failing.py").write_text("def weighted(identifier, data):\n    return 1 // (data[1] - 3)\n")
     guard = {"signal": "Alive", "scheme": "function:weighted"}
@@ -398,7 +398,7 @@ def test_what_fails_in_the_background_is_told(memory: InMemory, where: Path) -> 
     transport.close()
 
 
-def test_pages_take_turns(memory: InMemory, connected: Callable) -> None:
+def test_pages_are_served_alternately(memory: InMemory, connected: Callable) -> None:
     transport = connected(messages={**BUS["messages"], "Pages": {"every": "10 ms"}})
     transport.stream({"Pages.First": 1}, memory.clock.now())
     memory.wait(0.1)

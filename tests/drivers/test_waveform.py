@@ -206,7 +206,7 @@ def test_a_described_rig_follows_it_by_way_of_python(strange):
             bench.waveform.run(*_sideways(100 * mm, 0.2 * s))
 
 
-def test_a_rig_whose_pace_nobody_knows_is_not_moved(made):
+def test_a_rig_with_unknown_update_rate_is_not_moved(made):
     _, bench = made
     bench.wiring.capabilities = type(bench.wiring.capabilities)(generator=True)
     with pytest.raises(NotAvailable, match=r"it is not known how fast .* follows lateral\.displ"):

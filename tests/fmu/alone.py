@@ -142,16 +142,16 @@ def many(fresh, running):
             unit.set({"left.height": 1e-3 * n, "left.height_speed": 0.1})
             unit.step(5e-3 * n, 5e-3)
     forces = [unit.get("left.vertical_force")[0] for unit in units]
-    alone = fresh()
-    alone.begin()
-    alone.set({"left.nominal_preload": 40e3 + 100.0 * 63})
-    alone.ready()
+    isolated = fresh()
+    isolated.begin()
+    isolated.set({"left.nominal_preload": 40e3 + 100.0 * 63})
+    isolated.ready()
     for n in range(20):
-        alone.set({"left.height": 1e-3 * n, "left.height_speed": 0.1})
-        alone.step(5e-3 * n, 5e-3)
+        isolated.set({"left.height": 1e-3 * n, "left.height_speed": 0.1})
+        isolated.step(5e-3 * n, 5e-3)
     for unit in units:
         unit.unit.freeInstance()
-    return {"forces": forces, "alone": alone.get("left.vertical_force")[0]}
+    return {"forces": forces, "alone": isolated.get("left.vertical_force")[0]}
 
 
 def remainder(fresh, running):
@@ -281,12 +281,12 @@ def cars(fresh, running):
 
     units = [running({"mass": 1e4 + 10.0 * k}, name=f"car {k}") for k in range(100)]
     places = ride(units, 20, 5e-3)
-    (alone,) = ride([running({"mass": 1e4 + 630.0})], 20, 5e-3)
+    (isolated,) = ride([running({"mass": 1e4 + 630.0})], 20, 5e-3)
     (parts,) = ride([running()], 100, 3e-4)
     (whole,) = ride([running()], 1, 30e-3)
     for unit in units:
         unit.unit.freeInstance()
-    return {"places": places, "alone": alone, "parts": parts, "whole": whole}
+    return {"places": places, "alone": isolated, "parts": parts, "whole": whole}
 
 
 def car_refusals(fresh, running):

@@ -57,7 +57,7 @@ def car_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 
 
 @pytest.fixture
-def alone(tmp_path: Path) -> Callable[..., Any]:
+def isolated(tmp_path: Path) -> Callable[..., Any]:
     """What `alone.py` answers about an FMU."""
 
     def ask(fmu: Path, what: str, **given: Any) -> Any:

@@ -191,7 +191,7 @@ def test_one_for_another_system_is_refused(strange, tmp_path):
         build_rig(read(rig_file(tmp_path / "rig.toml", other, MAP)).simulation)
 
 
-def test_one_that_crashes_at_once_is_told_before_the_rig_begins(tmp_path):
+def test_an_immediate_crash_is_reported_before_the_rig_starts(tmp_path):
     fmu = strange_spring(tmp_path / "bad.fmu", 3, area="m2")
     path = rig_file(tmp_path / "rig.toml", fmu, MAP.replace('"travel"', '"travel"'))
     text = path.read_text().replace("[simulation.spring_map.inputs]", SLOW, 1)
@@ -203,7 +203,7 @@ def test_one_that_crashes_at_once_is_told_before_the_rig_begins(tmp_path):
 SLOW = '[simulation.spring_map]\nstep = "10 ms"\n[simulation.spring_map.inputs]'
 
 
-def test_whether_it_keeps_the_time_is_said_beforehand(tmp_path):
+def test_a_slow_fmu_is_reported_before_the_run(tmp_path):
     fmu = strange_spring(tmp_path / "slow.fmu", 5)
     path = rig_file(tmp_path / "rig.toml", fmu, MAP)
     rig = build_rig(read(path).simulation)

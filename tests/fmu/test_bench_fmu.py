@@ -79,14 +79,14 @@ def of_the_plant(plant: Plant, given: dict[str, np.ndarray], ticks: int) -> np.n
 
 
 @pytest.mark.parametrize("ticks", [1, 5, 20])
-def test_it_does_what_the_plant_does(bench_fmus, alone, ticks):
+def test_it_does_what_the_plant_does(bench_fmus, isolated, ticks):
     """Also when it is saved, and gone on with in another instance."""
     given = shaken(ticks)
     right = of_the_plant(Plant.at_rest(load().record), given, ticks)
     times = 1e-3 * ticks * np.arange(TICKS // ticks + 1)
     motion = np.stack([given[name] for name in MOVED], axis=1)
     for version in VERSIONS if ticks == 5 else (3,):
-        got = alone(
+        got = isolated(
             bench_fmus[version], "motion", names=list(MOVED), times=times, motion=motion, outputs=OUTPUTS
         )
         assert got["outputs"] == got["again"]
@@ -95,7 +95,7 @@ def test_it_does_what_the_plant_does(bench_fmus, alone, ticks):
     assert np.ptp(right[:, [0, 1, 2, 11, 16, 17, 21]], axis=0).min() > 1e-4
 
 
-def test_it_begins_without_air_as_the_plant_does(bench_fmus, alone):
+def test_it_begins_without_air_as_the_plant_does(bench_fmus, isolated):
     plant = Plant.depressurised(load().record)
     plant.inputs[Input.SUPPLY] = 1.0
     plant.inputs[[Input.LEFT_SERVICE_VALVE, Input.RIGHT_SERVICE_VALVE]] = 1.0
@@ -107,7 +107,7 @@ def test_it_begins_without_air_as_the_plant_does(bench_fmus, alone):
     assert len(off) == ACTUATORS
     begin = {"air.at_start": 0.0, "supply.open": 0.0, **off}
     moved = {"supply.open": 1.0, "left.service_valve": 1.0, "right.service_valve": 1.0}
-    got = alone(
+    got = isolated(
         bench_fmus[3],
         "motion",
         names=list(moved),
@@ -122,13 +122,13 @@ def test_it_begins_without_air_as_the_plant_does(bench_fmus, alone):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_another_tool_finds_nothing_wrong(bench_fmus, car_fmus, alone, version):
+def test_another_tool_finds_no_fault(bench_fmus, car_fmus, isolated, version):
     for fmu in (bench_fmus[version], car_fmus[version]):
-        assert alone(fmu, "validate") == {"problems": [], "version": f"{version}.0"}
+        assert isolated(fmu, "validate") == {"problems": [], "version": f"{version}.0"}
 
 
-def test_its_state_is_all_there_is(bench_fmus, alone):
-    got = alone(bench_fmus[3], "bench_refusals")
+def test_its_state_is_all_there_is(bench_fmus, isolated):
+    got = isolated(bench_fmus[3], "bench_refusals")
     assert got["mode"] == ["vertical_left.control = 1.5 is not one of the whole numbers 0 to 3"]
     assert got["range"] == ["platform.roll_setpoint = 1 rad is outside -0.3 to 0.3 rad"]
     assert got["fixed"] == ["left.nominal_preload stays as it is once the simulation has begun"]

@@ -42,7 +42,7 @@ def half_a_car() -> MovingCar:
     return MovingCar(mass, mass * float(vehicle.roll_gyration) ** 2, float(bench.gravity), **own)
 
 
-def told(car: MovingCar, b: float) -> list[float]:
+def outputs(car: MovingCar, b: float) -> list[float]:
     """What the FMU has to say of this car, whose springs stand ``b`` m from its middle."""
     shear, height, roll = springs_ahead(car, 0.0, *car.track)
     rate = [car.speed[way] - car.track_rate[way] for way in range(3)]
@@ -90,12 +90,12 @@ def by_the_law(rows: np.ndarray, ticks: int) -> np.ndarray:
             car.track_rate[:] = (rate + since * bend).tolist()
             if k < ticks:
                 move_car(car, TICK)
-        found.append(told(car, b))
+        found.append(outputs(car, b))
     return np.array(found)
 
 
 @pytest.mark.parametrize("ticks", [1, 5, 20])
-def test_it_does_what_the_law_does(car_fmus, alone, ticks):
+def test_it_does_what_the_law_does(car_fmus, isolated, ticks):
     """Also when it is saved, and gone on with in another instance."""
     rows = given(ticks)
     right = by_the_law(rows, ticks)
@@ -103,7 +103,7 @@ def test_it_does_what_the_law_does(car_fmus, alone, ticks):
     names = [*FORCES, *TRACK]
     begin = dict(zip(names, rows[0], strict=True))
     for version in VERSIONS if ticks == 5 else (3,):
-        got = alone(
+        got = isolated(
             car_fmus[version],
             "motion",
             names=names,
@@ -117,15 +117,15 @@ def test_it_does_what_the_law_does(car_fmus, alone, ticks):
         assert equal(np.array(got["outputs"]), right, 1e-12)
 
 
-def test_a_hundred_cars_do_not_meet_and_parts_of_a_tick_are_kept(car_fmus, alone):
-    got = alone(car_fmus[2], "cars")
+def test_a_hundred_cars_do_not_meet_and_parts_of_a_tick_are_kept(car_fmus, isolated):
+    got = isolated(car_fmus[2], "cars")
     assert got["places"][63] == got["alone"]
     assert len(set(got["places"])) == 100
     assert got["parts"] == pytest.approx(got["whole"], rel=1e-12, abs=1e-15)
 
 
-def test_what_does_not_fit_is_a_status_with_words(car_fmus, alone):
-    got = alone(car_fmus[3], "car_refusals")
+def test_what_does_not_fit_is_a_status_with_words(car_fmus, isolated):
+    got = isolated(car_fmus[3], "car_refusals")
     assert got["mass"] == ["mass = 0 kg is outside 1 to inf kg"]
     assert got["stop"] == ["bump_stop_travel[2] = 0.01 m does not exceed bump_stop_travel[1] = 0.025 m"]
     assert got["spacing"] == ["spring_half_spacing stays as it is once the simulation has begun"]

@@ -193,16 +193,16 @@ def test_the_exact_model_has_no_doubt_and_no_cause(tanks: dict[str, Path], tmp_p
 def test_the_zero_of_a_unit_does_not_count_for_a_difference(
     tmp_path: Path, fmi: int, of_type: str, of_variable: str, relative: bool
 ) -> None:
-    def said(value: str) -> str:
+    def attribute(value: str) -> str:
         return f'relativeQuantity="{value}"' if value else ""
 
-    real = f'unit="degC" {said(of_variable)} declaredType="T"'
+    real = f'unit="degC" {attribute(of_variable)} declaredType="T"'
     row = 'name="y" valueReference="0" causality="output"'
     if fmi == 2:
-        kind = f'<SimpleType name="T"><Real {said(of_type)}/></SimpleType>'
+        kind = f'<SimpleType name="T"><Real {attribute(of_type)}/></SimpleType>'
         row = f"<ScalarVariable {row}><Real {real}/></ScalarVariable>"
     else:
-        kind, row = f'<Float64Type name="T" {said(of_type)}/>', f"<Float64 {row} {real}/>"
+        kind, row = f'<Float64Type name="T" {attribute(of_type)}/>', f"<Float64 {row} {real}/>"
     token = "guid" if fmi == 2 else "instantiationToken"
     text = f"""<fmiModelDescription fmiVersion="{fmi}.0" modelName="m" {token}="t"><CoSimulation modelIdentifier="m"/>
 <UnitDefinitions><Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit></UnitDefinitions>
@@ -266,7 +266,7 @@ def test_a_unit_that_is_refused_leaves_a_choice(si: str, unit: str) -> None:
         ),
     ],
 )
-def test_what_is_wrong_in_a_map_is_said(tanks: dict[str, Path], before: str, after: str, told: str) -> None:
+def test_errors_of_a_map_are_reported(tanks: dict[str, Path], before: str, after: str, told: str) -> None:
     folder = tanks["discrete"].parent
     assert before in MAP
     (folder / "map.toml").write_text(MAP.replace(before, after))
@@ -274,7 +274,7 @@ def test_what_is_wrong_in_a_map_is_said(tanks: dict[str, Path], before: str, aft
         read_mapped(measured(folder, 0.0), folder / "map.toml")
 
 
-def test_everything_that_is_wrong_in_a_map_is_said_at_once(tanks: dict[str, Path]) -> None:
+def test_all_errors_of_a_map_are_reported_at_once(tanks: dict[str, Path]) -> None:
     folder = tanks["discrete"].parent
     wrong = MAP.replace('unit = "l/s"', 'unit = "l/tick"').replace('noise = "1 mm"', 'noise = "1 s"', 1)
     wrong = wrong.replace('upper_area = { spread = "10 %"', 'uper_area = { spread = "10 %"')
@@ -334,7 +334,7 @@ upper_start = { spread = "20 mm", per_run = true }
     assert done.exit_code == 2 and "--expect: tanks.fmu is no model of the bench" in done.output
 
 
-def test_a_parameter_of_which_nothing_is_known_is_refused(tanks: dict[str, Path]) -> None:
+def test_a_parameter_without_a_prior_is_refused(tanks: dict[str, Path]) -> None:
     folder = tanks["discrete"].parent
     (folder / "map.toml").write_text(MAP.replace('spread = "10 %", low = "0.01 m2"', 'low = "0.01 m2"'))
     with pytest.raises(DiagnosisError, match=r"fmu.base.upper_area.spread is missing: .* or low and high"):

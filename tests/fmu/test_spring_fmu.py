@@ -105,8 +105,8 @@ def ridden() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_another_tool_finds_nothing_wrong(spring_fmus, alone, version):
-    assert alone(spring_fmus[version], "validate") == {"problems": [], "version": f"{version}.0"}
+def test_another_tool_finds_no_fault(spring_fmus, isolated, version):
+    assert isolated(spring_fmus[version], "validate") == {"problems": [], "version": f"{version}.0"}
     with zipfile.ZipFile(spring_fmus[version]) as archive:
         assert b"Apache License" in archive.read("documentation/licenses/license.txt")
         assert b"design height" in archive.read("documentation/index.html")
@@ -121,7 +121,7 @@ def test_another_tool_finds_nothing_wrong(spring_fmus, alone, version):
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("name", MODELS)
-def test_nothing_of_python_is_linked(spring_fmus, bench_fmus, car_fmus, tmp_path, name, version):
+def test_the_library_does_not_link_python(spring_fmus, bench_fmus, car_fmus, tmp_path, name, version):
     fmu = {"spring": spring_fmus, "bench": bench_fmus, "car": car_fmus}[name][version]
     with zipfile.ZipFile(fmu) as archive:
         (library,) = (one for one in archive.namelist() if one.startswith("binaries/"))
@@ -137,7 +137,7 @@ def test_nothing_of_python_is_linked(spring_fmus, bench_fmus, car_fmus, tmp_path
     assert all(one.startswith(f"fmi{version}") for one in ours), "only functions of FMI are seen from outside"
 
 
-def test_it_does_what_the_laws_do(spring_fmus, alone, ridden, tmp_path):
+def test_it_does_what_the_laws_do(spring_fmus, isolated, ridden, tmp_path):
     """Within 1e-12 of plain Python, for steps of 1, 5 and 20 ms, also when saved and gone on with in another one."""
     motion, rows = ridden
     np.savez(tmp_path / "motion.npz", motion=motion)
@@ -148,7 +148,7 @@ def test_it_does_what_the_laws_do(spring_fmus, alone, ridden, tmp_path):
         steps = 200 // ticks
         times = 1e-3 * ticks * np.arange(steps + 1)
         for version in VERSIONS if ticks == 5 else (2,):
-            got = alone(spring_fmus[version], "motion", names=NAMES, times=times, motion=motion[::ticks])
+            got = isolated(spring_fmus[version], "motion", names=NAMES, times=times, motion=motion[::ticks])
             assert got["outputs"] == got["again"], "saved and restored"
             assert equal(np.array(got["outputs"]), right[first : first + steps], 1e-12)
         if (
@@ -191,21 +191,23 @@ def test_gas_does_the_work_of_a_jump(tmp_path):
     assert p[2] == pytest.approx(p[0], rel=1e-6)
 
 
-def test_springs_that_are_moved_by_jumps_are_as_stiff(spring_fmus, alone):
+def test_springs_that_are_moved_by_jumps_are_as_stiff(spring_fmus, isolated):
     """Who gives places and no speeds has the forces of who gives both, but for the half step that jumps come late."""
     t = 1e-3 * np.arange(400)
     height, speed = 4e-3 * np.sin(10.0 * t), 0.04 * np.cos(10.0 * t)
     names = ["left.height", "right.height"]
-    jumping = alone(spring_fmus[3], "motion", names=names, times=t, motion=np.stack([height, height], axis=1))
+    jumping = isolated(
+        spring_fmus[3], "motion", names=names, times=t, motion=np.stack([height, height], axis=1)
+    )
     names += ["left.height_speed", "right.height_speed"]
     rows = np.stack([height, height, speed, speed], axis=1)
-    moving = alone(spring_fmus[3], "motion", names=names, times=t, motion=rows)
+    moving = isolated(spring_fmus[3], "motion", names=names, times=t, motion=rows)
     found, right = (np.array(one["outputs"])[:, 0] for one in (jumping, moving))
     assert np.ptp(found) == pytest.approx(np.ptp(right), rel=0.01)
     assert np.abs(found - right).max() < 0.02 * np.ptp(right)
 
 
-def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
+def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, isolated):
     """`replay` takes another road: cubics between samples, which a constant speed makes straight."""
     n = 301
     speeds = np.array([0.03, -0.02, 0.05])
@@ -228,25 +230,25 @@ def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, alone):
     motion = Motion.through(displacement, 1e-3)
     replay(parameters, motion, inputs, supply, gas, step=1e-3, before=Before.nothing(), rows=rows)
     given = np.hstack((stretched, np.broadcast_to(speeds, stretched.shape)))
-    got = alone(spring_fmus[3], "motion", names=NAMES, times=times, motion=given)
+    got = isolated(spring_fmus[3], "motion", names=NAMES, times=times, motion=given)
     assert equal(np.array(got["outputs"]), looked_at(rows)[1:], 1e-9)
 
 
-def test_a_hundred_of_them_do_not_meet(spring_fmus, alone):
-    got = alone(spring_fmus[2], "many")
+def test_a_hundred_of_them_do_not_meet(spring_fmus, isolated):
+    got = isolated(spring_fmus[2], "many")
     assert got["forces"][63] == got["alone"]
     assert len(set(got["forces"])) == 100
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_what_is_left_of_a_tick_is_kept(spring_fmus, alone, version):
-    got = alone(spring_fmus[version], "remainder")
+def test_what_is_left_of_a_tick_is_kept(spring_fmus, isolated, version):
+    got = isolated(spring_fmus[version], "remainder")
     assert equal(np.array(got["parts"])[None], np.array(got["whole"])[None], 1e-12)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_what_does_not_fit_is_a_status_with_words(spring_fmus, alone, version):
-    got = alone(spring_fmus[version], "refusals")
+def test_what_does_not_fit_is_a_status_with_words(spring_fmus, isolated, version):
+    got = isolated(spring_fmus[version], "refusals")
     assert got["range"] == ["left.effective_area = 3 m2 is outside 0.1 to 0.5 m2"]
     assert got["kept"] == [0.26]
     assert got["nan"] == ["left.height = nan m is outside -0.3 to 0.3 m"]
@@ -299,13 +301,15 @@ def test_memory_is_its_own(spring_fmus, bench_fmus, car_fmus, tmp_path, name):
     assert not done.stderr, done.stderr
 
 
-def test_for_this_processor_alone_it_does_the_same(spring_fmus, alone, ridden, tmp_path):
+def test_code_for_this_processor_gives_the_same_result(spring_fmus, isolated, ridden, tmp_path):
     """``--native``: other instructions, the same springs."""
     native = tmp_path / "native.fmu"
     write_unit(springs(load()), native, fmi=2, native=True)
     motion, _ = ridden
     given = {"names": NAMES, "times": 1e-3 * np.arange(len(motion)), "motion": motion}
-    here, portable = (np.array(alone(fmu, "motion", **given)["outputs"]) for fmu in (native, spring_fmus[2]))
+    here, portable = (
+        np.array(isolated(fmu, "motion", **given)["outputs"]) for fmu in (native, spring_fmus[2])
+    )
     assert equal(here, portable, 1e-9)
 
 

@@ -124,7 +124,7 @@ def test_a_small_file_that_unpacks_to_much_is_refused(
     assert not (tmp_path / "to").exists()
 
 
-def test_without_fmpy_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_fmpy_names_the_package_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(FmuError, match=r"FMUs need fmpy, which is not installed: pip install 'fmpy"):
         read_fmu(tmp_path / "any.fmu")
@@ -193,9 +193,7 @@ def test_a_parameter_set_takes_the_place_of_the_fmus_own_values(folder: Path) ->
         (5, r"y is nan at 0.16 s of the run bomb, at gain"),
     ],
 )  # fmt: skip
-def test_what_an_fmu_does_wrong_is_told_and_nothing_else_is_lost(
-    folder: Path, mood: int, message: str
-) -> None:
+def test_a_faulty_fmu_is_reported_and_other_results_are_kept(folder: Path, mood: int, message: str) -> None:
     with pytest.raises(DiagnosisError, match=message):
         mapped(folder, "bomb.csv", BOMB.replace('"0"', f'"{mood}"'), "Bomb.fmu")
     mapped(folder, "bomb.csv", BOMB, "Bomb.fmu")
@@ -231,7 +229,7 @@ def test_a_step_that_shows_is_doubted(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_step_does_to_the_numbers_is_told_beforehand(folder: Path) -> None:
+def test_the_effect_of_a_step_on_numbers_is_predicted(folder: Path) -> None:
     """A fit with steps of 10 ms to what the same FMU does in steps of 0.5 ms is wrong by what the doubt says."""
     time = np.arange(0.0, 6.0, 0.01)
     drive = 30.0 * np.sin(2.0 * np.pi * np.cumsum(np.linspace(0.5, 6.0, len(time))) * 0.01)

@@ -61,7 +61,7 @@ def test_progress_extends_the_timeout(worker: Worker) -> None:
     assert next(steps) > 6
 
 
-def test_a_failure_repeats_the_log_of_its_request_alone(worker: Worker) -> None:
+def test_a_failure_repeats_only_the_log_of_its_request(worker: Worker) -> None:
     ask(worker, "print", "old")
     with pytest.raises(FmuError) as failure:
         ask(worker, "crash")

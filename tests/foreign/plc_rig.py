@@ -161,7 +161,7 @@ class PlcRig:
         self._since += CYCLE
         self._watch()
         self._guard()
-        self._obey()
+        self._answer_request()
         self._set()
         self.machine.set_power(_POWER.get(self.state, Power.SAFE))
         self.machine.move(self._path())
@@ -199,7 +199,7 @@ class PlcRig:
             if not -60e3 < read(f"vertical_{side}_force") < 190e3:
                 self._enter(State.QUICK_STOP, Fault.FORCE)
 
-    def _obey(self) -> None:
+    def _answer_request(self) -> None:
         """Answer a request: one that is new, and only after the one before was taken back."""
         request = self._holding[REQUEST]
         if request == self._request:

@@ -58,7 +58,7 @@ def lied(about: str, factor: float) -> Dimensions:
     return replace(sound, known={**sound.known, **wrong})
 
 
-def test_seats_that_stand_off_the_middle_lengthwise_are_told_with_how_far():
+def test_lengthwise_offsets_of_seats_are_reported():
     said = lines_of(ordinary(), seat_ahead=(20e-3, 20e-3))["springs' force, ahead of the middle"]
     value, _, rest = said.found.partition(" ± ")
     assert said.verdict is Plausibility.DOUBTFUL
@@ -74,7 +74,7 @@ def test_a_sound_bench_is_not_accused_whatever_its_dimensions(built, seed):
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 @pytest.mark.parametrize("about", LIES)
-def test_what_is_stated_five_per_cent_wrong_is_told_with_what_is_right(about, factor):
+def test_a_five_per_cent_error_of_a_statement_is_found_with_the_right_value(about, factor):
     if about == "column height":  # the centre height above it is stated within 5 mm
         factor = 1 + 1.4 * (factor - 1)
     said = lines_of(lied(about, factor), **BUILT)[about]
@@ -85,7 +85,7 @@ def test_what_is_stated_five_per_cent_wrong_is_told_with_what_is_right(about, fa
     assert said.uncertainty < 0.04 * truth
 
 
-def test_with_our_dimensions_for_another_bench_all_that_is_seen_is_told():
+def test_wrong_dimensions_of_a_bench_are_all_reported():
     lines = lines_of(ordinary(), **BUILT)
     for what, value in (
         ("bolster mass", 2400.0),
@@ -96,7 +96,7 @@ def test_with_our_dimensions_for_another_bench_all_that_is_seen_is_told():
         assert lines[what].value == pytest.approx(value, rel=0.02)
 
 
-def test_a_rig_of_which_nothing_is_stated_is_measured_all_the_same():
+def test_a_rig_without_stated_data_is_measured():
     known = {name: one for name, one in ordinary().known.items() if "across" not in name}
     lines = lines_of(Dimensions("mine.toml", "", known))
     laser = lines["left.height across"]

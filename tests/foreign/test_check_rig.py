@@ -56,7 +56,7 @@ def moves_of(virtual, description) -> list[str]:
     return [f"{one.what}: {one.found}" for one in lines if one.verdict is Plausibility.DOUBTFUL]
 
 
-def test_our_rig_is_sound_and_its_commander_notices_nothing():
+def test_our_rig_passes_and_its_commander_is_undisturbed():
     memory = RigInMemory(Rig(load(), seed=1))
     with memory.bench() as bench:
         bench.arm()
@@ -114,7 +114,7 @@ def test_who_only_listens_keeps_no_rig_alive(tmp_path):
         assert not set(sent) - {2, 3, 4}
 
 
-def test_nobody_there_is_said(tmp_path):
+def test_a_missing_server_is_printed(tmp_path):
     virtual = VirtualHall()
     virtual.silent = True
     with pytest.raises(LinkLost, match="none of its"):

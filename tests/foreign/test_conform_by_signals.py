@@ -36,7 +36,7 @@ def test_a_strange_rig_is_found_sound_and_left_at_rest(name, rate, hold):
     assert (absent.outcome, absent.found) == (Outcome.SKIPPED, "absent: no accelerometer on the bolster")
 
 
-def test_nothing_moves_without_being_allowed_to():
+def test_no_motion_without_permission():
     virtual = VirtualPlc()
     with virtual.bench() as bench:
         before = bench.platform.vertical
@@ -94,7 +94,7 @@ def test_a_rig_that_moves_by_itself_is_found_out(spoilt, broken):
 
 
 @pytest.mark.parametrize("name", STRANGE)
-def test_a_rig_that_falls_silent_is_told(name):
+def test_a_silent_rig_is_reported(name):
     virtual = STRANGE[name]()
     with virtual.bench() as bench:
         virtual.silent = True

@@ -65,7 +65,7 @@ def list_of(seed: int) -> tuple[bytes, dict]:
     return "\r\n".join(lines).encode(pick.choice(["utf-8", "utf-8-sig", "cp1252", "utf-16"])), right
 
 
-def test_in_any_form_a_list_names_the_places_that_are_meant(tmp_path):
+def test_a_list_names_the_right_registers_in_any_form(tmp_path):
     path = tmp_path / "list.csv"
     for seed in range(200):
         content, right = list_of(seed)
@@ -73,7 +73,7 @@ def test_in_any_form_a_list_names_the_places_that_are_meant(tmp_path):
         assert points(path) == right, seed
 
 
-def test_modicon_numbers_are_said_in_the_file_and_a_key_takes_them_as_they_stand(tmp_path):
+def test_modicon_numbers_are_marked_and_a_key_reads_them_as_written(tmp_path):
     path = tmp_path / "list.csv"
     path.write_text(
         "Tag,Area,Address\nlaser,input,30011\nrequest,holding,40001\nlamp,coil,00003\nlid,di,10002\n"
@@ -90,7 +90,7 @@ def test_modicon_numbers_are_said_in_the_file_and_a_key_takes_them_as_they_stand
     assert (found["request"]["table"], found["request"]["address"]) == ("holding", 0)
 
 
-def test_what_was_not_read_of_a_list_is_said(tmp_path):
+def test_unread_lines_of_a_list_are_reported(tmp_path):
     path = tmp_path / "list.csv"
     path.write_text("Plant list\nname;table;address;owner\nHeights\nx;input;1;10\n")
     notes = " ".join(read_register_list(path).notes)

@@ -57,7 +57,7 @@ def in_holding_registers(name: str, out: Path) -> Path:
         ("yard_c", True, 0.6, 0.8),
     ],
 )
-def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, unsaid, clear, first, tmp_path):
+def test_only_handwritten_files_are_found(name, unsaid, clear, first, tmp_path):
     dbc, registers = (HERE / "hall_b" / "hall_b.dbc", None) if name == "hall_b" else (None, LISTS[name])
     if unsaid:
         registers = in_holding_registers(name, tmp_path / "list.csv")
@@ -168,7 +168,7 @@ def test_without_senders_the_skeleton_is_the_same_and_says_so(tmp_path, nobody):
     assert "who sends them" not in texts[0] and "Of 4 signals the DBC does not say who sends them" in texts[1]
 
 
-def test_units_in_utf8_are_those_that_are_meant(tmp_path):
+def test_units_in_utf8_are_read_correctly(tmp_path):
     path = tmp_path / "rig.dbc"
     for charset in ("utf-8", "utf-8-sig", "cp1252"):
         path.write_text(
@@ -205,7 +205,7 @@ def test_units_are_those_that_people_mean(text, unit):
     assert unit_of(text) == unit
 
 
-def test_every_unit_of_ours_is_itself_and_in_another_case_itself_or_nothing():
+def test_every_unit_parses_and_another_case_is_equal_or_invalid():
     for name in UNITS:
         assert unit_of(name).name == name
         assert unit_of(name.upper()).name in (

@@ -79,7 +79,7 @@ def test_a_rig_holds_when_its_commander_is_gone(strange):
     assert strange.rig.state.name in ("FAULT", "SAFE")
 
 
-def test_a_step_that_a_rig_never_takes_is_told_with_what_was_said(strange):
+def test_a_step_without_effect_is_reported_with_its_command(strange):
     """Deaf to requests, the rig stays where it is."""
     strange.rig.estop = True
     wait(strange.clock, 0.2)

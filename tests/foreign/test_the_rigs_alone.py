@@ -137,7 +137,7 @@ def test_pymodbus_reads_what_rig_a_publishes(served):
     assert client.read_input_registers(60, count=9).registers == [1, 1, 0, 0, 0, 0, 7, 5350, 130]
 
 
-def test_rig_a_answers_requests_one_by_one_and_stops_when_nobody_counts(served):
+def test_rig_a_answers_single_requests_and_stops_without_a_counter(served):
     rig, client = served
     assert ask(rig, client, 3) == 3 | 0x80, "one thing after the other"
     assert ask(rig, client, 2) == 2

@@ -118,7 +118,7 @@ def test_chambers_that_are_shut_at_power_up_are_joined_before_air_comes_and_goes
     assert bench.air.left_reservoir == bench.air.right_reservoir == "on"
 
 
-def test_what_nobody_has_set_since_power_up_is_no_doubt(tmp_path):
+def test_a_value_unset_since_power_up_is_no_doubt(tmp_path):
     virtual = VirtualYard(seed=1)
     description = read_description(HERE / "yard_c" / "wiring.toml", TABLE)
     wiring = open_described("yard_c", listening(description), {"plc": virtual.port})

@@ -33,7 +33,7 @@ class Target:
         raise NotImplementedError
 
 
-def told(events: Sequence[socketcand.Event]) -> list[object]:
+def contents(events: Sequence[socketcand.Event]) -> list[object]:
     """Return the contents of events, frame by frame: blocks depend on how the stream was cut."""
     found: list[object] = []
     for event in events:
@@ -55,12 +55,12 @@ class Socketcand(Target):
             whole = parser.feed(data)
             cut = len(data) // 3
             parts = socketcand.Parser()
-            assert told(parts.feed(data[:cut]) + parts.feed(data[cut:])) == told(whole)
+            assert contents(parts.feed(data[:cut]) + parts.feed(data[cut:])) == contents(whole)
             for event in whole:
                 if isinstance(event, (socketcand.Received, socketcand.Sent)):
                     self._written(event)
             # Whatever came, the next line is understood.
-            again = told(parser.feed(b">< frame 123 1.5 AA >"))
+            again = contents(parser.feed(b">< frame 123 1.5 AA >"))
             assert again[-1] == (socketcand.Received, frame(0x123, b"\xaa", 1_500_000_000).tobytes())
 
     def _written(self, event: socketcand.Received | socketcand.Sent) -> None:

@@ -16,7 +16,7 @@ WEIGHT = 1200 * 9.80665
 
 
 @pytest.mark.parametrize("load_case", ["AW0", "AW3"])
-def test_nothing_moves_at_rest(resting, load_case):
+def test_no_motion_at_rest(resting, load_case):
     plant = resting(load_case)
     before = plant.state.copy()
     plant.step(60_000)

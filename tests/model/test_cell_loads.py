@@ -115,7 +115,7 @@ def test_what_cannot_be_is_refused(parameters):
         with_effects(parameters("AW0"), {"soft_support.5": {"softer": 0.1}})
 
 
-def test_sums_that_tell_the_springs_do_not_change(cells):
+def test_sums_for_the_springs_do_not_change(cells):
     """What a diagnosis and the plans make of the cells for each spring is free of all this."""
     sound, _ = cells()
     readings, _ = cells(

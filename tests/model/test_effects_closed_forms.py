@@ -208,7 +208,7 @@ def test_stiffness_of_a_closed_bellows(given, load_case, name, values, expected)
 
 
 @BOTH
-def test_a_stretching_bellows_is_at_rest_where_it_was_and_lies_beside_the_emergency_spring(given, load_case):
+def test_a_stretching_bellows_acts_parallel_to_the_emergency_spring(given, load_case):
     """In series with it the tangents must be right too, or Newton's method and the bellows' speed would not be."""
     C = 1e-8
     plant = shut(given("compliance", {"compliance": C}, load_case, ("rubber", "heat")))

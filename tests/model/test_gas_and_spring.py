@@ -252,7 +252,7 @@ def test_quasi_static_lateral_stiffness(resting, load_case):
 
 
 @BOTH
-def test_the_coupling_turns_with_the_roll_and_has_a_reciprocal_moment(resting, load_case):
+def test_the_coupling_rotates_with_the_roll_and_has_a_reciprocal_moment(resting, load_case):
     K_coupling = {"AW0": 37.8e3, "AW3": 93.9e3}[load_case]
     forces = {}
     for roll in (-0.02, 0.0, 0.02):
@@ -339,7 +339,7 @@ def test_damping_falls_with_the_orifice(resting):
         assert damping(plant, 5 * mm, 1.2) / 1e3 == pytest.approx(c, rel=0.02)
 
 
-def test_halving_the_step_changes_nothing(resting):
+def test_halving_the_step_keeps_the_result(resting):
     coarse, _ = dynamic_stiffness(resting("AW0"), 5 * mm, 1.2, 10)
     fine, _ = dynamic_stiffness(resting("AW0"), 5 * mm, 1.2, 10, longest_step=0.5e-3)
     assert coarse.real == pytest.approx(fine.real, rel=1e-5)

@@ -178,7 +178,7 @@ def test_the_power_of_the_nozzle_is_a_polynomial(kappa):
     assert np.abs(power / r ** (1.0 / kappa) - 1.0).max() < 1e-13
 
 
-def test_what_lanes_cannot_do_they_leave_alone():
+def test_lanes_skip_unsupported_cases():
     assert has_lanes(load("astb").record)
     for values in (
         {"pipe_length": 1.5},

@@ -55,7 +55,7 @@ def test_a_model_is_read_as_it_was_written(tmp_path):
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_numbers_are_rounded_for_people_and_notes_stand_above_them(tmp_path):
+def test_numbers_are_rounded_and_notes_precede_them(tmp_path):
     path = tmp_path / "extended.toml"
     changes = {
         "effective_area": [0.2612345678901234, 0.25999999],
@@ -107,7 +107,7 @@ def test_a_model_is_loaded_like_a_parameter_set(tmp_path):
     )
 
 
-def test_a_model_can_be_based_on_another_one_beside_it(tmp_path):
+def test_a_model_can_be_based_on_another_one_in_its_folder(tmp_path):
     write_model(tmp_path / "first.toml", Model("astb", {"bellows_volume": 0.031}, {"heat": {"change": 0.2}}))
     write_model(tmp_path / "second.toml", Model("first.toml", {}, {"crosstalk": {"share": 0.01}}))
     parameters = load(tmp_path / "second.toml")
@@ -204,7 +204,7 @@ def test_what_does_not_fit_is_refused_with_the_files_name(tmp_path, text, reason
         load(path)
 
 
-def test_effects_alone_make_a_file_for_sealing(tmp_path):
+def test_effects_without_changes_make_a_file_for_sealing(tmp_path):
     path = tmp_path / "hidden.toml"
     path.write_text('[effect."leak.right"]\narea = "3 mm2"\n', encoding="utf-8")
     assert load_effects(path) == {"leak.right": {"area": pytest.approx(3e-6)}}

@@ -110,7 +110,7 @@ def test_what_does_not_fit_is_refused(written, old, new, message):
         load(written(old, new))
 
 
-def test_a_table_of_sensors_changes_what_it_gives_and_nothing_else(written):
+def test_a_table_of_sensors_changes_only_its_own_entries(written):
     noise = '{ value = 0.02, unit = "mm", min = 0.0, max = 1.0, provenance = "assumed", source = "ours" }'
     changed = load(written("[load_case.AW0]", f"[sensor.height]\nnoise = {noise}\n[load_case.AW0]"))
     heights = [Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT]

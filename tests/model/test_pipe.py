@@ -173,7 +173,7 @@ def test_the_steady_flow_is_that_of_the_nozzle_choked_or_not(parameters, r, forw
     assert acceleration(1.01 * flow) * flow < 0 < acceleration(0.99 * flow) * flow
 
 
-def test_the_expansion_is_continuous_and_leaves_small_differences_alone():
+def test_the_expansion_is_continuous_and_keeps_small_differences():
     r = np.linspace(0.01, 1.0, 100_001)
     squeeze = np.array([expansion(one, KAPPA) for one in r])
     assert squeeze[-1] == 1.0
@@ -228,7 +228,7 @@ def test_no_pipe_is_fitted_unless_asked_for(resting):
 # -- valve, conservation, rest ---------------------------------------------------------------------------------------
 
 
-def test_behind_a_shut_valve_nothing_flows(resting):
+def test_a_shut_valve_has_no_flow(resting):
     plants = [resting("AW0", **changes) for changes in ({}, PIPE)]
     for plant in plants:
         plant.inputs[[Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE]] = 0.0
@@ -271,7 +271,7 @@ def test_sealed_springs_with_pipes_keep_their_air_and_account_for_every_joule(re
 
 
 @BOTH
-def test_nothing_moves_at_rest_with_pipes(resting, load_case):
+def test_no_motion_at_rest_with_pipes(resting, load_case):
     plant = resting(load_case, **PIPE)
     before = plant.state.copy()
     plant.step(20_000)

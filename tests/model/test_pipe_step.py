@@ -125,7 +125,7 @@ def test_an_implicit_integrator_of_other_equations_agrees(resting, diameter, fre
 
 
 @pytest.mark.parametrize("diameter", [5 * mm, 10 * mm, 13 * mm, 30 * mm])
-def test_a_full_spring_empties_into_an_empty_chamber_as_through_the_orifice_alone(resting, diameter):
+def test_a_full_spring_empties_as_through_the_orifice(resting, diameter):
     """Choked, faster than `PIPE_RATE`, and still the flow of the nozzle after a few milliseconds."""
     flows, masses = [], []
     for length in (0.0, LENGTH):

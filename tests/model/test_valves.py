@@ -40,7 +40,7 @@ def test_choked_nozzle_constant():
 
 @settings(deadline=None)
 @given(st.floats(0.9e5, 11e5), st.floats(0.9e5, 11e5), st.floats(230, 350), st.floats(230, 350))
-def test_flow_turns_with_the_pressure_and_falls_with_the_ratio(p_1, p_2, T_1, T_2):
+def test_flow_reverses_with_the_pressure_and_falls_with_the_ratio(p_1, p_2, T_1, T_2):
     there = orifice.orifice_between(p_1, T_1, p_2, T_2, 1e-4, 287.05, KAPPA, 0.9995)
     back = orifice.orifice_between(p_2, T_2, p_1, T_1, 1e-4, 287.05, KAPPA, 0.9995)
     assert there == -back

@@ -100,9 +100,9 @@ class PanelProcess:
             cwd=ROOT,
             env=os.environ | {"PYTHONPATH": paths},
         )
-        self.address = self._told("to command:")
+        self.address = self._printed("to command:")
 
-    def _told(self, what: str) -> str:
+    def _printed(self, what: str) -> str:
         out, said = self.process.stdout, b""
         assert out is not None
         deadline = time.monotonic() + 200
@@ -212,7 +212,7 @@ RIG = RigFile("test", simulation=Simulation())
 TOKEN = "a token"
 
 
-class Said:
+class FakeDoor:
     """In the place of a run's door: what it was told, and what it answers."""
 
     def __init__(self):
@@ -226,8 +226,8 @@ class Said:
 
 
 @pytest.fixture
-def door(monkeypatch) -> Said:
-    said = Said()
+def door(monkeypatch) -> FakeDoor:
+    said = FakeDoor()
     monkeypatch.setattr(runs_module, "knock", said)
     return said
 

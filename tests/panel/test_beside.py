@@ -16,7 +16,7 @@ PARTED = TwinStory(
 )
 
 
-def test_what_it_wrote_last_is_told(tmp_path):
+def test_the_last_written_value_is_reported(tmp_path):
     beside = Beside()
     assert beside.said(str(tmp_path)) is None
     write_twin(tmp_path, SOUND)
@@ -27,6 +27,6 @@ def test_what_it_wrote_last_is_told(tmp_path):
     assert beside.said(str(tmp_path / "another")) is None
 
 
-def test_what_somebody_spoilt_is_nothing(tmp_path):
+def test_a_damaged_entry_is_ignored(tmp_path):
     (tmp_path / TWIN).write_text("{")
     assert Beside().said(str(tmp_path)) is None

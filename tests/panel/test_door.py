@@ -40,7 +40,7 @@ def test_a_plan_that_can_be_held_nowhere_is_not_asked_to(rig_file):
     assert suspension.wanted_by == ""
 
 
-def test_a_question_is_answered_and_a_wrong_answer_is_told(run, rig_file):
+def test_a_question_is_answered_and_a_wrong_answer_is_reported(run, rig_file):
     _, box = run
     assert "nothing is being asked" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
     box.ask(Question("well?", ("yes", "no")))
@@ -53,12 +53,12 @@ def test_a_question_is_answered_and_a_wrong_answer_is_told(run, rig_file):
 
 
 @pytest.mark.parametrize("line", [b"{}", b"[]", b"nonsense", b'{"do":"explode"}', b'{"do":3}', b"\xff", b""])
-def test_what_nobody_understands_is_told_and_the_door_stays_open(run, rig_file, line):
+def test_an_unknown_message_is_reported_and_the_socket_stays_open(run, rig_file, line):
     assert b"error" in ask(door_path(rig_file), line)
     assert knock(rig_file, {"do": "look"})["snapshot"] is None
 
 
-def test_a_door_is_its_users_alone_and_is_gone_with_its_run(rig_file):
+def test_a_control_socket_is_private_and_removed_with_its_run(rig_file):
     door = Door(lambda: None, Suspension(), None)
     with opened_door(rig_file, door):
         assert door_path(rig_file).stat().st_mode & 0o077 == 0

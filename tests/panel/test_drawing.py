@@ -111,7 +111,7 @@ def test_a_replay_opens_at_the_first_instant_with_all_readings(sheet, late, open
     assert lacking == sum(first > 30 for first in late.values())
 
 
-def test_pieces_stand_where_the_readings_say(sheet) -> None:
+def test_bodies_are_placed_by_their_readings(sheet) -> None:
     chance = random.Random(41)
     half, up, lever = 1.15, 0.25, 0.35
     known = DIMENSIONS | {
@@ -145,7 +145,7 @@ def test_pieces_stand_where_the_readings_say(sheet) -> None:
             assert middle[1] - foot[1] - 0.3 == pytest.approx(height, abs=0.0012)
 
 
-def test_motion_is_magnified_as_far_as_there_is_room_and_without_lasers_the_pistons_tell(sheet) -> None:
+def test_motion_is_magnified_to_fit_and_without_lasers_from_the_pistons(sheet) -> None:
     small = {"left.height": 0.004, "right.height": -0.002}
     large = {"left.height": 0.08, "right.height": -0.1}
     pistons = {"vertical_left.displacement": 0.01, "vertical_right.displacement": -0.01}
@@ -163,7 +163,7 @@ def test_motion_is_magnified_as_far_as_there_is_room_and_without_lasers_the_pist
     assert (left, right) == (pytest.approx(0.21, abs=1e-3), pytest.approx(0.19, abs=1e-3))
 
 
-def test_readings_stand_at_their_places_red_beyond_limits_and_crossed_out_where_there_are_none(sheet) -> None:
+def test_readings_are_placed_red_beyond_limits_and_crossed_out_if_missing(sheet) -> None:
     values = {one["name"]: 1.0 for one in SIGNALS} | {"right.height": -131.0, "left.bellows_pressure": 4.83}
     look = {
         "values": values,

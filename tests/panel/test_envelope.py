@@ -58,7 +58,7 @@ def test_an_hour_of_thirty_signals_takes_what_it_took_at_first():
     assert not np.isnan(low).any()
 
 
-def test_a_leap_of_time_leaves_nothing_of_before():
+def test_a_time_step_discards_older_values():
     envelope = Envelope(1)
     one = lambda time, value: envelope.take(  # noqa: E731
         np.array([time], np.int64), np.array([0]), np.array([value], np.float32)

@@ -209,7 +209,7 @@ def test_one_page_commands_and_another_may_take_over(commander, open_page):
     until(commander, "#seat", "Another page commands")
 
 
-def test_a_stop_needs_no_page_and_a_connection_that_nobody_closes_is_given_up(open_page):
+def test_a_stop_needs_no_page_and_an_open_connection_is_dropped(open_page):
     page, connections, waiting = open_page(), [], {}
 
     def connected(socket):

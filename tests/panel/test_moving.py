@@ -15,7 +15,7 @@ def names(page) -> list[str]:
     return sorted(run["directory"] for run in page.get("/api/kept").json()["runs"])
 
 
-def test_a_run_is_renamed_archived_and_brought_back_and_nothing_in_it_changes(client, parts, keep):
+def test_a_run_is_renamed_archived_and_restored_unchanged(client, parts, keep):
     page = client()
     for name in ("one", "two"):
         keep(parts.out, name, 0.004)
@@ -53,7 +53,7 @@ def test_a_run_is_renamed_archived_and_brought_back_and_nothing_in_it_changes(cl
         ("../one", "three", "holds no run"),
     ],
 )
-def test_a_name_that_cannot_be_is_refused_and_nothing_moves(client, parts, keep, run, name, words):
+def test_an_invalid_name_is_refused_without_changes(client, parts, keep, run, name, words):
     page = client()
     for each in ("one", "two"):
         keep(parts.out, each, 0.004)

@@ -20,7 +20,7 @@ def added(page, file="", content=b"", **words):
     return page.post("/api/kept/note", params=told, content=content)
 
 
-def test_a_note_with_a_photo_is_kept_beside_the_run_and_shown(kept):
+def test_a_note_with_a_photo_is_stored_with_the_run_and_shown(kept):
     page, watching, run = kept
     before = {path: sha256_of(path) for path in run.rglob("*") if path.is_file()}
     assert added(page, text="a scratch on the left bellows").json() == {"done": None}
@@ -60,7 +60,7 @@ def test_a_note_with_a_photo_is_kept_beside_the_run_and_shown(kept):
         ({"content": b"without a name"}, 413, "has no name"),
     ],
 )
-def test_what_cannot_be_kept_is_refused_and_nothing_is_left(kept, words, status, why):
+def test_unstorable_data_are_refused_without_a_file(kept, words, status, why):
     page, _, run = kept
     told = added(page, **({"text": "so"} | words))
     assert told.status_code == status and why in told.json()["error"]
@@ -74,7 +74,7 @@ def test_a_film_is_no_note(kept, monkeypatch):
     assert told.status_code == 413 and not (run / NOTES).exists()
 
 
-def test_who_only_watches_writes_nothing_and_nothing_beside_the_notes_is_handed_out(kept):
+def test_an_observer_writes_no_file_and_only_notes_are_served(kept):
     page, watching, run = kept
     assert added(watching, text="so").status_code == 403 and not (run / NOTES).exists()
     assert added(page, text="so", file="a.txt", content=b"a").status_code == 200

@@ -73,9 +73,7 @@ def made(bench_panel, keep):
 
 
 @pytest.mark.parametrize("width", SIZES)
-def test_every_view_fits_its_screen_and_nothing_covers_what_is_pressed(
-    open_page, made, pictures, width
-) -> None:
+def test_every_view_fits_its_screen_and_no_button_is_covered(open_page, made, pictures, width) -> None:
     page = open_page(size=(width, SIZES[width]))
     page.wait_for_selector("body:not(.stale)")
     for view in VIEWS:

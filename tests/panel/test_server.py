@@ -105,7 +105,7 @@ def test_one_page_commands_at_a_time_and_everybody_with_the_token_stops(client, 
         ({"plan": "aw0", "set": [1]}, "is no table"),
     ],
 )
-def test_what_cannot_be_started_is_said_and_nothing_starts(client, body, words, monkeypatch):
+def test_an_impossible_start_is_reported_and_no_process_starts(client, body, words, monkeypatch):
     monkeypatch.setattr(runs_module.subprocess, "Popen", None)
     told = client().post("/api/run/start", json=body)
     assert told.status_code in {400, 409}
@@ -133,7 +133,7 @@ def test_hands_are_off_while_a_run_commands(client, parts, monkeypatch):
     assert done == ["action.reset", {"air.left_mode": "vent", "air.right_mode": "vent"}]
 
 
-def test_a_token_outlives_its_server_and_is_its_users_alone(tmp_path, monkeypatch):
+def test_a_token_outlives_its_server_and_is_private(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     first = kept_token(tmp_path / "rig.toml")
     assert first == kept_token(tmp_path / "rig.toml") != kept_token(tmp_path / "other.toml")
@@ -155,7 +155,7 @@ def wanted(parts: Parts, traces: int, span: float) -> str:
 
 @pytest.mark.slow
 @pytest.mark.real_time
-def test_a_page_that_does_not_read_loses_pictures_and_keeps_nobody_waiting(served, parts):
+def test_a_page_that_does_not_read_loses_pictures_and_blocks_no_other(served, parts):
     """What waits for it is what the sockets hold; others get their pictures; they tell of the present moment."""
     port, server = served
     with connect(f"ws://127.0.0.1:{port}/api/stream?page=deaf", max_queue=1, close_timeout=0.1) as deaf:
@@ -206,7 +206,7 @@ def test_what_a_page_cannot_want_is_refused(served, parts):
         (("lateral.force", 5.0, 20.0), "lateral force timeout limit"),
     ],
 )
-def test_the_first_limit_that_tripped_is_told_in_words(told, words):
+def test_the_first_tripped_limit_is_named(told, words):
     if isinstance(told, tuple):
         name, kind, value = told
         told = {"rig.tripped": TABLE.trip_number(name), "rig.tripped_kind": kind, "rig.tripped_value": value}
@@ -220,7 +220,7 @@ def test_a_rig_in_virtual_time_has_no_panel(tmp_path):
     assert "virtual time" in told.output
 
 
-def test_nothing_beside_the_page_is_served(client, parts):
+def test_only_the_page_is_served(client, parts):
     """Least of all what lies among the records: a page there would command as this one does."""
     (parts.out / "aw0").mkdir()
     (parts.out / "aw0" / "report.html").write_text("<script>fetch('/api/vent', {method: 'POST'})</script>")
@@ -245,7 +245,7 @@ def test_no_request_is_read_without_end(served):
     connection.close()
 
 
-def test_a_status_that_nobody_looks_after_is_no_longer_told_as_true(parts):
+def test_an_unattended_status_is_not_reported_as_current(parts):
     watch = parts.watch
     watch._looks = watch.clock.now() - round(1.1 * BLIND * NS)
     assert "the panel has not read it for" in watch.present().link

@@ -25,7 +25,7 @@ def page(client):
     return client()
 
 
-def test_a_file_is_checked_kept_and_told_and_its_plans_are_told_for_it(page, parts):
+def test_a_file_is_checked_stored_and_shown_with_its_plans(page, parts):
     assert (
         page.post("/api/specimens/add", json={"name": "light.toml", "text": LIGHT}).json()["done"]
         == "light.toml"
@@ -89,13 +89,13 @@ def test_a_file_is_put_in_the_place_of_another_only_on_request(page, parts):
     assert told["error"], "what somebody spoilt is told, and the others are listed"
 
 
-def test_who_only_watches_brings_nothing(client, parts):
+def test_an_observer_publishes_no_data(client, parts):
     viewer = client(command=False)
     assert viewer.post("/api/specimens/add", json={"name": "x.toml", "text": OURS}).status_code == 403
     assert not (parts.out / FOLDER).exists()
 
 
-def test_a_run_is_told_its_specimen_operator_and_surroundings(page, parts, monkeypatch):
+def test_the_page_passes_specimen_operator_and_environment(page, parts, monkeypatch):
     commands = []
 
     def popen(command, **_):

@@ -25,7 +25,7 @@ def test_a_run_that_does_not_answer_is_killed_by_a_stop(client, door, parts, mon
     assert killed == [4711]
 
 
-def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, monkeypatch):
+def test_a_stop_without_a_run_goes_to_the_rig(client, door, parts, monkeypatch):
     door.answer, acts = None, []
     monkeypatch.setattr(parts.watch, "go_safe", lambda: acts.append("safe"))
     assert client().post("/api/estop").status_code == 200
@@ -69,7 +69,7 @@ def test_a_stop_tells_who_when_and_since_when_the_springs_are_empty(client, door
     assert parts.runs.told()["stopped"]["by"] == "somebody at the panel"
 
 
-def test_a_run_that_hears_nothing_is_still_a_run_that_a_stop_ends(parts, monkeypatch):
+def test_a_stop_ends_a_run_that_receives_no_data(parts, monkeypatch):
     def deaf(*_, **__):
         raise Deaf("timed out")
 

@@ -54,7 +54,7 @@ STORY = TwinStory(
 )
 
 
-def test_the_newest_run_with_a_twin_is_told_in_the_units_that_people_read(client, parts, keep):
+def test_the_newest_run_with_a_twin_is_shown_in_display_units(client, parts, keep):
     page = client(command=False)
     assert page.get("/api/twin").json() == {"runs": [], "run": "", "story": None}
     for name in ("one", "two", "three"):
@@ -122,7 +122,7 @@ def fits_everywhere(page, name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.real_time
-def test_readings_are_seen_beside_the_bands_of_a_twin_while_it_looks(open_page, bench_panel, keep, tmp_path):
+def test_readings_are_shown_with_the_bands_of_a_running_twin(open_page, bench_panel, keep, tmp_path):
     leak = PlannedFault("leak", {"side": "left", "area": "1mm2"}, 75.0, None)
     record = Growing(read(run("aw0", tmp_path, 13, leak)))
     twin = Twin(record, load("astb"), "astb")

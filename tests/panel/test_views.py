@@ -95,7 +95,7 @@ def test_a_page_shows_the_trends_of_several_checks_and_the_command_line_the_same
 @pytest.mark.parametrize(
     "path", ["/kept/report?run=", "/api/kept/checks?run=", "/kept/diagnosis?of=", "/kept/compare?a=one&b="]
 )
-def test_nothing_beside_the_runs_is_opened(panel, keep, tmp_path, path: str, name: str) -> None:
+def test_only_files_of_runs_are_opened(panel, keep, tmp_path, path: str, name: str) -> None:
     keep(tmp_path / "runs", "one", 0.001)
     keep(tmp_path, "secret", 0.001)
     answer = panel().get(path + name)
@@ -176,7 +176,7 @@ def test_frames_are_counted_by_identifier_with_the_longest_gap_between_two(tmp_p
     bus.close()
 
 
-def test_a_bus_that_nobody_can_be_on_is_told(tmp_path) -> None:
+def test_an_impossible_bus_is_reported(tmp_path) -> None:
     bus = Bus(Watch(RigFile("theirs", wiring="theirs.toml"), tmp_path / "rig.toml"))
     assert bus.look()["error"] == "theirs has a wiring of its own: its buses are not known here"
     bus.close()

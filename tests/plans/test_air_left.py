@@ -95,14 +95,14 @@ def test_no_sentence_contradicts_what_is_known(pressures, stale):
         assert air_at_risk(bench) == ("" if springs_are_empty(bench) else told)
 
 
-def test_of_a_rig_whose_sequences_are_not_known_nothing_is_promised():
+def test_a_rig_with_unknown_sequences_has_no_predicted_duration():
     told = air_left(made("DISABLED", "none", PRESSURES["full on the left"], air={}))
     assert told.endswith("it is not known what this rig does with the air in DISABLED")
 
 
 @pytest.mark.parametrize("pressures", list(PRESSURES.values())[1:], ids=list(PRESSURES)[1:])
 @pytest.mark.parametrize("state", [state for state in STATES if AIR_BY_STATE[state] != "as ordered"])
-def test_springs_that_are_not_known_to_be_empty_are_left_to_the_bench_and_told_of(state, pressures):
+def test_springs_not_known_to_be_empty_are_reported_to_the_bench(state, pressures):
     bench = made(state, "none", pressures)
     with pytest.raises(RigFault, match="the springs are not known to be empty"):
         depressurise(SimpleNamespace(bench=bench, phase=lambda name: nullcontext()))
@@ -133,7 +133,7 @@ def test_a_zero_is_blamed_only_at_rest(before, after, told):
     assert bool(zeros_off(bench)) == told
 
 
-def test_empty_springs_are_nothing_to_tell_of():
+def test_empty_springs_are_not_reported():
     bench = made("FAULT_DISABLED", "none", PRESSURES["empty"])
     depressurise(SimpleNamespace(bench=bench, phase=lambda name: nullcontext()))
     assert (
@@ -142,7 +142,7 @@ def test_empty_springs_are_nothing_to_tell_of():
 
 
 @pytest.mark.parametrize("answers", [True, False])
-def test_once_a_connection_is_lost_the_rig_is_asked_and_nothing_old_is_told(answers):
+def test_a_lost_connection_queries_the_rig_and_returns_no_old_values(answers):
     bench = made("ACTIVE", "none", PRESSURES["full on the left"])
     now = dict.fromkeys(NAMES, 0.1 * bar) | {"rig.state": STATES.index("FAULT_DISABLED")}
 

@@ -170,14 +170,14 @@ def test_what_was_not_measured_is_not_computed(call, says):
 
 
 @given(part=st.floats(0.0, 0.2), drift=st.floats(-5, 5), phase=st.floats(0, tau))
-def test_what_is_no_sine_is_told_whatever_the_drift(part, drift, phase):
+def test_a_non_sine_is_detected_at_any_drift(part, drift, phase):
     t = grid(2.0)
     motion = 3.0 + drift * t + np.sin(tau * t + phase) + part * np.sin(3 * tau * t)
     assert distortion(t, motion, 1.0) == pytest.approx(part, rel=0.03, abs=1e-9)
 
 
 @given(part=st.floats(0.0, 0.1), drift=st.floats(-5, 5), phase=st.floats(0, tau))
-def test_what_is_no_triangle_is_told_whatever_the_drift(part, drift, phase):
+def test_a_non_triangle_is_detected_at_any_drift(part, drift, phase):
     t = grid(2.0)
     pure = 2 / np.pi * np.arcsin(np.sin(tau * t + phase))
     motion = 3.0 + drift * t + 5.0 * (pure + part * np.sqrt(2 / 3) * np.sin(4 * tau * t))

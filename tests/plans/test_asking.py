@@ -22,12 +22,12 @@ from test_plans.operator import FirstOf, NoOperator, Question, QuestionBox, Scri
 from test_plans.plan import plan
 
 
-def nothing(run):
+def empty_plan(run):
     pass
 
 
 def asking(within=600.0, then=None):
-    @plan(setup=nothing, teardown=nothing)
+    @plan(setup=empty_plan, teardown=empty_plan)
     def asks(run):
         """Ask."""
         run.check("before", 1.0, "1", low=0.0)
@@ -69,14 +69,14 @@ def test_a_script_answers_and_the_record_says_what_was_asked_and_who_answered(as
         (Script({"plate 16": "not possible"}), "not possible, says the operator"),
     ],
 )
-def test_what_nobody_answers_for_is_not_available_and_the_reason_says_why(asked, operator, why):
+def test_signals_without_a_source_are_not_available_with_a_reason(asked, operator, why):
     result, _ = asked(operator, within=0.1)
     assert result.verdict is Outcome.INCOMPLETE
     assert [one.verdict for one in result.checks] == [CheckVerdict.PASS, CheckVerdict.NOT_AVAILABLE]
     assert why in result.checks[1].note
 
 
-def test_whoever_is_asked_for_handwork_and_says_nothing_may_be_at_the_rig_which_ends_the_run(asked):
+def test_an_unanswered_request_for_handwork_ends_the_run(asked):
     result, _ = asked(QuestionBox(), within=0.1)
     assert result.verdict is Outcome.BLOCKED
     assert "fit the plate of 16 mm: no answer within 0.1 s; somebody may be at the rig" in result.reason
@@ -203,7 +203,7 @@ else:
 """
 
 
-def test_a_job_in_the_background_of_its_terminal_asks_nobody():
+def test_a_background_job_asks_no_question():
     here, there = pty.openpty()
     done = subprocess.run(
         [sys.executable, "-c", BACKGROUND, os.ttyname(there)],
@@ -221,7 +221,7 @@ def test_a_job_in_the_background_of_its_terminal_asks_nobody():
     ]
 
 
-def test_a_simulated_rig_that_is_elsewhere_leaves_the_question_to_others():
+def test_a_simulated_rig_on_another_machine_leaves_the_question_to_others():
     def order(told):
         raise ConnectionRefusedError(111, "Connection refused")
 
@@ -232,7 +232,7 @@ def test_a_simulated_rig_that_is_elsewhere_leaves_the_question_to_others():
         SimulatedHand(order).ask(Question("press the emergency stop", deed="estop on"))
 
 
-def test_a_terminal_that_is_closed_answers_nothing(asked):
+def test_a_closed_terminal_gives_no_answer(asked):
     result, _ = asked(Terminal(Console(file=io.StringIO()), io.StringIO("")), within=10.0)
     assert result.verdict is Outcome.INCOMPLETE
     assert "the terminal is closed" in result.checks[1].note

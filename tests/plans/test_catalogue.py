@@ -151,7 +151,7 @@ MEANT_FOR = {
 
 @slow
 @pytest.mark.parametrize("case", MEANT_FOR)
-def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
+def test_a_plan_detects_only_the_effects_that_it_covers(judged, case):
     name, broken, expected = MEANT_FOR[case]
     result, failed = judged(name, **broken)
     assert result.verdict is Outcome.FAIL, result.reason

@@ -85,7 +85,7 @@ def test_a_wrench_is_what_the_cells_balance(rig, forces):
 
 
 @given(st.floats(0.0, 1.5e5), st.floats(0.0, 1.5e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
-def test_struts_tell_the_load_on_each_spring_and_the_force_sideways(left, right, sheared, ahead):
+def test_struts_give_spring_loads_and_lateral_force(left, right, sheared, ahead):
     """Springs push the bolster up and sideways at their top plates: whichever cells bear that, it is the same."""
     forces = np.array([ahead, sheared, left + right, SPACING * (left - right), 0.0, 0.0])
     for rig in (on_struts(), on_struts(8), dict(ours())):
@@ -149,7 +149,7 @@ def test_a_direction_of_any_length_and_unit_is_a_unit_vector(tmp_path):
         ('[across]\n"load_cell.1" = 1', 'across."load_cell.1" is no dimension of a rig'),
     ],
 )
-def test_what_a_file_says_wrong_of_a_cell_is_told(tmp_path, line, told):
+def test_a_wrong_key_of_a_cell_is_reported(tmp_path, line, told):
     (tmp_path / "mine.toml").write_text(line, encoding="utf-8")
     with pytest.raises(DimensionsError) as error:
         read_dimensions("mine.toml", tmp_path)

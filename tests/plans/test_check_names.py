@@ -36,7 +36,7 @@ def test_a_name_keeps_its_sentence_when_its_places_are_filled():
     assert about("plain") == ""
 
 
-def test_the_report_tells_each_sentence_once_and_beside_what_failed(tmp_path):
+def test_the_report_prints_each_sentence_once_at_the_failed_check(tmp_path):
     kinds = {"wide": "How wide it is: it must fit.", "high": "How high it is: it must not strike."}
     found = [
         check(f"{kind} {n}", value, "m", low=0.0, high=1.0, about=why)

@@ -225,7 +225,7 @@ MEANT_FOR = {
 
 @slow
 @pytest.mark.parametrize("case", MEANT_FOR)
-def test_what_the_plans_are_meant_for_fails_them(judged, case):
+def test_the_plans_fail_for_the_effects_that_they_cover(judged, case):
     name, broken, expected = MEANT_FOR[case]
     result, failed = judged(name, **broken)
     assert result.verdict is Outcome.FAIL, result.reason

@@ -127,7 +127,7 @@ def test_the_wind_that_is_named_can_be_held_and_no_stronger_one(judged, load, ki
     assert within <= OURS["stop_gap"] < beyond
 
 
-def test_what_no_wind_can_help_is_said(judged):
+def test_crosswind_without_enough_wind_is_reported(judged):
     """The springs of the full car lean on the bump stop when the preload alone rolls them by 50 mrad."""
     result, _ = judged(FULL, given={"roll": "-50 mrad"})
     assert result.verdict is Outcome.BLOCKED
@@ -200,7 +200,7 @@ def test_the_rehearsal_foresees_all_axes(tmp_path, by):
     assert found.refusal.step.endswith("wind and track")
 
 
-def test_what_it_takes_is_said_where_it_does_not_take_it():
+def test_a_refusal_lists_the_accepted_values():
     with pytest.raises(ParameterRefused, match="amplitude = 40 mm is outside 5 to 25 mm"):
         plans()[FULL].given({"amplitude": "40 mm"})
     with pytest.raises(ParameterRefused, match="has no parameter load"):

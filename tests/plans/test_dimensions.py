@@ -136,7 +136,7 @@ def test_a_spacing_in_the_wrong_unit_is_refused_with_the_right_one(tmp_path):
         read_dimensions("mine.toml", tmp_path)
 
 
-def test_what_nobody_states_has_no_default():
+def test_values_to_be_stated_have_no_default():
     rig = Description("hall", UNKNOWN)
     with pytest.raises(NotAvailable, match="hall has no bolster_mass: nobody has stated it"):
         rig["bolster_mass"]
@@ -165,7 +165,7 @@ small = st.floats(-0.05, 0.05)
 
 
 @given(rigs(), small, small, small, small)
-def test_rigid_bodies_are_seen_as_they_stand(rig, middle, bolster, platform, centre):
+def test_rigid_bodies_are_drawn_in_their_pose(rig, middle, bolster, platform, centre):
     """The truth from the bodies' own motion: bolster up, both rolls, and the bolster's centre to the left."""
     springs = {side: (1 if side == "left" else -1) * rig["spring_half_spacing"] for side in SIDES}
     values = {
@@ -186,7 +186,7 @@ def test_rigid_bodies_are_seen_as_they_stand(rig, middle, bolster, platform, cen
 
 
 @given(rigs(), st.floats(-2e5, 2e5), st.floats(-2e5, 2e5), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_cells_anywhere_tell_the_load_on_each_spring(rig, left, right, front, share):
+def test_cells_at_any_place_give_the_load_on_each_spring(rig, left, right, front, share):
     """Any forces in the cells that balance those of the springs, in force and moment."""
     b = rig["spring_half_spacing"]
     y = np.array([rig[across(cell)] for cell in VERTICAL_CELLS])
@@ -243,7 +243,7 @@ def without(*names):
     return Dimensions("mine.toml", "", known)
 
 
-def test_without_the_weight_of_the_bolster_nothing_is_carried(tmp_path):
+def test_without_the_weight_of_the_bolster_the_load_is_zero(tmp_path):
     result = ran(tmp_path, "aw0", without("bolster_mass"))
     assert result.verdict is Outcome.BLOCKED
     assert "has no bolster_mass: nobody has stated it (mine.toml)" in result.reason
@@ -298,7 +298,7 @@ def test_a_wide_and_heavy_bench_is_judged_by_its_own_dimensions(tmp_path):
         "crosswind_gust",
     ],
 )
-def test_a_plan_asks_for_what_it_needs_and_for_nothing_else(tmp_path, plan):
+def test_a_plan_requests_only_what_it_needs(tmp_path, plan):
     """With nothing known but what it says it needs, something is judged, and nothing falsely."""
     needs = set(plans()[plan].needs)
     only = ran(tmp_path / "only", plan, without(*(name for name in NAMES if name not in needs)))
@@ -362,7 +362,7 @@ def test_a_record_brings_the_dimensions_of_its_rig(tmp_path):
         read_data([own, wide], None, load("astb"))
 
 
-def test_further_runs_are_foretold_for_the_rig_that_was_measured_on():
+def test_further_runs_are_predicted_for_the_measured_rig():
     menu = {"leveling_on": MENU["leveling_on"]}
     wide = Description("wide", ordinary().built(dimensions_of(load("astb").with_values(**WIDE))))
     ours_, theirs = experiments(menu), experiments(menu, rig=wide)
@@ -387,7 +387,7 @@ def test_further_runs_are_foretold_for_the_rig_that_was_measured_on():
         (tuple(f"{cell} across" for cell in VERTICAL_CELLS), "load cells"),
     ],
 )
-def test_a_description_that_lies_is_told_and_does_not_reject_a_sound_spring(names, named, tmp_path):
+def test_a_wrong_description_is_reported_and_rejects_no_sound_spring(names, named, tmp_path):
     built = load("astb").with_values(spring_half_spacing=1.23, actuator_half_spacing=1.1, bolster_mass=2400.0)
     sound = ordinary().built(dimensions_of(built))
     wrong = {name: replace(sound.known[name], value=1.05 * sound.known[name].value) for name in names}

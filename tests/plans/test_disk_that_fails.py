@@ -70,7 +70,7 @@ def holds(result, disk, pressure, number, folder):
         assert not list(folder.glob("*.part"))
 
 
-def tell(bench_composed, places, tmp_path, seed):
+def run_with_fault(bench_composed, places, tmp_path, seed):
     chance = random.Random(seed)
     at, number = chance.randint(1, len(places)), chance.choice(list(REFUSED))
     result, disk, pressure = carried_out(bench_composed, tmp_path / "out", at, number)
@@ -80,13 +80,13 @@ def tell(bench_composed, places, tmp_path, seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_wherever_the_disk_fails_the_bench_comes_to_rest(bench_composed, places, tmp_path, seed):
-    tell(bench_composed, places, tmp_path, seed)
+    run_with_fault(bench_composed, places, tmp_path, seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_wherever_the_disk_fails_the_bench_comes_to_rest_many_times(bench_composed, places, tmp_path, seed):
-    tell(bench_composed, places, tmp_path, seed)
+    run_with_fault(bench_composed, places, tmp_path, seed)
 
 
 @pytest.mark.parametrize("number", REFUSED)

@@ -23,7 +23,7 @@ from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary as instruments
-from tests.plans.truth import Ideal, beside
+from tests.plans.truth import Ideal, with_truth
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 COUNT = int(os.environ.get("ASTB_GEOMETRIES", "1"))
@@ -98,7 +98,7 @@ def judged(seed: int, directory) -> Counter:
     count = Counter()
     for plan in PLANS:
         ideal = Ideal(real, seed)
-        with beside(ideal):
+        with with_truth(ideal):
             found = checks(ideal.bench, directory / plan, known, plan)
         for one in found:
             count["checks"] += 1

@@ -27,7 +27,7 @@ from test_plans.plan import plan
 from test_plans.suspension import Suspension
 
 
-def nothing(run):
+def empty_plan(run):
     pass
 
 
@@ -35,7 +35,7 @@ def nothing(run):
 def ran(bench_composed, tmp_path):
     """Run a main part on a virtual rig, which nobody arms; return the result and which parts ran."""
 
-    def run(main=None, requires=(), *, instruments=None, prepare=nothing, **rest):
+    def run(main=None, requires=(), *, instruments=None, prepare=empty_plan, **rest):
         moved = []
 
         def setup(run):
@@ -43,10 +43,10 @@ def ran(bench_composed, tmp_path):
 
         def checked(run):
             """Check something."""
-            (main or nothing)(run)
+            (main or empty_plan)(run)
             run.check("something", 1.0, "1", low=0.0)
 
-        one = plan(setup=setup, teardown=nothing, requires=requires)(checked)
+        one = plan(setup=setup, teardown=empty_plan, requires=requires)(checked)
         with bench_composed() as made:
             if instruments is not None:
                 made.bench.instruments = instruments
@@ -125,7 +125,7 @@ def test_what_is_confirmed_by_the_operator_is_met(ran):
     assert "the operator says no" in said_no.result.reason
 
 
-def test_what_the_rig_cannot_tell_is_said_and_blocks_only_where_it_is_strict(ran):
+def test_missing_information_of_the_rig_is_reported_and_blocks_in_strict_mode(ran):
     def blind(bench):
         bench.wiring.absent = {"supply.pressure": "no transducer in the supply"}
 
@@ -135,14 +135,14 @@ def test_what_the_rig_cannot_tell_is_said_and_blocks_only_where_it_is_strict(ran
 
 
 def test_a_specimen_that_has_just_been_moved_has_not_rested(ran):
-    def moved_lately(bench):
+    def moved_now(bench):
         bench.last_run = bench.clock.now()
 
-    run = ran(requires=[pre.rested(10 * minutes)], prepare=moved_lately)
+    run = ran(requires=[pre.rested(10 * minutes)], prepare=moved_now)
     assert "specimen at rest for 600 s (0 s; 600 s more would be right)" in run.result.reason
 
 
-def test_a_calibration_runs_out_on_its_day_and_is_told_wherever_the_piece_is_used():
+def test_an_expired_calibration_is_reported_for_each_use():
     ours = Instruments("ours.toml", "", {"left.height": PIECE})
     assert ours.troubles(date(2026, 3, 1)) == []
     assert ours.troubles(None) == []  # virtual time has no day
@@ -224,7 +224,7 @@ def test_what_was_measured_across_a_suspension_is_not_available(ran):
     assert result.checks[1].verdict is CheckVerdict.NOT_AVAILABLE
 
 
-def test_a_run_that_nobody_lets_go_on_is_given_up(ran, monkeypatch):
+def test_a_run_without_a_permit_is_given_up(ran, monkeypatch):
     monkeypatch.setattr("test_plans.run.HOLD_WITHIN", 0.05)
     suspension = Suspension()
     suspension.toggle("Ctrl-Z")
@@ -235,7 +235,7 @@ def test_a_run_that_nobody_lets_go_on_is_given_up(ran, monkeypatch):
 
 
 @pytest.mark.slow
-def test_springs_that_were_held_stand_again_before_the_next_sine(bench_composed, tmp_path):
+def test_held_springs_are_level_again_before_the_next_sine(bench_composed, tmp_path):
     suspension = Suspension()
     suspension.request("the panel")
     thread, places = resume_when_held(suspension)
@@ -256,7 +256,7 @@ def test_every_plan_that_judges_says_what_it_requires():
 
 def test_what_carries_the_load_that_is_chosen_needs_so_much_supply(bench_composed, tmp_path):
     for load, verdict in (("AW0", Outcome.PASS), ("AW3", Outcome.BLOCKED)):
-        one = plan(requires=[pre.supply_for("load")], setup=nothing, teardown=nothing)(carrying)
+        one = plan(requires=[pre.supply_for("load")], setup=empty_plan, teardown=empty_plan)(carrying)
         with bench_composed(supply_pressure=5 * bar) as made:
             result = execute(one.given({"load": load}), made.bench, tmp_path / load)
         assert result.verdict is verdict, result.reason
@@ -268,7 +268,7 @@ def carrying(run, *, load: Literal["AW0", "AW3"] = "AW0"):
     run.check("something", 1.0, "1", low=0.0)
 
 
-def test_an_overdue_instrument_blocks_and_one_of_which_nobody_knows_anything_does_not(ran, monkeypatch):
+def test_an_overdue_instrument_blocks_but_not_one_without_a_date(ran, monkeypatch):
     day = date(2026, 6, 1)
     monkeypatch.setattr(pre, "today", lambda run: day)
     over = ran(requires=[pre.not_overdue()], instruments=Instruments("ours.toml", "", {"left.height": PIECE}))
@@ -326,7 +326,7 @@ def holding(part):
         (lambda run: [held_within(run) for _ in "two"], True),
         (partial(lambda part, run: part(run), held_within), True),
         (lambda run: Steps().held(run), True),
-        (nothing, False),
+        (empty_plan, False),
         (lambda run: run.say("hold_point"), False),
     ],
 )

@@ -55,7 +55,7 @@ def test_the_third_signal_leaves_a_result_wherever_it_comes(stop, owner, name, t
     assert (tmp_path / "record.parquet").exists() and (tmp_path / "junit.xml").exists()
 
 
-def test_a_signal_that_comes_while_the_result_is_written_is_heard_afterwards(stop, tmp_path, monkeypatch):
+def test_a_signal_during_the_writing_of_the_result_is_handled_afterwards(stop, tmp_path, monkeypatch):
     def checks(run):
         run.check("x", 1.0, "1", high=2.0)
 

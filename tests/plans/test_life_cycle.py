@@ -139,7 +139,7 @@ def test_a_broken_limit_fails_and_the_plan_goes_on(made):
     assert [one.verdict for one in result.checks] == [CheckVerdict.FAIL, CheckVerdict.PASS]
 
 
-def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
+def test_near_a_limit_is_marginal_and_missing_data_is_no_pass(made):
     def main(run):
         run.check("a", 9.9, "1", low=0, high=10)
         run.check("b", math.nan, "1", low=0, high=10)
@@ -162,7 +162,7 @@ def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
     ],
 )
 @pytest.mark.parametrize("where", ["setup", "main"])
-def test_what_breaks_beside_the_product_blocks_and_tear_down_runs(made, error, whose, where):
+def test_an_external_failure_blocks_and_tear_down_runs(made, error, whose, where):
     parts = {"main": good, where: raising(error)}
     main = parts.pop("main")
     result, ran = made(main, **parts)
@@ -182,19 +182,19 @@ def test_a_fault_after_a_broken_limit_blocks_for_the_rig_may_have_broken_the_che
     assert result.verdict is Outcome.BLOCKED
 
 
-def test_trouble_in_tear_down_stands_beside_the_first_and_never_hides_it(made, tmp_path):
+def test_a_failure_in_tear_down_does_not_hide_the_first(made, tmp_path):
     result, _ = made(raising(RigFault("first")), teardown=raising(LinkLost("second")))
     assert result.reason == "the rig: first; then in tear-down: the link to the rig: second"
 
 
-def test_strangers_are_told_of_and_may_be_why_a_plan_was_blocked(bench, made, tmp_path):
+def test_third_party_programs_are_reported_with_a_blocked_plan(bench, made, tmp_path):
     bench.strangers = lambda: "somebody else tries to command the bench"
     result, _ = made(raising(RigFault("did not reach ACTIVE")))
     assert "somebody else" in " ".join(event.text for event in read(tmp_path / "out").events)
     assert result.reason.endswith("did not reach ACTIVE; somebody else tries to command the bench")
 
 
-def test_trouble_in_tear_down_alone_blocks(made):
+def test_a_failure_in_tear_down_blocks(made):
     result, _ = made(good, teardown=raising(RigFault("vent stuck")))
     assert result.verdict is Outcome.BLOCKED
     assert result.reason == "in tear-down: the rig: vent stuck"
@@ -300,13 +300,13 @@ def test_whoever_limits_the_time_of_a_case_from_outside_is_not_kept_from_it(made
         made(raising(OutOfTime()))
 
 
-def test_ctrl_c_once_more_while_the_first_is_told_does_not_skip_the_tear_down(made, tmp_path):
+def test_a_second_ctrl_c_does_not_skip_the_tear_down(made, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         made(raising(KeyboardInterrupt()), watcher=Deaf(KeyboardInterrupt(), "main: stopped"))
     assert "tear-down" in [phase.name for phase in read_result(tmp_path / "out").phases]
 
 
-def test_a_plan_without_a_check_proves_nothing(made):
+def test_a_plan_without_a_check_does_not_pass(made):
     assert made(lambda run: None)[0].verdict is Outcome.BLOCKED
 
 
@@ -342,7 +342,7 @@ def test_samples_and_changes_of_state_reach_the_record(bench, made, tmp_path):
     assert bench.receiver.sink is None
 
 
-def test_every_change_of_state_is_told_even_when_frames_come_in_a_burst(bench, made, tmp_path):
+def test_every_change_of_state_is_reported_in_a_burst(bench, made, tmp_path):
     row, active, hold = TABLE.index["rig.state"], STATES.index("ACTIVE"), STATES.index("HOLD")
 
     def main(run):
@@ -411,12 +411,12 @@ def test_the_decorator_reads_name_title_and_instruction():
 
 
 def test_a_plan_without_instruction_is_refused(monkeypatch):
-    def nothing(run: Run) -> None: ...
+    def idle(run: Run) -> None: ...
 
-    nothing.__module__ = "test_plans.nowhere"
+    idle.__module__ = "test_plans.nowhere"
     monkeypatch.setitem(__import__("sys").modules, "test_plans.nowhere", SimpleNamespace(__doc__=None))
-    with pytest.raises(PlanError, match="nothing has no docstring"):
-        plan(nothing)
+    with pytest.raises(PlanError, match="idle has no docstring"):
+        plan(idle)
 
 
 def test_an_unknown_unit_is_the_plans_fault(made):

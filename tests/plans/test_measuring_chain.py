@@ -85,7 +85,7 @@ def test_gas_that_stays_cold_says_how_long_to_wait(monkeypatch):
         measuring_chain.without_air(run)
 
 
-def test_places_are_told_as_people_read_them():
+def test_places_are_printed_readably():
     assert TABLE["left.bellows_temperature"].reads(289.97123) == "16.82 °C"
     assert TABLE["left.height"].reads(0.0123456) == "12.35 mm"
     assert TABLE["rig.state"].reads(0.0) == TABLE["rig.state"].show(0.0)
@@ -172,13 +172,13 @@ def test_a_known_mass_is_weighed_and_taken_off_again(weighed):
     assert {one.name: one.number for one in run.result.checks}[MASS] == pytest.approx(1.0, abs=0.002)
 
 
-def test_a_scale_that_cells_and_actuators_have_wrong_together_shows_by_the_mass_alone(weighed):
+def test_a_common_scale_error_of_cells_and_actuators_shows_by_the_mass(weighed):
     """Load cells and transducers read 2 % too much; beside each other and on the bolster's weight nothing is seen."""
     run = weighed(puts_it_on, sensor_gain=dict.fromkeys(FORCES, 0.02))
     assert {name for name, verdict in run.verdicts.items() if verdict is CheckVerdict.FAIL} == {MASS}
 
 
-def test_nothing_is_pressed_until_somebody_says_that_the_mass_is_off_again(weighed):
+def test_no_pressure_until_removal_of_the_mass_is_confirmed(weighed):
     run = weighed(lambda made, question: "done" if question.startswith("Put") else "not possible")
     assert run.result.verdict is Outcome.BLOCKED
     assert "nobody confirmed that the 500 kg" in run.result.reason
@@ -195,5 +195,5 @@ def test_without_a_hand_or_a_mass_the_rest_is_judged(weighed, hand):
 
 
 @slow
-def test_an_operator_who_says_done_and_does_nothing_is_found_out(weighed):
+def test_a_false_confirmation_by_the_operator_is_detected(weighed):
     assert weighed(lambda *_: "done").verdicts[MASS] is CheckVerdict.FAIL

@@ -85,7 +85,7 @@ def test_what_the_rig_cannot_measure_is_not_available_and_the_rest_is_judged(run
     assert suite.get("skipped") == str(len(lacking)) == str(len(suite.findall("testcase/skipped")))
 
 
-def test_a_plan_that_cannot_do_without_moves_nothing(run_without):
+def test_a_plan_without_a_required_signal_causes_no_motion(run_without):
     run = run_without("aw3", {"vertical_right.force_setpoint": "a spring of steel"})
     assert run.result.verdict is Outcome.BLOCKED
     assert run.result.reason == (
@@ -99,7 +99,7 @@ def test_every_plan_says_what_its_load_is_taken_up_with():
     assert not [name for name, plan in plans().items() if not set(CARRYING) <= set(plan.needs)]
 
 
-def test_a_plan_that_would_have_nothing_to_judge_moves_nothing(run_without):
+def test_a_plan_without_any_possible_check_causes_no_motion(run_without):
     run = run_without("leak_down", {"left.auxiliary_temperature": NO_GAS})
     assert run.result.verdict is Outcome.BLOCKED
     assert (
@@ -109,7 +109,7 @@ def test_a_plan_that_would_have_nothing_to_judge_moves_nothing(run_without):
 
 
 @pytest.mark.slow
-def test_gas_that_nobody_sees_is_given_time(run_without):
+def test_unobserved_gas_gets_time_to_settle(run_without):
     gas = {
         f"{side}.{part}_temperature": NO_GAS
         for side in ("left", "right")

@@ -76,7 +76,7 @@ def test_an_unsound_product_fails_where_it_should(bench_run, name, changes, expe
 
 
 @slow
-def test_one_bad_spring_is_told_from_its_good_neighbour(bench_run):
+def test_one_bad_spring_is_distinguished_from_its_neighbour(bench_run):
     run = bench_run("aw0", 1, orifice_diameter=[13 * mm, 14.5 * mm])
     assert "right vertical c at 1 Hz" in run.failed
     assert not any("left" in name for name in run.failed)

@@ -58,7 +58,7 @@ def test_the_operator_fits_each_plate_on_springs_without_air_and_the_ordinary_on
     assert all(pressure < 20_000 and state not in {"ACTIVE", "HOLD"} for _, pressure, state in fitted)
 
 
-def test_a_plate_that_nobody_has_is_not_judged(plates_by_hand):
+def test_a_missing_plate_is_not_judged(plates_by_hand):
     result, fitted, record = plates_by_hand(16)
     assert result.verdict is Outcome.INCOMPLETE
     assert [plate for plate, *_ in fitted] == [16]
@@ -80,7 +80,7 @@ def test_an_operator_who_says_done_and_fits_another_plate_is_found_out(plates_by
     }
 
 
-def test_nobody_is_asked_to_open_springs_that_could_not_be_vented(monkeypatch):
+def test_opening_unvented_springs_is_not_requested(monkeypatch):
     def stuck(run):
         raise RigFault("the springs keep their air")
 

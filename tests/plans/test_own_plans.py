@@ -106,7 +106,7 @@ def test_a_broken_file_costs_its_own_plans_only(tmp_path, monkeypatch, name):
         ),
     ],
 )
-def test_a_file_that_is_no_plan_is_told_with_its_line(tmp_path, text, told):
+def test_an_invalid_plan_file_is_reported_with_its_line(tmp_path, text, told):
     path = tmp_path / "wrong.py"
     if text is not None:
         path.write_text(text, encoding="utf-8")
@@ -151,7 +151,7 @@ def ours(run):
         ("[mbarr for _ in range(3)]", "'mbarr'"),
     ],
 )
-def test_a_mistake_that_can_be_known_is_told_before_anything_moves(tmp_path, line, told, bench_composed):
+def test_a_detectable_mistake_is_reported_before_motion(tmp_path, line, told, bench_composed):
     path = tmp_path / "written_wrongly.py"
     path.write_text(f"{HEAD}    run.bench.wait(1 * s)\n    {line}\n", encoding="utf-8")
     own = find_plan(str(path))

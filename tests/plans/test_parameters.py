@@ -82,7 +82,7 @@ def test_a_bad_value_is_refused_with_name_value_unit_and_range(texts, told):
         probe.given(texts)
 
 
-def test_parts_are_given_what_they_name_and_the_values_stand_with_the_result(bench_composed, tmp_path):
+def test_parts_receive_named_values_which_the_result_records(bench_composed, tmp_path):
     with bench_composed() as made:
         result = execute(probe.given({"amplitude": "12.5 mm", "load": "AW3"}), made.bench, tmp_path)
     assert [one.number for one in result.checks] == [12.5 * mm, 3.0]
@@ -125,23 +125,23 @@ def test_a_parameter_that_is_declared_badly_is_the_plans_fault(main, told):
         plan(main)
 
 
-def test_a_set_up_that_asks_for_what_the_plan_does_not_have_is_told():
-    def nothing(run: Run) -> None:
+def test_a_set_up_with_an_unknown_plan_parameter_is_reported():
+    def idle(run: Run) -> None:
         """Nothing to set."""
 
-    with pytest.raises(PlanError, match="plan nothing has no parameter load, which take_up asks for"):
-        plan(setup=take_up)(nothing)
+    with pytest.raises(PlanError, match="plan idle has no parameter load, which take_up asks for"):
+        plan(setup=take_up)(idle)
 
 
 @pytest.mark.parametrize(
     ("ends", "told"),
     [((2, 1, "mm"), "nothing lies from 2 to 1"), ((1, 2, "furlong"), "unit 'furlong' is not one of")],
 )
-def test_a_range_that_holds_nothing_is_refused(ends, told):
+def test_an_empty_range_is_refused(ends, told):
     with pytest.raises(ValueError, match=told):
         Range(*ends)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_nothing_that_is_no_number_lies_in_a_range(value):
+def test_no_range_contains_a_non_number(value):
     assert value not in Range(0.1 * Hz, 10 * Hz, "Hz")

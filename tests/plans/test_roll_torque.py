@@ -38,7 +38,7 @@ def test_the_law_is_solved_whatever_shear_a_roll_still_has():
     assert found.of_the_pair == pytest.approx(760e3)
 
 
-def test_the_roll_turns_about_the_middle_of_the_top_plates():
+def test_the_roll_axis_is_the_middle_of_the_top_plates():
     up, rolled, sheared, again = _motions(OURS, 0.01)
     above = OURS["centre_height"] + OURS["lateral_actuator_height"]
     assert rolled["lateral"] + above * 0.01 == pytest.approx(0.0)

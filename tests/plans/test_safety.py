@@ -51,7 +51,7 @@ def test_a_sound_bench_passes_and_is_left_off_and_vented(safety):
     assert found["pressure at the end"] < 0.2 * bar
 
 
-def test_where_nobody_can_be_asked_nothing_moves_for_it(safety):
+def test_no_motion_without_an_operator_to_answer(safety):
     result, failed, state = safety(NoOperator())
     assert result.verdict is Outcome.INCOMPLETE
     assert state == "OFF"
@@ -84,7 +84,7 @@ def test_who_presses_the_stop_may_think_before_they_say_so(tmp_path):
         assert found[1][name] == pytest.approx(found[0][name], abs=0.1 if "after" in name else 2e-4)
 
 
-def test_a_stop_that_does_nothing_when_it_is_pressed_fails(safety):
+def test_an_ineffective_stop_button_fails(safety):
     result, _, _ = safety(Script({"*stop*": "done", "*supply*": "not possible"}))
     assert result.verdict is Outcome.FAIL
     assert {one.name for one in result.checks if one.verdict is CheckVerdict.FAIL} == {
@@ -105,12 +105,12 @@ def test_a_simulated_rig_has_no_fault_left_if_the_plan_is_stopped_while_it_has_o
             return "abort"
 
         @plan(teardown=switch_off)
-        def alone(run):
+        def one_way(run):
             """One way alone."""
             way(run)
 
         operator = FirstOf(Script({deed: abort}), bench.hand)
-        result = execute(alone, bench, tmp_path / "out", operator=operator)
+        result = execute(one_way, bench, tmp_path / "out", operator=operator)
         assert result.verdict is Outcome.BLOCKED
         assert "ended the run when asked" in result.reason
         assert faults(bench) == []
@@ -135,7 +135,7 @@ def test_a_bench_without_a_watchdog_for_its_settings_fails(safety, monkeypatch):
 
 
 @slow
-def test_on_a_rig_that_nobody_says_supervises_its_commander_nothing_is_provoked(tmp_path):
+def test_no_loss_test_on_a_rig_without_stated_supervision(tmp_path):
     with VirtualPlc(seed=1).bench() as bench:
         result = execute(plans()["safety"], bench, tmp_path / "out", rig="plant_a")
     assert result.verdict is Outcome.INCOMPLETE
@@ -164,7 +164,7 @@ def seen(*values, until=18.0):
     return [(time, values[min(at, len(values) - 1)]) for at, time in enumerate(times)]
 
 
-def test_what_nobody_saw_is_no_way_into_the_safe_position():
+def test_an_unobserved_path_is_no_path_to_the_safe_position():
     low, limit = 0.1 * bar, 0.2 * bar
     course = Course(Seen({"left.bellows_pressure": seen(5 * bar, 5 * bar, low)}), watched=18.0)
     assert course.until_small(["left.bellows_pressure"], limit) == 1.0

@@ -132,7 +132,7 @@ def test_standing_somewhere_shears_and_rolls_the_springs_as_asked(height, shear,
     assert pose(OURS, shear, roll).platform_roll == pytest.approx(asked.platform_roll[0])
 
 
-def test_a_stretch_ends_where_its_last_stand_was_and_rests_first():
+def test_a_segment_ends_at_its_last_position_after_a_rest():
     stretch = Stretch((Stand(7 * mm, rest=2 * s),), Stand(-2 * mm))
     asked = trajectory(stretch, OURS)
     left = asked.heights["left"]

@@ -190,25 +190,25 @@ def test_preloads_around_a_load_case_are_parts_of_it(tmp_path):
     ]
 
 
-def test_a_file_that_is_not_there_is_told_with_those_that_are(tmp_path):
+def test_a_missing_file_is_reported_with_the_existing_ones(tmp_path):
     with pytest.raises(SpecimenError, match=r"nowhere\.toml: No such file or directory; there is .*astb"):
         read_specimen(tmp_path / "nowhere.toml")
 
 
-def test_what_a_file_does_not_state_is_told_when_it_is_asked_for():
+def test_a_missing_key_is_reported_on_access():
     with pytest.raises(SpecimenError, match=r"has no load case AW2; it has AW0, AW3"):
         ordinary().load("AW2")
     with pytest.raises(
         SpecimenError, match=r"x: limits does not say what is good for rest_height: low, high or"
     ):
         Limits("x: limits", {}, {}).band("rest_height")
-    beside = ordinary().load_of("AW0", 60 * kN)
-    assert beside.fill_pressure == pytest.approx(60 * kN / 0.26)
+    with_truth = ordinary().load_of("AW0", 60 * kN)
+    assert with_truth.fill_pressure == pytest.approx(60 * kN / 0.26)
     with pytest.raises(SpecimenError, match=r"AW0\.limits at 60 kN does not say what is good for pressure"):
-        beside.limits.band("pressure")
+        with_truth.limits.band("pressure")
 
 
-def test_between_two_places_of_a_curve_limits_are_those_between_and_beyond_it_nobody_knows():
+def test_limits_of_a_curve_are_interpolated_and_unknown_beyond_it():
     limits = Limits("x: limits", {}, {"k": {0.002: Band(10.0, 20.0), 0.004: Band(20.0, 40.0)}})
     assert limits.curve_at("k", 0.003) == pytest.approx((15.0, 30.0))
     assert limits.curve_at("k", 0.004) == (20.0, 40.0)
@@ -270,7 +270,7 @@ source = "by hand"
 """
 
 
-def test_what_one_plan_alone_asks_for_stands_in_a_table_with_its_name(tmp_path):
+def test_needs_of_one_plan_are_in_a_table_with_its_name(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(TEXT + OWN, encoding="utf-8")
     one = read_specimen(path)

@@ -103,7 +103,7 @@ def test_columns_of_parquet_and_a_record_by_time(tmp_path):
         ),
     ],
 )
-def test_what_is_no_track_is_told_with_line_value_and_what_would_be_right(tmp_path, spoilt, words):
+def test_an_invalid_track_is_reported_with_line_value_and_fix(tmp_path, spoilt, words):
     text = rows()
     assert spoilt[0] in text
     with pytest.raises(NoTrack) as told:

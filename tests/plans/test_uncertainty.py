@@ -63,7 +63,7 @@ def test_a_linear_model_has_the_uncertainty_of_the_law_of_propagation():
     assert found.parts["cell offset"] == pytest.approx(sqrt(200**2 + 400**2) / sqrt(3))
 
 
-def test_a_ratio_of_two_pieces_adds_their_relative_uncertainties_and_one_piece_alone_cancels():
+def test_a_ratio_adds_relative_uncertainties_of_two_instruments_and_cancels_one():
     means = {"left.height": 20 * mm, "right.height": 10 * mm}
     gain = instruments(offset=0.0)
     (ratio,) = measured(lambda m: m["left.height"] / m["right.height"], means, instruments=gain)
@@ -150,7 +150,7 @@ def test_the_law_of_propagation_agrees_with_monte_carlo_through_the_same_evaluat
     assert share == pytest.approx(0.9545, abs=0.02)
 
 
-def test_without_an_instrument_there_is_no_uncertainty_and_the_reason_is_told():
+def test_no_uncertainty_without_an_instrument_with_the_reason():
     (found,) = measured(lambda m: m["left.height"] + m["supply.pressure"], {"left.height": 1.0, "supply.pressure": 2.0},
                         instruments=instruments())  # fmt: skip
     assert (found.value, found.u) == (3.0, None)
@@ -195,7 +195,7 @@ def test_the_noise_of_a_slow_signal_is_that_of_its_few_samples():
     assert slow == pytest.approx(1e-3 / sqrt(20), rel=0.3)
 
 
-def test_the_instruments_themselves_are_uncertain_by_noise_alone():
+def test_the_uncertainty_of_instruments_is_only_noise():
     means = {"left.height": 0.02 * mm}
     noisy = instruments(noise=0.01 * mm)
     (zero,) = measured(lambda m: m["left.height"], means, instruments=noisy, averaged=100, themselves=True)
@@ -303,7 +303,7 @@ offset = {{ value = 2.0, unit = "{unit}", provenance = "data sheet", source = "x
         (("[signal]", "[[signal]]"), "signal = [{'left.height': "),
     ],
 )
-def test_a_file_that_nobody_understands_is_refused_with_key_and_value(tmp_path, change, why):
+def test_an_invalid_file_is_refused_with_key_and_value(tmp_path, change, why):
     path = tmp_path / "ours.toml"
     text = """
 [instrument.laser]

@@ -126,7 +126,7 @@ class Ideal:
 
 
 @contextmanager
-def beside(ideal: Ideal):
+def with_truth(ideal: Ideal):
     """Let readings of captures carry their truth, and what is measured of them have one in ``ideal.known``."""
     aligned, values, averages, measure = Capture.aligned, Capture.values, Link.averages, Run.measure
 

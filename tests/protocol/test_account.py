@@ -16,7 +16,7 @@ def test_what_was_left_out_is_counted_in_words() -> None:
     )
 
 
-def test_two_accounts_become_one_and_nothing_is_said_twice() -> None:
+def test_two_accounts_merge_without_repetition() -> None:
     one, other = Account(), Account()
     for account in (one, other):
         account.take("the times are Unix times")

@@ -11,7 +11,7 @@ NAME = "scipy.linalg.cython_blas"
 
 
 @pytest.mark.parametrize("others", [0, 1])
-def test_nothing_is_kept_from_other_threads(others: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_threads_share_the_data(others: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that imported scipy while another one compiled met a module that is said not to be there."""
     monkeypatch.delitem(sys.modules, NAME, raising=False)
     monkeypatch.setattr(threading, "active_count", lambda: 1 + others)

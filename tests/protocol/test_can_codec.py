@@ -126,7 +126,7 @@ def test_a_late_reading_is_not_taken_for_the_newest() -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 63), st.integers(1, 40))
-def test_a_corrupt_command_is_refused_and_moves_nothing(bit: int, at: int) -> None:
+def test_a_corrupt_command_is_refused_without_motion(bit: int, at: int) -> None:
     block = stream(42)
     spoilt = block.copy()
     spoilt["data"][at, bit // 8] ^= 1 << bit % 8
@@ -160,7 +160,7 @@ def test_a_command_from_far_ahead_is_refused_until_silence_explains_it() -> None
     assert decoder.tally[Tally.LOST] == 8
 
 
-def test_a_command_meant_for_another_message_is_refused() -> None:
+def test_a_command_for_another_message_is_refused() -> None:
     block = stream(1)
     block["id"] = 0x202  # the data id in the CRC gives it away
     decoder = Decoder(TABLE)

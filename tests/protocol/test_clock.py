@@ -46,7 +46,7 @@ def test_a_cancelled_cycle_does_not_come() -> None:
 
 
 @pytest.mark.real_time
-def test_real_cycles_stand_on_absolute_deadlines() -> None:
+def test_real_cycles_use_absolute_deadlines() -> None:
     clock = RealClock()
     cycles: list[int] = []
     enough = threading.Event()

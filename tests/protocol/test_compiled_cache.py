@@ -45,12 +45,12 @@ def test_what_is_saved_at_once_is_found_again(tmp_path: Path) -> None:
     assert _kept_at_once(tmp_path, turns=True) == WORKERS * FUNCTIONS
 
 
-def test_without_turns_something_is_lost(tmp_path: Path) -> None:
+def test_without_serialisation_entries_are_lost(tmp_path: Path) -> None:
     """The hazard is numba's, and the test above would see it."""
     assert _kept_at_once(tmp_path, turns=False) < WORKERS * FUNCTIONS
 
 
-def test_cached_functions_take_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_functions_are_serialised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
 
     def twice(x: float) -> float:
@@ -121,9 +121,7 @@ def test_where_an_installation_cannot_be_written_to_the_users_own_folder_keeps(
     assert list(Path(folder_of(twice)).glob("*.nbc"))
 
 
-def test_where_nothing_can_be_written_one_sentence_says_so_and_it_works_all_the_same(
-    strange, tmp_path, monkeypatch
-):
+def test_a_read_only_folder_is_reported_once_and_tolerated(strange, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "strange.py"))
     with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* NUMBA_CACHE_DIR may name"):
         twice = cached(strange)

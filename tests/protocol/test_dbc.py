@@ -54,7 +54,7 @@ def test_another_charset_is_given_by_name_or_named_in_the_error(tmp_path) -> Non
         read_dbc(path)
 
 
-def test_one_name_of_two_messages_is_told_apart_by_identifier(tmp_path) -> None:
+def test_identifiers_distinguish_messages_of_one_name(tmp_path) -> None:
     text = HEAD + "".join(
         f'BO_ {number} Heights: 8 PLC\n SG_ Height : 0|16@1- (0.01,0) [0|0] "mm" BENCH\n'
         for number in (256, 257, 257)
@@ -72,7 +72,7 @@ def test_one_identifier_of_two_messages_is_refused_when_it_is_asked_for(tmp_path
         dbc.of(0x100, False)
 
 
-def test_signals_that_share_bits_forbid_sending_and_nothing_else(tmp_path) -> None:
+def test_signals_that_share_bits_forbid_only_sending(tmp_path) -> None:
     text = (
         GAS
         + 'BO_ 512 Faults: 8 PLC\n SG_ Code : 0|8@1+ (1,0) [0|255] "" BENCH\n SG_ Pump : 0|1@1+ (1,0) [0|1] "" BENCH\n'
@@ -91,7 +91,7 @@ def test_signals_that_share_bits_forbid_sending_and_nothing_else(tmp_path) -> No
     assert Decoding(wide).outside == ["Code"]
 
 
-def test_pages_with_signals_that_share_bits_are_read_as_each_alone(tmp_path) -> None:
+def test_pages_with_shared_bits_decode_like_single_pages(tmp_path) -> None:
     text = HEAD + (
         'BO_ 256 Pages: 8 PLC\n SG_ Page M : 0|8@1+ (1,0) [0|0] "" X\n SG_ A m0 : 8|16@1+ (1,0) [0|0] "" X\n'
         ' SG_ Low m0 : 8|8@1+ (1,0) [0|0] "" X\n SG_ B m1 : 8|8@1- (1,0) [0|0] "" X\n'
@@ -115,7 +115,7 @@ def test_pages_with_signals_that_share_bits_are_read_as_each_alone(tmp_path) -> 
         ("<xml/>", r"is no DBC: line 1, column 1 is not understood: '<xml/>'"),
     ],
 )
-def test_what_is_no_dbc_is_told_by_its_line_in_our_words(tmp_path, text: str, said: str) -> None:
+def test_an_invalid_dbc_is_reported_with_its_line(tmp_path, text: str, said: str) -> None:
     with pytest.raises(DbcError, match=said):
         read_dbc(written(tmp_path, text))
     with pytest.raises(DbcError, match="No such file"):

@@ -176,7 +176,7 @@ def test_a_message_without_a_place_among_the_pdos_is_refused(identifier: int, fr
         pdo_number(stray)
 
 
-def test_the_text_is_made_from_the_table_alone(text: str) -> None:
+def test_the_text_is_made_only_from_the_table(text: str) -> None:
     assert text == eds()
     assert not [line for line in text.splitlines() if len(line) > 255], "CiA 306 ends a line there"
     assert all(a < b for a, b in itertools.pairwise([one.index for one in OBJECT_DICTIONARY]))

@@ -82,7 +82,7 @@ def test_a_size_in_words_is_the_number(count):
         (b"a", "is not TOML"),
     ],
 )
-def test_toml_that_cannot_be_meant_is_refused_in_words(content, told):
+def test_implausible_toml_is_refused(content, told):
     with pytest.raises(Unfit, match=told):
         parse_toml(content)
 

@@ -52,7 +52,7 @@ def changed(content: dict[str, Any], rng: random.Random) -> tuple[dict[str, Any]
 
 
 @pytest.mark.parametrize("kind", [Map, CampaignFile, rig_file.RigFile])
-def test_what_does_not_fit_is_told_in_words_of_ours(kind: Any) -> None:
+def test_unsuitable_values_raise_our_error(kind: Any) -> None:
     contents = {
         Map: MAP,
         CampaignFile: {"plans": ["air"], "seeds": [3], "specimens": ["a"], "variants": [{"name": "a"}]},

@@ -122,7 +122,7 @@ def test_the_hash_changes_with_what_is_on_the_wire(other: Table) -> None:
     assert moved(TABLE.places, other)
 
 
-def test_the_hash_is_that_of_the_wire_alone() -> None:
+def test_the_hash_covers_only_the_wire() -> None:
     """Neither words nor what only people see move it, nor the order of the rows."""
     words = [changed(s.name, description=f"{s.description}.") for s in TABLE.signals]
     words += [with_message(description=""), changed("left.height", unit="m", low=-0.2, high=0.2)]
@@ -130,7 +130,7 @@ def test_the_hash_is_that_of_the_wire_alone() -> None:
     assert {table.map_hash for table in words} == {TABLE.map_hash}
 
 
-def test_nothing_that_was_given_once_has_moved() -> None:
+def test_identifiers_and_addresses_are_unchanged() -> None:
     """Programs of others rely on identifiers and addresses. `make generate` keeps the new ones."""
     kept = kept_places()
     assert len(kept) > 350
@@ -183,7 +183,7 @@ def test_generating_refuses_to_move(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert "input 00100 was “left.height float32”" in said.err and not said.out
 
 
-def test_what_rig_tripped_says_is_a_reading_or_nothing() -> None:
+def test_rig_tripped_returns_a_reading_or_none() -> None:
     for row in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS):
         assert TABLE.tripped(float(TABLE.trip_number(row.name))) is row
     assert [TABLE.tripped(value) for value in (0.0, float("nan"), 255.0)] == [None] * 3

@@ -63,7 +63,7 @@ def test_a_mark_is_no_part_of_toml():
         ("a = 1".encode("utf-16"), "is in UTF-16-LE; save it as UTF-8"),
     ],
 )
-def test_toml_is_in_utf_8_and_nothing_else(content, told):
+def test_toml_is_only_in_utf_8(content, told):
     with pytest.raises(Unfit, match=told):
         only_utf_8(content)
     with pytest.raises(Unfit, match=told):
@@ -84,6 +84,6 @@ def test_toml_is_in_utf_8_and_nothing_else(content, told):
         ("a = " + "1" * 5000, "a number has too many digits"),
     ],
 )
-def test_what_is_no_toml_is_told_with_its_line_in_our_words(content, told):
+def test_invalid_toml_is_reported_with_its_line(content, told):
     with pytest.raises(Unfit, match="is not TOML: .*" + told):
         parse_toml(content.encode())

@@ -62,7 +62,7 @@ def test_a_pressure_may_state_what_it_is_relative_to() -> None:
 
 
 @given(st.sampled_from(sorted(UNITS)), st.randoms(use_true_random=False))
-def test_another_spelling_of_a_unit_changes_nothing(name: str, random_) -> None:
+def test_another_spelling_of_a_unit_has_no_effect(name: str, random_) -> None:
     spelled = name
     for pattern, others in (
         (r"\*", ("·", " ", "*")),

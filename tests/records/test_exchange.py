@@ -154,7 +154,9 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
         ("a.xls", "", "ssconvert a.xls a.csv"),
     ],
 )
-def test_what_cannot_come_in_is_told_and_leaves_nothing(tmp_path, name: str, content: str, said: str) -> None:
+def test_a_failed_import_is_reported_and_leaves_no_files(
+    tmp_path, name: str, content: str, said: str
+) -> None:
     (tmp_path / name).write_text(content)
     status, text = command(import_command, tmp_path / name, tmp_path / "back")
     assert status == MISUSE
@@ -162,7 +164,7 @@ def test_what_cannot_come_in_is_told_and_leaves_nothing(tmp_path, name: str, con
     assert not (tmp_path / "back").exists()
 
 
-def test_frames_of_somebody_else_leave_nothing_and_can_come_in_with_their_dbc(run: Path, tmp_path) -> None:
+def test_unknown_frames_are_refused_without_their_dbc(run: Path, tmp_path) -> None:
     from bench_protocol.frames import frame
 
     write_frames([frame(0x7F0, b"12345678", 10**9)], tmp_path / "theirs.blf")
@@ -172,7 +174,7 @@ def test_frames_of_somebody_else_leave_nothing_and_can_come_in_with_their_dbc(ru
     assert not (tmp_path / "back").exists()
 
 
-def test_nothing_is_overwritten(run: Path) -> None:
+def test_existing_files_are_not_overwritten(run: Path) -> None:
     status, text = command(import_command, run / "can.blf", run)
     assert status == MISUSE
     assert "is not empty" in text
@@ -186,7 +188,7 @@ def test_frames_that_a_run_kept_are_not_written_over_by_their_own_export(run: Pa
     assert (run / "can.blf").read_bytes() == before
 
 
-def test_whatever_ends_the_writing_of_frames_is_told_and_nothing_piles_up(tmp_path, monkeypatch) -> None:
+def test_every_end_of_writing_is_reported_and_no_queue_grows(tmp_path, monkeypatch) -> None:
     class Broken:
         def on_message_received(self, message: can.Message) -> None:
             raise ValueError("no such channel")
@@ -208,7 +210,7 @@ def test_whatever_ends_the_writing_of_frames_is_told_and_nothing_piles_up(tmp_pa
     assert log._waiting.empty()
 
 
-def test_checksums_are_those_of_sha256sum_and_tell_what_was_changed(run: Path, tmp_path) -> None:
+def test_checksums_equal_sha256sum_and_show_changes(run: Path, tmp_path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     subprocess.run(["sha256sum", "--quiet", "-c", SUMS], cwd=copy, check=True, timeout=30)

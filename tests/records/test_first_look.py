@@ -69,7 +69,7 @@ def test_every_frequency_has_its_number_unless_two_would_touch(frequencies: list
         assert abs(points * math.log(near / left_out)) < half(near) + half(left_out)
 
 
-def test_the_frequencies_of_the_plans_are_all_told() -> None:
+def test_all_frequencies_of_the_plans_are_stated() -> None:
     places = [0.5, 1.0, 1.5, 2.0, 3.0]
     picture = curve_panel("name", "K'", [sweep("pair", places, places)])
     told = re.findall(r'text-anchor: middle[^>]*">([\d.]+)<', picture)
@@ -89,7 +89,7 @@ def lab(color: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", range(2, 17))
-def test_lines_can_be_told_apart(count: int) -> None:
+def test_lines_are_distinguishable(count: int) -> None:
     names = ["slow", *(f"{n / 2:g} Hz" for n in range(1, count))]
     traces = curve_traces([sweep(name, [1.0, 2.0], [1.0, 2.0]) for name in names])
     for place, one in enumerate(traces):
@@ -104,7 +104,7 @@ def test_a_line_under_another_shows_at_its_edges() -> None:
     assert left.width > 2 * right.width and right.dash and not left.dash
 
 
-def test_what_points_may_be_off_by_is_drawn_and_told_to_the_script() -> None:
+def test_uncertainties_of_points_are_drawn_and_passed_to_the_script() -> None:
     known = sweep("K", [1.0, 2.0, 4.0], [3e3, 4e3, 5e3], expanded=[1e2, None, 3e2])
     bare = sweep("K", [1.0, 2.0, 4.0], [3e3, 4e3, 5e3])
     (trace,) = curve_traces([known])
@@ -118,7 +118,7 @@ def test_what_points_may_be_off_by_is_drawn_and_told_to_the_script() -> None:
         sweep("K", [1.0, 2.0, 4.0], [1.0, 2.0, 3.0], expanded=[1.0, 2.0])
 
 
-def test_temperatures_are_told_in_degrees_celsius(passed_run: Path) -> None:
+def test_temperatures_are_printed_in_degrees_celsius(passed_run: Path) -> None:
     page = write_report(passed_run).read_text(encoding="utf-8")
     heads = [one for one in re.findall(r'text-anchor: end[^>]*">([^<]*)<', page) if one in {"K", "°C"}]
     assert heads == ["°C"]
@@ -129,7 +129,7 @@ def test_temperatures_are_told_in_degrees_celsius(passed_run: Path) -> None:
     assert table.columns[1].endswith("°C") and table.rows[0][1] == "20.0"
 
 
-def test_a_date_that_is_none_is_told_as_such() -> None:
+def test_an_invalid_date_is_reported() -> None:
     piece = {
         "signal": "left.height",
         "type": "laser",

@@ -19,7 +19,7 @@ def written(recorder: Recorder, rng: np.random.Generator, second: int) -> None:
     recorder.flush()
 
 
-def test_every_look_sees_what_was_written_and_the_end_loses_nothing(tmp_path):
+def test_every_read_sees_written_data_until_the_end(tmp_path):
     rng = np.random.default_rng(3)
     recorder = Recorder(tmp_path / "run", SIGNALS, {"plan": "aw0"})
     with GrowingRecord(tmp_path / "run") as growing:
@@ -66,7 +66,7 @@ def test_a_batch_that_is_being_written_waits_for_the_next_look(tmp_path):
     recorder.close()
 
 
-def test_there_is_none_where_nobody_writes(tmp_path):
+def test_no_file_without_a_writer(tmp_path):
     Recorder(tmp_path / "run", SIGNALS, {}).close()
     with pytest.raises(RecordError, match="no run is writing into"):
         GrowingRecord(tmp_path / "run")

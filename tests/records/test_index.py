@@ -45,7 +45,7 @@ def test_a_run_is_found_with_what_it_concluded(tmp_path) -> None:
     assert (found.value, found.low, found.high, found.unit, found.verdict) == (11.0, 0.0, 10.0, "mm", "fail")
 
 
-def test_runs_are_chosen_by_their_columns_and_stand_in_order_of_time(tmp_path) -> None:
+def test_runs_are_selected_by_columns_in_order_of_time(tmp_path) -> None:
     keep(tmp_path, "late", [1.0], at=200, plan="aw3")
     keep(tmp_path, "deep/early", [1.0], at=100)
     index = RunIndex(tmp_path)
@@ -89,7 +89,7 @@ def test_an_index_that_is_none_is_made_anew(tmp_path, rubbish: bytes) -> None:
     assert [run.directory for run in RunIndex(tmp_path).runs()] == ["aw0"]
 
 
-def test_what_cannot_be_read_is_told_and_hides_nothing_else(tmp_path) -> None:
+def test_an_unreadable_entry_is_reported_and_the_others_listed(tmp_path) -> None:
     keep(tmp_path, "good", [1.0])
     (keep(tmp_path, "bad", [1.0]) / RESULT).write_text("{")
     index = RunIndex(tmp_path)
@@ -123,7 +123,7 @@ def test_a_folder_that_cannot_be_written_is_listed_all_the_same() -> None:
             folder.chmod(0o755)
 
 
-def test_no_folder_is_said_to_be_none(tmp_path) -> None:
+def test_an_existing_folder_is_not_reported_missing(tmp_path) -> None:
     with pytest.raises(RecordError, match="is no folder with runs"):
         RunIndex(tmp_path / "missing")
 
@@ -141,7 +141,7 @@ def test_what_people_write_is_listed_as_they_wrote_it(tmp_path) -> None:
     assert "[red]Ada[/x]" in done.output
 
 
-def test_how_a_run_was_made_is_told_apart(tmp_path) -> None:
+def test_the_origin_of_a_run_is_shown(tmp_path) -> None:
     directory = keep(tmp_path, "aw0", [1.0])
     told = {"simulated": True, "effects": {"leak.left": "1 mm2"}}
     (directory / META).write_bytes(msgspec.json.encode(told))
@@ -151,7 +151,7 @@ def test_how_a_run_was_made_is_told_apart(tmp_path) -> None:
     assert [one.circumstances for one in index.runs()] == ["SIMULATED · effect leak.left = 1 mm2", ""]
 
 
-def test_what_was_changed_since_it_was_written_is_told(tmp_path) -> None:
+def test_changes_since_the_writing_are_reported(tmp_path) -> None:
     directories = [keep(tmp_path, name, [1.0]) for name in ("whole", "broken")]
     for directory in directories:
         write_sums(directory)

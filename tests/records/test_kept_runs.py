@@ -27,7 +27,7 @@ def sweep(name: str, ys: list[float], xs=(0.0, 1.0, 2.0)):
     return curve(name, HZ, STIFF, xs, ys, kind="sweep")
 
 
-def test_what_changed_is_told_and_what_did_not_is_not(tmp_path) -> None:
+def test_only_changes_are_reported(tmp_path) -> None:
     a = run(tmp_path / "a", [check("K", 100.0, "N", low=90.0, high=120.0)], rig="one", seed=1)
     b = run(tmp_path / "b", [check("K", 125.0, "N", low=90.0, high=121.0)], rig="one", seed=2)
     found = compare_runs(a, b)
@@ -97,7 +97,7 @@ def test_curves_lie_apart_by_their_root_mean_square(tmp_path) -> None:
     assert "alone only in A" in page
 
 
-def test_curves_beside_each_other_have_error_bars_where_they_are_known(tmp_path) -> None:
+def test_adjacent_curves_have_known_error_bars(tmp_path) -> None:
     some = [check("K", 1.0, "N", low=0.0)]
 
     def drawn(*sure: str) -> int:

@@ -95,7 +95,7 @@ def test_a_name_in_two_groups_is_refused_with_them_or_chosen(tmp_path) -> None:
     assert read_mdf(both, tmp_path / "o", SIGNALS.get, {}, Account(), ImportKeys(group=1)) == len(X)
 
 
-def test_texts_are_states_where_they_have_numbers_and_refused_or_raw_elsewhere(tmp_path) -> None:
+def test_texts_with_numbers_are_states_and_others_refused_or_raw(tmp_path) -> None:
     values = np.where(TIME < 1.0, 1, 2).astype(np.uint8)
     path = write(tmp_path / "a.mf4", [signal("rig.state", values, texts={1: "ok", 2: "off"})])
     assert read_mdf(path, tmp_path / "o", SIGNALS.get, {}, Account(), ImportKeys()) == len(TIME)

@@ -37,7 +37,7 @@ def content(directory: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in directory.iterdir() if path.is_file()}
 
 
-def test_a_note_touches_nothing_that_was_signed(signed: Path, tmp_path: Path) -> None:
+def test_a_note_changes_no_signed_file(signed: Path, tmp_path: Path) -> None:
     before = content(signed)
     photo = tmp_path / "bellows.png"
     photo.write_bytes(PNG)
@@ -68,7 +68,7 @@ def test_the_index_follows_the_notes(signed: Path) -> None:
     assert index.notes("aw0")[2] == Note(at="", by="", text="0003.json cannot be read as a note")
 
 
-def test_who_adds_at_the_same_time_loses_nothing(signed: Path) -> None:
+def test_simultaneous_writers_lose_no_entries(signed: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda n: add_note(signed, f"note {n}", "A. Tester"), range(24)))
     assert {one.text for one in notes_of(signed)} == {f"note {n}" for n in range(24)}
@@ -83,7 +83,7 @@ def test_who_adds_at_the_same_time_loses_nothing(signed: Path) -> None:
         ("x", "A", "no", "cannot be read"),
     ],
 )
-def test_what_is_no_note_is_refused_and_leaves_nothing(signed: Path, text, by, file, why) -> None:
+def test_an_invalid_note_is_refused_without_a_file(signed: Path, text, by, file, why) -> None:
     with pytest.raises(RecordError, match=why):
         add_note(signed, text, by, file and signed / file)
     assert not (signed / NOTES).exists()

@@ -130,14 +130,14 @@ def test_short_and_empty_columns_are_taken_as_they_are() -> None:
 
 @pytest.mark.parametrize("bulk", [3.0, 0.0])
 @pytest.mark.parametrize("size", [12, 100])
-def test_a_huge_code_is_found_beside_values_that_stand_still(bulk: float, size: int) -> None:
+def test_a_huge_error_code_is_found_among_constant_values(bulk: float, size: int) -> None:
     values = np.full(size, bulk)
     values[5] = 9.9e37
     clean, checks = found({"pressure": values})
     assert checks == {"undeclared code": "pressure"} and np.isnan(clean["pressure"].values[5])
 
 
-def test_a_code_beside_few_values_is_found_and_a_switch_is_none() -> None:
+def test_an_error_code_among_few_values_is_found_but_not_a_switch() -> None:
     values = np.where(TIME < 10.0, 2.0, 3.0)
     assert not found({"x": values})[1]
     values[100:103] = -9999.0

@@ -113,7 +113,7 @@ def test_an_empty_record_can_be_read(tmp_path: Path) -> None:
     assert (len(record), record.duration, record.phases, record.events) == (0, 0.0, [], [])
 
 
-def test_pandas_alone_reads_it_too(passed_run: Path) -> None:
+def test_pandas_reads_it(passed_run: Path) -> None:
     frame = pd.read_parquet(passed_run / PARQUET)
     times, values = read(passed_run).series("left.height")
     mine = frame[frame["signal"] == "left.height"]

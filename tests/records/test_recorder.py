@@ -258,7 +258,7 @@ def test_somebody_elses_arrow_stream_is_refused(tmp_path: Path) -> None:
         recover(tmp_path)
 
 
-def test_nothing_to_recover(tmp_path: Path) -> None:
+def test_recovery_without_a_loss_has_no_effect(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"holds no record\.arrows"):
         recover(tmp_path)
 

@@ -118,7 +118,7 @@ def test_verdict_instruction_phases_events_and_origin(failed_run: Path, failed_p
     assert "58\u2009410" in page.text
 
 
-def test_what_tripped_first_is_told_first(failed_page: str, passed_page: str) -> None:
+def test_the_first_trip_is_reported_first(failed_page: str, passed_page: str) -> None:
     text = Page(failed_page).text
     assert "First out: right bellows pressure above 2.2 bar at 86.000\u2009s." in text
     assert (
@@ -135,7 +135,7 @@ def test_what_tripped_first_is_told_first(failed_page: str, passed_page: str) ->
     assert not any(ALARM in panel for panel in calm)
 
 
-def test_the_page_stands_alone_and_is_small(passed_page: str, failed_page: str) -> None:
+def test_the_page_loads_no_other_file_and_is_small(passed_page: str, failed_page: str) -> None:
     for source in (passed_page, failed_page):
         page = Page(source)
         assert "@import" not in source
@@ -350,9 +350,7 @@ def test_range_bars_show_what_the_verdict_says(low: float, width: float, value: 
     bins=st.integers(1, 40),
     seed=st.integers(0, 1000),
 )
-def test_thinned_series_keep_their_extremes_and_invent_nothing(
-    values: list[float], bins: int, seed: int
-) -> None:
+def test_thinned_series_keep_extremes_and_add_no_points(values: list[float], bins: int, seed: int) -> None:
     array = np.array(values)
     times = np.sort(np.random.default_rng(seed).uniform(0, 10, array.size))
     shown_t, shown_v = envelope(times, array, bins)

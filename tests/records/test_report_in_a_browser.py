@@ -142,7 +142,7 @@ def test_without_a_browser_the_error_says_what_would_help(
         write_pdf(tmp_path / "report.html")
 
 
-def test_a_browser_that_prints_nothing_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_without_output_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = tmp_path / "broken"
     broken.write_text("#!/bin/sh\necho no display >&2\nexit 5\n")
     broken.chmod(0o755)

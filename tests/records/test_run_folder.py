@@ -65,7 +65,7 @@ def killed(going_on: Recorder, tmp_path: Path) -> Path:
     return Path(shutil.copytree(going_on.directory, tmp_path / "elsewhere" / "killed"))
 
 
-def test_a_killed_run_is_told_with_what_it_was_and_what_it_had_judged(killed: Path) -> None:
+def test_a_killed_run_is_listed_with_its_plan_and_checks(killed: Path) -> None:
     result, facts, verdict = open_run(killed)
     assert verdict == Unfinished.INTERRUPTED
     assert (result.plan, result.title, result.instruction) == ("aw0", FACTS["title"], FACTS["instruction"])
@@ -94,7 +94,7 @@ def test_the_head_of_a_run_is_there_before_anything_happened(tmp_path: Path) -> 
     assert len(read(killed)) == 0
 
 
-def test_a_run_that_goes_on_is_told_as_such_and_left_alone(going_on: Recorder, tmp_path: Path) -> None:
+def test_a_running_run_is_reported_and_unchanged(going_on: Recorder, tmp_path: Path) -> None:
     index = RunIndex(tmp_path)
     assert open_run(going_on.directory).facts.keys() <= FACTS.keys()
     (run,) = index.runs()

@@ -46,7 +46,7 @@ def test_a_run_is_written_with_its_checks_its_curves_and_its_record(failed_run, 
     np.testing.assert_allclose(book["record"]["time_s"], frame.index)
 
 
-def test_what_excel_cannot_hold_is_refused_and_nothing_is_left(failed_run, tmp_path, monkeypatch) -> None:
+def test_data_beyond_excel_are_refused_without_a_file(failed_run, tmp_path, monkeypatch) -> None:
     path = tmp_path / "run.xlsx"
     monkeypatch.setattr(workbook, "ROWS", 100)
     done = CliRunner().invoke(export_command, [str(failed_run), str(path), "--rate", "100"])

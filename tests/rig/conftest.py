@@ -49,9 +49,9 @@ class Commander:
     def take_lease(self) -> None:
         """Become the commander."""
         assert self.ask(b"\x06\0\0\0\x01")[0] == 6
-        self.bear(int.from_bytes(self.ask(b"\x03\0\0\0\x01")[2:], "big"))
+        self.set_token(int.from_bytes(self.ask(b"\x03\0\0\0\x01")[2:], "big"))
 
-    def bear(self, token: int) -> None:
+    def set_token(self, token: int) -> None:
         """Command with ``token``, whoever it belongs to."""
         self.token = token
         self.values[TABLE.index["control.token"]] = token

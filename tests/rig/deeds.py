@@ -42,7 +42,7 @@ def go(commander: WatchedCommander, to: float, what: str = "displacement", rate:
     commander.cycle(25)
 
 
-def nothing(commander: WatchedCommander) -> None:
+def only_armed(commander: WatchedCommander) -> None:
     """Armed, without air."""
 
 
@@ -77,7 +77,7 @@ def hanging(commander: WatchedCommander) -> None:
 
 
 STARTS: dict[str, Callable[[WatchedCommander], None]] = {
-    "armed": nothing,
+    "armed": only_armed,
     "AW0 on the valves": lambda commander: on_the_valves(commander, AW0),
     "AW3 on the valves": lambda commander: on_the_valves(commander, AW3),
     "AW3 held": lambda commander: held(commander, AW3),

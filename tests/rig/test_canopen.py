@@ -107,7 +107,7 @@ def test_a_reset_boots_the_communication_and_leaves_the_bench(master: Master, co
 
 
 @pytest.mark.parametrize("command", [STOP, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION])
-def test_nmt_changes_nothing_while_somebody_holds_the_bench(armed, command: int) -> None:
+def test_nmt_has_no_effect_while_the_bench_is_held(armed, command: int) -> None:
     """A command without a token: it is counted, with its sender, and a bench that moves goes on moving."""
     stranger = Master(armed.rig, "can:4711")
     before = armed.read("rig.strangers")
@@ -121,7 +121,7 @@ def test_nmt_changes_nothing_while_somebody_holds_the_bench(armed, command: int)
     assert (armed.read("rig.stranger"), armed.read("rig.stranger_identifier")) == (4711, NMT)
 
 
-def test_an_sdo_writes_nothing_without_the_holders_token(armed) -> None:
+def test_an_sdo_without_the_holders_token_writes_no_value(armed) -> None:
     stranger, holder = Master(armed.rig, "can:2"), Master(armed.rig, armed.peer)
     token = int(armed.read("rig.lease"))
     for word in (1, token):
@@ -150,11 +150,11 @@ def test_whoever_takes_the_bench_finds_the_node_as_it_booted(commander) -> None:
     assert number(stranger.upload(0x1016, 1)) == 0
 
 
-def test_commands_to_a_stopped_node_are_counted_and_move_nothing(commander) -> None:
+def test_commands_to_a_stopped_node_are_counted_without_motion(commander) -> None:
     stranger = Master(commander.rig, "stranger")
     commander.wait(500)
     stranger.nmt(STOP)
-    commander.bear(4711)  # nobody gave it this token: who takes the bench starts the node
+    commander.set_token(4711)  # nobody gave it this token: who takes the bench starts the node
     commander.cycle(5, control_enable=1)
     stranger.nmt(START)
     assert number(stranger.upload(0x2000, 4)) >= 5
@@ -180,7 +180,7 @@ def moving(parameters) -> Commander:
 
 @settings(max_examples=60, deadline=None)
 @given(strange_frames)
-def test_nothing_that_a_stranger_says_disturbs_who_holds_the_bench(
+def test_third_party_messages_do_not_disturb_the_holder(
     moving: Commander, said: list[tuple[int, bytes]]
 ) -> None:
     moving.rig.receive(join([frame(identifier, data) for identifier, data in said]), "can:4711")
@@ -204,7 +204,7 @@ def guard(armed, node: int = 0x7F, milliseconds: int = 200) -> Master:
     return master
 
 
-def test_a_lost_heartbeat_holds_the_bench_and_is_told(armed) -> None:
+def test_a_lost_heartbeat_holds_the_bench_and_is_reported(armed) -> None:
     master = guard(armed)
     armed.cycle(30)
     assert armed.state == "ACTIVE", "the first heartbeat starts the guarding"
@@ -324,7 +324,7 @@ def test_the_rig_can_be_the_one_that_sends_sync(master: Master) -> None:
 # -- emergencies -------------------------------------------------------------------------------------------------
 
 
-def test_every_new_error_is_told_once_also_during_a_fault(armed) -> None:
+def test_every_new_error_is_reported_once_during_a_fault(armed) -> None:
     master = Master(armed.rig)
     master.wait(600)  # the commander is late, then lost: one error
     armed.rig.press_estop()

@@ -80,9 +80,9 @@ def test_the_tick_moves_the_car_as_the_law_in_python_does(floating):
     floating.cycle(60, car_wind_setpoint=400.0)
     rig = floating.rig
     for _ in range(60):
-        before, phase = told(rig), float(rig._controls["phase"][0])
+        before, phase = car_of(rig), float(rig._controls["phase"][0])
         rig.run(1)
-        after = told(rig)
+        after = car_of(rig)
         assert after.wind == pytest.approx(400.0)
         assert after.track[0] == pytest.approx(3 * mm * track_wave(phase))
         for name in ("wind", "track", "track_rate", "springs"):
@@ -93,7 +93,7 @@ def test_the_tick_moves_the_car_as_the_law_in_python_does(floating):
     assert max(map(abs, after.springs)) > 1.0  # it did feel them
 
 
-def told(rig):
+def car_of(rig):
     """The car of a rig as it is."""
     car = rig._controls["car"]
     return MovingCar(**{name: car[name].tolist() for name in asdict(MovingCar())})

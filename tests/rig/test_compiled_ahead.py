@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.own_process import told_by
+from tests.own_process import output_of
 
 SCENARIO = """
 import sys
@@ -32,14 +32,14 @@ print(sorted(name for name, count in compiled().items() if count > before.get(na
 """
 FAULTS = """
 for name in FAULTS:
-    stand = Stand()
+    stand = FaultRig()
     SEEN[name](stand)
 """
 OF_FAULTS = """
 import drivers.cycle  # what a commander needs is compiled when he begins
 from bench_sim.rig.faults.catalogue import FAULTS
 from tests.system import faults_in_the_bench, faults_on_the_wires
-from tests.system.fault_stand import SEEN, Stand
+from tests.system.fault_stand import SEEN, FaultRig
 """
 
 
@@ -48,5 +48,5 @@ from tests.system.fault_stand import SEEN, Stand
     [("", ""), pytest.param(OF_FAULTS, FAULTS, marks=pytest.mark.slow)],
     ids=["commanded", "with every fault"],
 )
-def test_nothing_is_compiled_by_a_rig_that_serves(also: str, then: str) -> None:
-    assert told_by(SCENARIO.format(also=also, then=then)) == "[]\n"
+def test_a_serving_rig_compiles_no_code(also: str, then: str) -> None:
+    assert output_of(SCENARIO.format(also=also, then=then)) == "[]\n"

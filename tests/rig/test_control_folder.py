@@ -59,13 +59,13 @@ def of_somebody_else(folder):
     os.chown(folder, 12345, -1)
 
 
-def elsewhere(folder):
+def moved_away(folder):
     folder.rename(folder.with_name("real"))
     folder.symlink_to(folder.with_name("real"))
 
 
-@pytest.mark.parametrize("made", [open_to_others, readable_by_others, of_somebody_else, elsewhere])
-def test_whoever_asks_says_nothing_there(folder, false_rig, made):
+@pytest.mark.parametrize("made", [open_to_others, readable_by_others, of_somebody_else, moved_away])
+def test_an_unsafe_folder_is_not_used(folder, false_rig, made):
     made(folder)
     path = control_path("127.0.0.1", 15020)
     with pytest.raises(PermissionError, match="only this user can enter"):
@@ -80,6 +80,6 @@ def test_whoever_asks_says_nothing_there(folder, false_rig, made):
     assert false_rig == []
 
 
-def test_in_a_folder_of_ones_own_it_is_heard(folder, false_rig):
+def test_it_answers_in_a_private_folder(folder, false_rig):
     assert b'"off"' in ask(control_path("127.0.0.1", 15020), b'{"do":"list"}')
     assert false_rig

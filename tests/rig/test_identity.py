@@ -154,7 +154,7 @@ def check_namesake(make_rig, state: str, deeds) -> None:
 @pytest.mark.parametrize("state", STATES)
 @settings(max_examples=3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(deeds=st.lists(attacks, min_size=4, max_size=12))
-def test_a_client_with_the_holders_ports_changes_nothing(make_rig, state: str, deeds) -> None:
+def test_a_client_with_the_holders_ports_has_no_effect(make_rig, state: str, deeds) -> None:
     check_namesake(make_rig, state, deeds)
 
 
@@ -162,7 +162,7 @@ def test_a_client_with_the_holders_ports_changes_nothing(make_rig, state: str, d
 @pytest.mark.timeout(3600)
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(state=st.sampled_from(STATES), deeds=st.lists(attacks, max_size=15))
-def test_a_client_with_the_holders_ports_changes_nothing_in_500_stories(make_rig, state: str, deeds) -> None:
+def test_a_client_with_the_holders_ports_has_no_effect_in_500_sequences(make_rig, state: str, deeds) -> None:
     check_namesake(make_rig, state, deeds)
 
 
@@ -173,7 +173,7 @@ def test_who_guesses_tokens_cannot_command_even_with_the_right_one(commander) ->
     right = commander.token
 
     def guess(peer: str, token: int) -> bool:
-        commander.bear(token)
+        commander.set_token(token)
         commander.rig.receive(commander.frames("Control"), peer)
         commander.wait(1)
         return int(commander.rig._controls["commander"]) >= 0
@@ -197,12 +197,12 @@ def test_when_the_commanders_connection_is_closed_another_token_is_drawn(armed) 
     assert armed.state == "FAULT_HOLD"
     again = Commander(armed.rig)
     again.peer, again.decoder = "can:5", armed.decoder
-    again.bear(old)
+    again.set_token(old)
     strangers = published(armed, "strangers")
     again.cycle(5, control_enable=1)
     again.wait(100)
     assert published(again, "strangers") == strangers + 5, "all have read it on the bus"
-    again.bear(word_of(again, again.modbus))
+    again.set_token(word_of(again, again.modbus))
     assert again.token != old
     again.cycle(10)
     again.wait(100)

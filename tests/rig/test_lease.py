@@ -101,9 +101,9 @@ def test_the_mark_of_a_token_is_what_it_does_to_autosars_crc(token: int, data_id
     assert plain[0] ^ bound[0] == token_mark(token)
 
 
-def test_nobody_commands_without_a_lease(commander) -> None:
+def test_commands_need_a_lease(commander) -> None:
     commander.wait(500)
-    commander.bear(0)
+    commander.set_token(0)
     commander.cycle(5, control_enable=1)
     commander.cycle(5, control_reset=1)
     commander.wait(100)
@@ -114,13 +114,13 @@ def test_nobody_commands_without_a_lease(commander) -> None:
 
 
 @pytest.mark.parametrize("peer", ["can:2", "vcan0"])
-def test_a_stranger_with_the_next_counter_moves_nothing(commander, peer: str) -> None:
+def test_a_third_party_with_the_next_counter_causes_no_motion(commander, peer: str) -> None:
     """On a bus without connections (vcan0) all frames come from one place: the token alone tells."""
     armed = commander
     armed.peer = "can:1" if peer == "can:2" else peer
     armed.arm()
     stranger = type(armed)(armed.rig, 2)
-    stranger.bear(0)
+    stranger.set_token(0)
     before = armed.read("rig.rejected_commands")
     for _ in range(10):
         stranger._encoder.counters[:] = armed._encoder.counters
@@ -188,7 +188,7 @@ def test_a_lease_can_be_taken_and_returned_on_can(commander) -> None:
     commander.wait(5)
     assert published(commander, "lease") == token
     assert commander.read("lease.nonce") == 0xBEEF, "the answer is not for the second one"
-    commander.bear(token)
+    commander.set_token(token)
     commander.wait(300)
     commander.cycle(5, control_enable=1)
     commander.cycle(2, control_reset=1)
@@ -207,7 +207,7 @@ def test_a_lease_on_can_ends_with_the_silence_of_its_holder(commander) -> None:
     assert lease_of(commander) == 0
     commander.rig.receive(request(2), "vcan0")
     commander.wait(5)
-    commander.bear(lease_of(commander))
+    commander.set_token(lease_of(commander))
     commander.peer = "vcan0"
     commander.cycle(50)
     assert lease_of(commander) == commander.token
@@ -219,7 +219,7 @@ def test_a_modbus_connection_joins_a_lease_on_can_by_its_key(commander) -> None:
     commander.wait(500)
     commander.rig.receive(request(1), commander.peer)
     commander.wait(5)
-    commander.bear(token := lease_of(commander))
+    commander.set_token(token := lease_of(commander))
     commander.cycle(5, control_enable=1)
     commander.cycle(2, control_reset=1)
     assert commander.coil("air_high") == b"\x85\x06"
@@ -243,7 +243,7 @@ def test_a_modbus_connection_joins_a_lease_on_can_by_its_key(commander) -> None:
     assert commander.ask(struct.pack(">BHH", 6, 0, token), "modbus:2") == b"\x86\x06", "once"
 
 
-def test_the_holders_request_is_answered_beside_those_of_strangers(commander) -> None:
+def test_the_holders_request_is_answered_among_third_party_requests(commander) -> None:
     commander.rig.receive(request(1), commander.peer)
     commander.wait(5)
     for peer in ("can:2", commander.peer, "can:3"):
@@ -273,7 +273,7 @@ def watchdog(commander, milliseconds: int) -> bytes:
     return commander.ask(struct.pack(">BHH", 6, 1, milliseconds))
 
 
-def test_the_watchdog_is_armed_by_its_own_write_alone(armed) -> None:
+def test_only_its_own_write_arms_the_watchdog(armed) -> None:
     armed.cycle(2, control_active=0)
     assert watchdog(armed, 200)[0] == 6
     armed.cycle(20)
@@ -378,7 +378,7 @@ def test_who_returns_learns_on_either_wire_that_he_has_lost_it(armed) -> None:
 
 
 @pytest.mark.parametrize("wire", ["modbus", "can"])
-def test_a_commander_who_is_heard_on_one_wire_keeps_the_bench(armed, wire) -> None:
+def test_a_commander_received_on_one_wire_keeps_the_lease(armed, wire) -> None:
     """A plan that computes for long still feeds; a client that streams need not write."""
     for _ in range(4):
         if wire == "can":

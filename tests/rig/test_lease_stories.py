@@ -131,7 +131,7 @@ class Story:
     def token(self) -> int:
         return self.rig.lease.token
 
-    def told(self, signal: str) -> float:
+    def truth(self, signal: str) -> float:
         return self.rig.values[TABLE.index[signal]]
 
     def own_word(self, peer: int) -> int:
@@ -141,7 +141,7 @@ class Story:
     def word(self, peer: int, which: str) -> int:
         match which:
             case "published":
-                return int(self.told("rig.lease"))
+                return int(self.truth("rig.lease"))
             case "own":
                 return self.own_word(peer)
             case "last":
@@ -259,9 +259,9 @@ class Story:
         self.last = self.token or self.last
         assert (self.token > 0) is model.held
         hidden = model.held and not model.commander
-        assert self.told("rig.lease") == (HIDDEN_TOKEN if hidden else self.token)
+        assert self.truth("rig.lease") == (HIDDEN_TOKEN if hidden else self.token)
         assert self.rig.lease.owner == (name("modbus", model.owner) if model.owner else None)
-        assert self.told("rig.strangers") == self.strangers
+        assert self.truth("rig.strangers") == self.strangers
         words = {peer: self.own_word(peer) for peer in PEERS}
         for peer, word in words.items():
             assert (word == self.token) is (not model.held or peer in (model.owner, model.former))
@@ -273,11 +273,11 @@ def fresh(make_rig, commander):
 
 
 def act_out(fresh, story) -> None:
-    told = fresh()
-    told.wait(1)
+    truth = fresh()
+    truth.wait(1)
     for step, *arguments in story:
-        getattr(told, step)(*arguments)
-        told.check()
+        getattr(truth, step)(*arguments)
+        truth.check()
 
 
 many = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

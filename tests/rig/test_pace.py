@@ -96,7 +96,7 @@ def test_a_frame_on_its_way_is_not_interrupted_and_a_standard_frame_wins_over_it
     assert [identifier for _, identifier, _ in ends(pace)] == [0x700, 0x001, 0x123, 0x123 << 18]
 
 
-def test_nothing_is_heard_before_it_has_ended() -> None:
+def test_a_result_is_reported_only_after_the_end() -> None:
     pace = Pace(BIT_RATE)
     pace.outgoing(frame(1, bytes(8), time=0), 0)
     end = (frame_bits(frame(1, bytes(8)))[0] - 3) * BIT

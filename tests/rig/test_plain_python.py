@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.own_process import told_by
+from tests.own_process import output_of
 
 #: Arms a rig, moves it by set-points and by its generator, fills a spring, and prints the state and all frames.
 RIDE = """
@@ -49,7 +49,7 @@ print(commander.state, b"".join(sent).hex())
 
 @pytest.mark.slow
 def test_the_plain_rig_sends_the_bytes_of_the_compiled_one() -> None:
-    compiled, plain = told_by(RIDE), told_by(RIDE, NUMBA_DISABLE_JIT="1")
+    compiled, plain = output_of(RIDE), output_of(RIDE, NUMBA_DISABLE_JIT="1")
     assert compiled.startswith("ESTOP ")
     assert len(compiled) > 2 * 16 * 1000, "some thousand frames"
     assert plain == compiled

@@ -94,7 +94,7 @@ def test_after_a_stall_the_readers_come_first(parameters) -> None:
 
 
 @pytest.mark.real_time
-def test_skipping_lets_the_rigs_time_stand_still(make_rig) -> None:
+def test_skipping_stops_the_rigs_time(make_rig) -> None:
     rig = make_rig()
     with ticking(rig, Late.SKIP) as running:
         running.wait(50 * ms)

@@ -23,7 +23,7 @@ def read(commander, space: int, address: int, count: int) -> list[int]:
     return list(struct.unpack(f">{count}H", answer[2:]))
 
 
-def test_the_probes_tell_byte_and_word_order(commander) -> None:
+def test_the_probes_find_byte_and_word_order(commander) -> None:
     words = read(commander, 4, 0, 7)
     assert struct.unpack(">f", struct.pack(">HH", *words[3:5]))[0] == pytest.approx(3.14159)
     assert words[5:7] == [0x1234, 0x5678]
@@ -98,7 +98,7 @@ def test_a_setting_is_taken_as_written_or_refused(commander, data) -> None:
         assert after == before
 
 
-def test_of_a_block_with_one_bad_value_nothing_is_staged(commander) -> None:
+def test_a_block_with_one_bad_value_stages_no_value(commander) -> None:
     good, bad = struct.pack(">f", 1.0), struct.pack(">f", 99 * bar)
     start = ADDRESS["air.left_mode"]
     before = read(commander, 3, start, 4)
@@ -184,7 +184,7 @@ def the_lease_is_returned(commander) -> None:
 
 
 @pytest.mark.parametrize("event", [leave, another_writes, the_lease_is_taken, the_lease_is_returned])
-def test_nobody_applies_what_somebody_else_has_staged(commander, event) -> None:
+def test_a_client_cannot_apply_set_points_of_another(commander, event) -> None:
     commander.stage(generator_amplitude=0.020)
     event(commander)
     assert value(commander, 3, "generator.amplitude") == 0.0
@@ -194,7 +194,7 @@ def test_nobody_applies_what_somebody_else_has_staged(commander, event) -> None:
     assert value(commander, 4, "generator.frequency") == (2.0 if event is another_writes else 1.0)
 
 
-def test_applying_for_somebody_else_applies_nothing(commander) -> None:
+def test_applying_for_another_client_has_no_effect(commander) -> None:
     commander.stage(generator_amplitude=0.020)
     assert commander.coil("apply", "modbus:2")[0] == 5
     assert value(commander, 4, "generator.amplitude") == 0.0

@@ -114,7 +114,7 @@ def arm_as_a_stranger(commander: Commander) -> Commander:
     return successor
 
 
-def test_who_arms_after_a_killed_leveling_moves_nothing(armed) -> None:
+def test_arming_after_a_killed_leveling_causes_no_motion(armed) -> None:
     """It rose by 91 mm on what the dead one had in force."""
     armed.hold_height()
     armed.apply(**both("air", mode=FILL, target=2.21 * bar))
@@ -201,7 +201,7 @@ def test_what_could_not_follow_does_not_jump_when_it_is_held_and_goes_on(armed) 
 
 
 @pytest.mark.parametrize("bias", ["40 mm", "-40 mm"])
-def test_a_displacement_that_reads_wrong_moves_nothing_when_it_is_held_and_goes_on(armed, bias) -> None:
+def test_a_wrong_displacement_reading_causes_no_motion_at_hold_and_resume(armed, bias) -> None:
     here = seize_aside(armed, "bias", sensor="lateral.displacement", value=bias)
     armed._rows = armed._encoder.rows(["Control"])
     for active in (0.0, 1.0):

@@ -148,7 +148,7 @@ def test_pausing_freezes_the_program_and_running_goes_on(armed) -> None:
     assert armed.read("rig.program") == 1
 
 
-def test_the_stop_button_vents_and_no_software_resets_it_alone(armed) -> None:
+def test_the_stop_button_vents_and_software_cannot_reset_it(armed) -> None:
     armed.hold_height()
     armed.apply(air_left_mode=FILL, air_left_target=3 * bar, air_right_mode=FILL, air_right_target=3 * bar)
     armed.cycle(300)

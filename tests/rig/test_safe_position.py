@@ -17,7 +17,7 @@ from tests.rig.way_down import (
     is_safe,
     lose_can,
     press_estop,
-    told,
+    summary,
     way_back,
     way_down,
 )
@@ -50,7 +50,7 @@ def test_springs_that_were_held_down_do_not_throw_the_bolster_up(held_down, lose
         heights += samples.values[samples.signals == TABLE.index["left.height"]].tolist()
     assert max(heights) - before < 10 * mm, "it was 172 mm when the actuators let go at once"
     assert np.abs(np.diff(heights)).max() / 0.005 < 80 * mm, "mm/s"
-    assert is_safe(held_down), told(held_down)
+    assert is_safe(held_down), summary(held_down)
 
 
 @pytest.mark.parametrize("lose", LOSSES.values(), ids=LOSSES)
@@ -72,11 +72,11 @@ def test_a_bolster_that_hangs_on_the_actuators_is_set_down(armed) -> None:
     for _ in range(60):
         armed.wait(100)
         heights.append(armed.read("left.height"))
-    assert is_safe(armed), told(armed)
+    assert is_safe(armed), summary(armed)
     assert -np.diff(heights).min() / 0.1 < 300 * mm, "mm/s: it sinks, and does not fall"
 
 
-def test_a_side_whose_force_nobody_can_read_is_set_down_with_the_other(armed) -> None:
+def test_a_side_without_a_force_reading_is_set_down_with_the_other(armed) -> None:
     """It was let go when the other side was down: it fell by 46 mm and threw the bolster 25 mm aside."""
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 110 * mm
@@ -155,13 +155,13 @@ def test_the_bench_may_not_be_opened_while_it_holds_the_bolster(held_down) -> No
     assert answer[0][0] == 0x10
     assert held_down.coil("apply")[0] & 0x80, "shims want free actuators"
     # What is staged stays while its commander commands: it waits, and does not fall silent.
-    assert any(held_down.cycle(25) or is_safe(held_down) for _ in range(120)), told(held_down)
+    assert any(held_down.cycle(25) or is_safe(held_down) for _ in range(120)), summary(held_down)
     assert held_down.state == "DISABLED"
     assert held_down.coil("apply")[0] == 5
     assert (held_down.rig.plant.parameters.nominal_preload == 145 * kN).all()
 
 
-def test_an_emergency_stop_during_a_fault_is_told(held_down) -> None:
+def test_an_emergency_stop_during_a_fault_is_reported(held_down) -> None:
     held_down.wait(150)
     assert held_down.read("emergency.code") == 0x8130
     press_estop(held_down)
@@ -180,5 +180,5 @@ def test_a_bolster_that_hangs_on_one_side_is_not_pressed_down_on_the_other(armed
     for _ in range(80):
         armed.wait(50)
         pressed.append(armed.read("vertical_right.force"))
-    assert is_safe(armed), told(armed)
+    assert is_safe(armed), summary(armed)
     assert max(pressed) < 20 * kN

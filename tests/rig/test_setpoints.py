@@ -119,7 +119,7 @@ WAVES_TOO_FAST = [
 @pytest.mark.parametrize(
     ("axis", "wave", "amplitude", "allowed", "too_fast"), WAVES_TOO_FAST, ids=lambda value: str(value)[:20]
 )
-def test_a_wave_that_nothing_can_follow_is_not_started(armed, axis, wave, amplitude, allowed, too_fast):
+def test_an_infeasible_waveform_is_not_started(armed, axis, wave, amplitude, allowed, too_fast):
     """2π · 4 mm · 24.5 Hz are 0.62 m/s; the servo-valves give 0.6."""
     armed.apply(
         vertical_control=DISPLACEMENT,

@@ -56,7 +56,7 @@ def test_from_every_state_the_stop_button_stops() -> None:
         assert made.state is BenchState.ESTOP
 
 
-def test_nothing_but_a_reset_leaves_a_latched_fault_upward() -> None:
+def test_only_a_reset_leaves_a_latched_fault_upward() -> None:
     up = {BenchState.AIR_LOW, BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE, BenchState.DISABLED}
     for row in TRANSITIONS:
         if (
@@ -77,7 +77,7 @@ def test_the_first_reason_stays() -> None:
 
 
 @pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.source.name}, {row.event.name}")
-def test_what_is_told_of_the_air_in_a_state_is_what_the_rig_does(commander, row) -> None:
+def test_the_described_air_in_a_state_matches_the_rig(commander, row) -> None:
     """The table that the drivers speak from, against the rig's own order to its valves."""
     supervisor = commander.rig.supervisor
     supervisor.machine = machine(row.source)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.rig.bookmark import Bookmark
 from tests.rig.deeds import DEEDS, STARTS, Deed, prepared
-from tests.rig.way_down import LOSSES, told, way_back, way_down
+from tests.rig.way_down import LOSSES, summary, way_back, way_down
 
 
 def live_through(start: str, story: list[Deed]) -> None:
@@ -26,7 +26,7 @@ def live_through(start: str, story: list[Deed]) -> None:
     here = Bookmark(commander)
     for name, lose in LOSSES.items():
         here.restore()
-        note(f"then {name}, when the bench is {told(commander)}")
+        note(f"then {name}, when the bench is {summary(commander)}")
         if name != "disable":
             lose(commander)
         else:

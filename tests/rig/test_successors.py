@@ -22,7 +22,7 @@ from bench_sim.rig.in_force import InForce
 from tests.rig.bookmark import Bookmark
 from tests.rig.conftest import CYCLE
 from tests.rig.deeds import COILS, DEEDS, FORCE, STARTS, Deed, deed, order, prepared
-from tests.rig.way_down import LOSSES, VERTICAL, LimitWatch, WatchedCommander, told
+from tests.rig.way_down import LOSSES, VERTICAL, LimitWatch, WatchedCommander, summary
 
 #: Of the bolster and the platform, and of the pressures of the springs.
 STILL = 1 * mm
@@ -159,7 +159,7 @@ def truth(commander: WatchedCommander) -> Truth:
     return np.array(commander.rig.plant.ideal())
 
 
-def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[Truth, Truth]]) -> None:
+def look(successor: WatchedCommander, before: Truth, unattended: Callable[[], tuple[Truth, Truth]]) -> None:
     """Check that nothing moves but what moves anyway; ``alone``: where the bench was if nobody armed, and its steps.
 
     What moves already, as a bolster that is being set down, has a way to stop, and presses its springs by as much.
@@ -168,12 +168,12 @@ def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[T
     moved, breathed = np.abs(now - before)[PLACES].max(), now[CHAMBERS] - before[CHAMBERS]
     if moved <= STILL and breathed.max() <= TIGHT and breathed.min() >= -TIGHT:
         return
-    passed, steps = alone()
+    passed, steps = unattended()
     other, low, high = passed[-1], passed.min(axis=0), passed.max(axis=0)
     beyond = np.maximum(now - high, low - now)
     beyond[PLACES] -= WAY_TO_STOP * steps[PLACES]
     place = max(PLACES, key=lambda sensor: beyond[sensor])
-    assert beyond[place] <= STILL, f"{called(place)} goes {beyond[place] / mm:.2f} mm, {told(successor)}"
+    assert beyond[place] <= STILL, f"{called(place)} goes {beyond[place] / mm:.2f} mm, {summary(successor)}"
     if successor.rig._controls["airing"]:  # what is vented is, and one chamber through the other
         fullest = np.maximum(high[CHAMBERS].reshape(2, 2).max(axis=0), 0.0)
         beyond[CHAMBERS] = now[CHAMBERS] - np.tile(fullest, 2)
@@ -181,7 +181,7 @@ def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[T
     beyond[CHAMBERS[:2]] -= PRESSED * (now[CHAMBERS[:2]] + ATMOSPHERE) * way
     chamber = max(CHAMBERS, key=lambda sensor: beyond[sensor])
     assert beyond[chamber] <= TIGHT, (
-        f"{called(chamber)} is {beyond[chamber] / bar:.3f} bar off, {told(successor)}"
+        f"{called(chamber)} is {beyond[chamber] / bar:.3f} bar off, {summary(successor)}"
     )
 
 
@@ -193,7 +193,7 @@ def at_rest(commander: WatchedCommander) -> None:
     """Check that what is in force is what a fresh rig has."""
     active = commander.rig.registers.active
     left = {name: value for name, value in REST.items() if active[name] != value}
-    assert not left, f"{', '.join(left)} is left behind, when the bench is {told(commander)}"
+    assert not left, f"{', '.join(left)} is left behind, when the bench is {summary(commander)}"
     assert commander.rig.registers.staged == active
     assert commander.read("rig.program") == 0
 
@@ -215,7 +215,7 @@ def arm(successor: WatchedCommander) -> None:
     before, here = truth(successor), Bookmark(successor.rig)
     start, course = int(successor.rig._controls["tick"]), list[Truth]()
 
-    def alone() -> tuple[Truth, Truth]:
+    def unattended() -> tuple[Truth, Truth]:
         """Where all would have been until now if nobody armed, and the longest steps from cycle to cycle."""
         if not course:
             now = Bookmark(successor.rig)
@@ -230,7 +230,7 @@ def arm(successor: WatchedCommander) -> None:
     def cycle(count: int, **bits: float) -> None:
         for _ in range(count):
             successor.cycle(1, **bits)
-            look(successor, before, alone)
+            look(successor, before, unattended)
 
     cycle(2, control_reset=1)
     cycle(1, control_reset=0)
@@ -277,7 +277,7 @@ def take_up(successor: WatchedCommander) -> None:
         now, steps = truth(successor), np.abs(np.diff(course, axis=0)).max(axis=0)
         beyond = np.maximum(now - course.max(axis=0), course.min(axis=0) - now) - WAY_TO_STOP * steps
         moved = np.minimum(beyond, np.abs(now - before))[PLACES].max()
-        assert moved <= STILL, f"ACTIVE begins with {moved / mm:.2f} mm, {told(successor)}"
+        assert moved <= STILL, f"ACTIVE begins with {moved / mm:.2f} mm, {summary(successor)}"
 
 
 def succeed(first: WatchedCommander) -> None:
@@ -309,7 +309,7 @@ def live_on(start: str, story: list[Deed], end: str, arrivals: tuple[int, ...] =
     for arrival in arrivals:
         commander.wait(arrival - passed)
         passed = arrival
-        note(f"then {end}, and {arrival} ms later, when the bench is {told(commander)}, somebody arms")
+        note(f"then {end}, and {arrival} ms later, when the bench is {summary(commander)}, somebody arms")
         here = Bookmark(commander)
         succeed(commander)
         here.restore()
@@ -354,13 +354,13 @@ HELD_ASIDE: Life = (
 @example(SINKING)
 @example(HELD_ASIDE)
 @given(LIVES)
-def test_who_comes_next_moves_nothing_by_arming(life: Life) -> None:
+def test_the_next_client_causes_no_motion_by_arming(life: Life) -> None:
     live_on(*life, AFTER)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_many_who_come_next_move_nothing_by_arming() -> None:
+def test_many_later_clients_cause_no_motion_by_arming() -> None:
     @settings(SETTINGS, max_examples=MANY)
     @example(STILL_UNLOADING)
     @example(SWINGING)
@@ -386,7 +386,7 @@ def shortest_that_breaks(rule: str) -> Life:
     return find(LIVES, breaks, settings=settings(SETTINGS, max_examples=400, database=None))
 
 
-def test_a_rest_that_does_nothing_is_found_without_any_story(monkeypatch) -> None:
+def test_an_ineffective_rest_step_is_found_without_a_sequence(monkeypatch) -> None:
     monkeypatch.setattr(InForce, "rest", lambda _, vented: None)
     _, story, _ = shortest_that_breaks("vertical.control is left behind")
     assert story == []

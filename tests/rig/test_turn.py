@@ -108,7 +108,7 @@ def test_rubber_that_ends_leaves_to_the_rest_what_it_remembers():
     assert [plant.state[first + 4 * k : first + 4 * k + 4].tolist() for k in (0, 1)] == [fast, slow]
 
 
-def test_a_drift_begins_with_nothing():
+def test_a_drift_starts_at_zero():
     plant, sound = moved(700), moved(700)
     given_to(plant, with_effects(SOUND, {"pressure_drift.left": {"rate": 50.0}}))
     place = Sensor.LEFT_BELLOWS_PRESSURE

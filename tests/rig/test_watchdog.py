@@ -21,7 +21,7 @@ def test_silence_holds_at_100_ms_and_disables_at_500_ms(armed) -> None:
     assert states["FAULT_DISABLED"] == 500
 
 
-def test_the_wires_tell_why(armed) -> None:
+def test_all_wires_report_the_reason(armed) -> None:
     armed.wait(120)
     assert armed.state == "FAULT_HOLD"
     assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "command late"
@@ -86,15 +86,15 @@ def test_a_closed_connection_holds_within_two_ticks(armed) -> None:
     assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "commander disconnected"
 
 
-def test_somebody_elses_closed_connection_changes_nothing(armed) -> None:
+def test_another_clients_closed_connection_has_no_effect(armed) -> None:
     armed.rig.peer_lost("can:2")
     armed.cycle(5)
     assert armed.state == "ACTIVE"
 
 
-def test_a_second_commander_is_not_heard(armed) -> None:
+def test_a_second_commander_is_ignored(armed) -> None:
     intruder = type(armed)(armed.rig, 2)
-    intruder.bear(armed.token)
+    intruder.set_token(armed.token)
     for _ in range(10):
         intruder.cycle(1, control_enable=0)
         armed.cycle(1)

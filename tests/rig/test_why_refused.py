@@ -37,7 +37,7 @@ def wait(bench, seconds):
 
 @pytest.mark.parametrize("state", list(BenchState), ids=STATES)
 @pytest.mark.parametrize("name", EVENTS)
-def test_an_action_is_said_to_be_for_the_states_that_know_it(name, state):
+def test_an_action_outside_its_states_is_explained(name, state):
     readings = {"rig.state": float(state), "rig.program": 0.0}
     rows = {(row.source, row.event): row for row in TRANSITIONS}
     row = rows.get((state, EVENTS[name]))

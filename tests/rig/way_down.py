@@ -122,7 +122,7 @@ def way_down(commander, ticks: int = WAY_DOWN) -> None:
         watch.look(commander.decoder.decode(commander.rig.run(500)))
         if is_safe(commander):
             return
-    pytest.fail(f"after {ticks / 1000:g} s the bench is {told(commander)}")
+    pytest.fail(f"after {ticks / 1000:g} s the bench is {summary(commander)}")
 
 
 def is_safe(commander) -> bool:
@@ -133,7 +133,7 @@ def is_safe(commander) -> bool:
     return max(pressure) < 0.1 * bar and np.abs(force).max() < 1 * kN
 
 
-def told(commander) -> str:
+def summary(commander) -> str:
     pressures = [f"{commander.read(f'{side}.bellows_pressure') / bar:.2f} bar" for side in SIDES]
     heights = [f"{commander.read(f'{side}.height') / mm:.0f} mm" for side in SIDES]
     forces = [f"{commander.read(f'{name}.force') / kN:.1f} kN" for name in VERTICAL]
@@ -155,7 +155,7 @@ def way_back(commander) -> None:
             commander.coil("disable")
         else:
             commander.cycle(2, control_reset=1)
-    assert commander.state == "DISABLED", told(commander)
+    assert commander.state == "DISABLED", summary(commander)
     way_down(commander)
     assert commander.coil("power_off")[0] == 5
     commander.wait(20)

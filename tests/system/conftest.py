@@ -158,7 +158,7 @@ class RigProcess:
             raise AssertionError(f"the rig said {line!r} and {self.process.communicate()[1]!r}")
         return line.strip()
 
-    def tell(self, number: signal.Signals) -> None:
+    def send_signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
     def stop(self) -> str:
@@ -198,10 +198,10 @@ class LiveSite(Site):
         return open_modbus("127.0.0.1", self.rig.modbus_port, timeout=2.0)
 
     def press_estop(self) -> None:
-        self.rig.tell(signal.SIGUSR1)
+        self.rig.send_signal(signal.SIGUSR1)
 
     def release_estop(self) -> None:
-        self.rig.tell(signal.SIGUSR2)
+        self.rig.send_signal(signal.SIGUSR2)
 
 
 @pytest.fixture(scope="session")

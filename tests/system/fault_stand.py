@@ -15,10 +15,10 @@ from bench_sim.rig.rig import Rig
 IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
 PARAMETERS = load()
 #: What a fault was seen to do, by its name.
-SEEN: dict[str, Callable[["Stand"], None]] = {}
+SEEN: dict[str, Callable[["FaultRig"], None]] = {}
 
 
-class Stand:
+class FaultRig:
     """A rig in memory with a connected bench, and the fault panel by its orders."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class Stand:
             self.wait(time)
         return capture.values(name)
 
-    def told(self, name: str) -> float:
+    def truth(self, name: str) -> float:
         """Return what the rig itself holds, at no wire: for what nobody can hear while wires are cut."""
         return float(self.rig.values[TABLE.index[name]])
 
@@ -74,6 +74,6 @@ class Stand:
         return self.bench.wiring.direct.tally()[what]
 
 
-def seen(function: Callable[[Stand], None]) -> Callable[[Stand], None]:
+def seen(function: Callable[[FaultRig], None]) -> Callable[[FaultRig], None]:
     SEEN[function.__name__] = function
     return function

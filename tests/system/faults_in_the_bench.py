@@ -8,13 +8,13 @@ import pytest
 from bench_protocol.table import TABLE
 from bench_protocol.units import Hz, bar, mm, s
 from drivers.errors import LinkLost, Refused
-from tests.system.fault_stand import Stand, seen
+from tests.system.fault_stand import FaultRig, seen
 
 # -- sensors -----------------------------------------------------------------------------------------------------
 
 
 @seen
-def stuck(stand: Stand) -> None:
+def stuck(stand: FaultRig) -> None:
     stand.on("stuck", sensor="left.bellows_pressure")
     values = stand.readings("left.bellows_pressure")
     assert np.ptp(values) == 0.0
@@ -22,7 +22,7 @@ def stuck(stand: Stand) -> None:
 
 
 @seen
-def bias(stand: Stand) -> None:
+def bias(stand: FaultRig) -> None:
     sound = stand.readings("left.height").mean()
     stand.on("bias", sensor="left.height", value="5 mm")
     assert stand.readings("left.height")[5:].mean() - sound == pytest.approx(5 * mm, abs=0.1 * mm)
@@ -33,7 +33,7 @@ def bias(stand: Stand) -> None:
 
 
 @seen
-def drift(stand: Stand) -> None:
+def drift(stand: FaultRig) -> None:
     sound = stand.readings("left.height").mean()
     stand.on("drift", sensor="left.height", value="10 mm/s")
     stand.wait(1 * s)
@@ -43,18 +43,18 @@ def drift(stand: Stand) -> None:
 
 
 @seen
-def spike(stand: Stand) -> None:
+def spike(stand: FaultRig) -> None:
     sound = np.median(stand.readings("left.height"))
     stand.on("spike", sensor="left.height", value="100 mm", rate="5 Hz", seed=2)
     values = stand.readings("left.height", 4 * s)
     off = np.abs(values - sound) > 50 * mm
     assert 8 < off.sum() < 40, "5 a second for 4 s"
     assert values[off] - sound == pytest.approx(100 * mm, abs=1 * mm)
-    assert stand.told("rig.tripped") == 0
+    assert stand.truth("rig.tripped") == 0
 
 
 @seen
-def noise(stand: Stand) -> None:
+def noise(stand: FaultRig) -> None:
     sound = stand.readings("left.height")
     stand.on("noise", sensor="left.height", value="2 mm")
     values = stand.readings("left.height", 3 * s)
@@ -63,7 +63,7 @@ def noise(stand: Stand) -> None:
 
 
 @seen
-def broken_wire(stand: Stand) -> None:
+def broken_wire(stand: FaultRig) -> None:
     row = TABLE.index["left.auxiliary_pressure"]
     stand.on("broken_wire", sensor="left.auxiliary_pressure", reads="nothing")
     stand.wait(0.1 * s)
@@ -74,11 +74,11 @@ def broken_wire(stand: Stand) -> None:
     for reads, rail in zip(("low", "high"), rails, strict=True):
         stand.on("broken_wire", sensor="left.auxiliary_pressure", reads=reads)
         stand.wait(0.1 * s)
-        assert stand.told("left.auxiliary_pressure") == rail
+        assert stand.truth("left.auxiliary_pressure") == rail
 
 
 @seen
-def swapped(stand: Stand) -> None:
+def swapped(stand: FaultRig) -> None:
     names = "load_cell.1", "load_cell.3"
     values = {"load_cell.1": "8 kN", "load_cell.3": "2 kN"}
     for name, value in values.items():
@@ -92,7 +92,7 @@ def swapped(stand: Stand) -> None:
 
 
 @seen
-def turned(stand: Stand) -> None:
+def turned(stand: FaultRig) -> None:
     sound = stand.readings("left.height").mean()
     stand.on("turned", sensor="left.height")
     assert stand.readings("left.height")[5:].mean() == pytest.approx(-sound, abs=0.1 * mm)
@@ -105,7 +105,7 @@ def turned(stand: Stand) -> None:
 
 
 @seen
-def leak(stand: Stand) -> None:
+def leak(stand: FaultRig) -> None:
     stand.arm(2 * bar)
     stand.on("leak", side="left", area="5 mm2")
     pressure = stand.bench.left.bellows_pressure
@@ -117,7 +117,7 @@ def leak(stand: Stand) -> None:
 
 
 @seen
-def burst(stand: Stand) -> None:
+def burst(stand: FaultRig) -> None:
     stand.arm(2 * bar)
     stand.on("burst", side="right", area="1000 mm2")
     stand.bench.wait(3 * s)
@@ -126,10 +126,10 @@ def burst(stand: Stand) -> None:
 
 
 @seen
-def blocked_orifice(stand: Stand) -> None:
+def blocked_orifice(stand: FaultRig) -> None:
     stand.arm(1 * bar)
 
-    def parted() -> float:
+    def pressure_difference() -> float:
         stand.bench.settings.write({"air.left_mode": "fill", "air.left_target": 4 * bar})
         stand.bench.wait(0.5 * s)
         difference = stand.bench.left.auxiliary_pressure - stand.bench.left.bellows_pressure
@@ -137,13 +137,13 @@ def blocked_orifice(stand: Stand) -> None:
         stand.bench.wait(3 * s)
         return difference
 
-    sound = parted()
+    sound = pressure_difference()
     stand.on("blocked_orifice", side="left", share="95 %")
-    assert parted() > 3 * abs(sound)
+    assert pressure_difference() > 3 * abs(sound)
 
 
 @seen
-def stuck_leveling(stand: Stand) -> None:
+def stuck_leveling(stand: FaultRig) -> None:
     stand.arm(2 * bar)
     stand.bench.air.isolate_dpv()
     stand.bench.air.level()
@@ -162,7 +162,7 @@ def stuck_leveling(stand: Stand) -> None:
 
 
 @seen
-def stuck_dpv(stand: Stand) -> None:
+def stuck_dpv(stand: FaultRig) -> None:
     stand.arm(1 * bar)
     stand.bench.air.isolate_dpv()
     stand.bench.air.fill(left=2.6 * bar)
@@ -178,7 +178,7 @@ def stuck_dpv(stand: Stand) -> None:
 
 
 @seen
-def stuck_service_valve(stand: Stand) -> None:
+def stuck_service_valve(stand: FaultRig) -> None:
     stand.arm(1 * bar)
     stand.on("stuck_service_valve", side="left", at="shut")
     stand.bench.settings.write({f"air.{side}_mode": "fill" for side in ("left", "right")})
@@ -192,7 +192,7 @@ def stuck_service_valve(stand: Stand) -> None:
 
 
 @seen
-def stuck_reservoir_valve(stand: Stand) -> None:
+def stuck_reservoir_valve(stand: FaultRig) -> None:
     stand.arm(2 * bar)
     stand.on("stuck_reservoir_valve", side="left")
     stand.bench.settings.write({f"air.{side}_mode": "vent" for side in ("left", "right")})
@@ -204,7 +204,7 @@ def stuck_reservoir_valve(stand: Stand) -> None:
 
 
 @seen
-def seized_actuator(stand: Stand) -> None:
+def seized_actuator(stand: FaultRig) -> None:
     stand.arm()
     stand.bench.lateral.move_to(2 * mm, rate=20 * mm / s)
     stand.bench.wait(1 * s)
@@ -222,7 +222,7 @@ def seized_actuator(stand: Stand) -> None:
 
 
 @seen
-def supply_loss(stand: Stand) -> None:
+def supply_loss(stand: FaultRig) -> None:
     stand.arm()
     stand.bench.wait(1 * s)
     sound = stand.bench.supply.pressure
@@ -239,14 +239,14 @@ def supply_loss(stand: Stand) -> None:
 
 
 @seen
-def late_ticks(stand: Stand) -> None:
+def late_ticks(stand: FaultRig) -> None:
     stand.on("late_ticks", by="20 ms", every="100 ms")
     stand.wait(1 * s)
     assert stand.bench.rig.late_ticks == 0, "virtual time waits for nobody; see the rig in real time below"
 
 
 @seen
-def hung_plc(stand: Stand) -> None:
+def hung_plc(stand: FaultRig) -> None:
     stand.arm()
     stand.bench.settings.write({"generator.axis": "platform_vertical", "generator.cycles": 50})
     stand.bench.settings.write({"generator.amplitude": 1 * mm, "generator.frequency": 1 * Hz})
@@ -264,7 +264,7 @@ def hung_plc(stand: Stand) -> None:
 
 
 @seen
-def estop(stand: Stand) -> None:
+def estop(stand: FaultRig) -> None:
     stand.arm()
     with stand.bench.despite_faults():
         stand.on("estop")
@@ -280,7 +280,7 @@ def estop(stand: Stand) -> None:
 
 
 @seen
-def power_loss(stand: Stand) -> None:
+def power_loss(stand: FaultRig) -> None:
     stand.arm()
     stand.on("power_loss")
     with stand.bench.despite_faults():

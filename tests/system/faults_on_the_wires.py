@@ -8,13 +8,13 @@ import pytest
 from bench_protocol.frames import join
 from bench_protocol.units import NS, mm, ms, s
 from drivers.errors import LinkLost, Refused
-from tests.system.fault_stand import IDENTIFIER, Stand, seen
+from tests.system.fault_stand import IDENTIFIER, FaultRig, seen
 
 # -- the bus -----------------------------------------------------------------------------------------------------
 
 
 @seen
-def drop(stand: Stand) -> None:
+def drop(stand: FaultRig) -> None:
     before = stand.tally("lost")
     stand.on("drop", probability="50 %", direction="from_rig")
     count = (stand.frames(1 * s)["id"] == IDENTIFIER["SpringLeft"]).sum()
@@ -28,7 +28,7 @@ def drop(stand: Stand) -> None:
 
 
 @seen
-def duplicate(stand: Stand) -> None:
+def duplicate(stand: FaultRig) -> None:
     rejected = stand.bench.rig.rejected_commands
     height = stand.bench.left.height
     stand.on("duplicate")
@@ -39,7 +39,7 @@ def duplicate(stand: Stand) -> None:
 
 
 @seen
-def corrupt(stand: Stand) -> None:
+def corrupt(stand: FaultRig) -> None:
     rejected = stand.bench.rig.rejected_commands
     stand.on("corrupt", probability="20%", direction="to_rig")
     stand.wait(1 * s)
@@ -52,7 +52,7 @@ def corrupt(stand: Stand) -> None:
 
 
 @seen
-def delay(stand: Stand) -> None:
+def delay(stand: FaultRig) -> None:
     stand.on("delay", by="50 ms")
     stand.wait(0.2 * s)
     block = stand.frames(1 * s)
@@ -68,30 +68,30 @@ def delay(stand: Stand) -> None:
 
 
 @seen
-def babble(stand: Stand) -> None:
+def babble(stand: FaultRig) -> None:
     stand.on("babble", identifier=5, rate="500 Hz")
     block = stand.frames(1 * s)
     assert (block["id"] == 5).sum() == pytest.approx(500, abs=3)
     assert np.diff(block["time"][block["id"] == 5].astype(float)) == pytest.approx(2e6, abs=1.1e6)
-    assert stand.bench.left.height == pytest.approx(stand.told("left.height"), abs=1 * mm)
+    assert stand.bench.left.height == pytest.approx(stand.truth("left.height"), abs=1 * mm)
 
 
 @seen
-def bus_off(stand: Stand) -> None:
+def bus_off(stand: FaultRig) -> None:
     stand.arm()
     with stand.bench.despite_faults():
         stand.on("bus_off")
         assert stand.frames(0.6 * s).size == 0
         assert math.isnan(stand.bench.left.height)
         assert stand.rig.state.name == "FAULT_DISABLED"
-        assert stand.bench.settings.reading("rig.state") == stand.told("rig.state"), "Modbus goes on"
+        assert stand.bench.settings.reading("rig.state") == stand.truth("rig.state"), "Modbus goes on"
         stand.off()
         stand.wait(0.2 * s)
         assert not math.isnan(stand.bench.left.height)
 
 
 @seen
-def wrong_counter(stand: Stand) -> None:
+def wrong_counter(stand: FaultRig) -> None:
     stand.on("wrong_counter", message="SpringLeft")
     repeated = stand.tally("repeated")
     stand.wait(0.5 * s)
@@ -112,7 +112,7 @@ def wrong_counter(stand: Stand) -> None:
 
 
 @seen
-def wrong_crc(stand: Stand) -> None:
+def wrong_crc(stand: FaultRig) -> None:
     stand.arm()
     rejected = stand.bench.rig.rejected_commands
     with stand.bench.despite_faults():
@@ -125,7 +125,7 @@ def wrong_crc(stand: Stand) -> None:
 
 
 @seen
-def interface_down(stand: Stand) -> None:
+def interface_down(stand: FaultRig) -> None:
     stand.arm()
     reasons: list[str] = []
     stand.ear.on_lost(reasons.append)
@@ -142,7 +142,7 @@ def interface_down(stand: Stand) -> None:
 
 
 @seen
-def modbus_exception(stand: Stand) -> None:
+def modbus_exception(stand: FaultRig) -> None:
     port = stand.memory.modbus()
     stand.on("modbus_exception", code=6, requests="writes")
     with pytest.raises(Refused, match="exception 6") as refused:
@@ -152,7 +152,7 @@ def modbus_exception(stand: Stand) -> None:
 
 
 @seen
-def modbus_silence(stand: Stand) -> None:
+def modbus_silence(stand: FaultRig) -> None:
     port = stand.memory.modbus()
     sound = port.read_input(1, 2)
     stand.on("modbus_silence")
@@ -163,7 +163,7 @@ def modbus_silence(stand: Stand) -> None:
 
 
 @seen
-def modbus_junk(stand: Stand) -> None:
+def modbus_junk(stand: FaultRig) -> None:
     port = stand.memory.modbus()
     for seed, what in enumerate(("transaction", "unit", "noise", "noise", "noise")):
         stand.on("modbus_junk", what=what, seed=seed)
@@ -172,7 +172,7 @@ def modbus_junk(stand: Stand) -> None:
 
 
 @seen
-def modbus_slow(stand: Stand) -> None:
+def modbus_slow(stand: FaultRig) -> None:
     port = stand.memory.modbus()
     stand.on("modbus_slow", by="80 ms")
     before = stand.clock.now()
@@ -181,7 +181,7 @@ def modbus_slow(stand: Stand) -> None:
 
 
 @seen
-def modbus_split(stand: Stand) -> None:
+def modbus_split(stand: FaultRig) -> None:
     port = stand.memory.modbus()
     sound = port.read_input(1, 2)
     stand.on("modbus_split", size=3, gap="5 ms")
@@ -191,7 +191,7 @@ def modbus_split(stand: Stand) -> None:
 
 
 @seen
-def plc_restart(stand: Stand) -> None:
+def plc_restart(stand: FaultRig) -> None:
     stand.arm()
     port = stand.memory.modbus()
     with stand.bench.despite_faults():
@@ -200,7 +200,7 @@ def plc_restart(stand: Stand) -> None:
         with pytest.raises(LinkLost):
             port.read_input(1, 2)
         assert stand.bench.rig.state == "OFF"
-        assert stand.told("rig.lease") == 0
+        assert stand.truth("rig.lease") == 0
         stand.wait(2.8 * s)
         assert stand.bench.rig.state == "OFF"
         stand.wait(0.2 * s)

@@ -25,7 +25,7 @@ ROOM = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
 BIT = 2000  # ns, at 500 kbit/s
 
 
-def told(modbus: ModbusPort) -> tuple[float, int]:
+def bus_note(modbus: ModbusPort) -> tuple[float, int]:
     """Return the load of the bus and the bench's errors, as anybody can ask for them."""
     text = modbus.identification()[BUS_NOTE].decode()
     found = re.fullmatch(r"CAN bus load ([\d.]+)%, (\d+) transmit errors", text)
@@ -52,7 +52,7 @@ def test_over_sockets_frames_come_one_after_the_other_and_the_bench_arms(start_r
     with undisturbed(), Bench(own_wiring(open_can("tcp", port=rig.can_port), modbus), clock) as bench:
         bench.arm()
         bench.wait(0.3)
-        load, errors = told(modbus)
+        load, errors = bus_note(modbus)
     listener.close()
     # The hub writes times in whole microseconds.
     assert_one_after_the_other(join(blocks), slack=1000)
@@ -61,14 +61,14 @@ def test_over_sockets_frames_come_one_after_the_other_and_the_bench_arms(start_r
     assert rig.stop() == ""
 
 
-def test_in_virtual_time_a_bad_bus_is_borne_and_told() -> None:
+def test_a_bad_bus_is_tolerated_and_reported_in_virtual_time() -> None:
     simulation = Simulation(can=SimulatedCan(bit_rate="500k", error_rate=0.02))
     rig = build_rig(simulation)
     with virtual_session(rig, simulation) as session, session.bench as bench:
         bench.arm()
         bench.wait(1.5)
         assert bench.state == "ACTIVE"
-        load, errors = told(RigInMemory(rig).modbus())
+        load, errors = bus_note(RigInMemory(rig).modbus())
     assert 0.3 < load < 0.6
     assert 0 <= errors < 128
 

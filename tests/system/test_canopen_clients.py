@@ -201,7 +201,7 @@ def test_the_how_to_does_what_it_says(site, tmp_path, monkeypatch, capsys) -> No
 
 
 @on_real_wires
-def test_identifiers_alone_look_like_several_nodes_and_only_one_answers(node, network) -> None:
+def test_one_node_answers_where_identifiers_suggest_several(node, network) -> None:
     time.sleep(0.3)
     assert len(network.scanner.nodes) > 1
     network.scanner.reset()

@@ -124,7 +124,7 @@ def free_port() -> int:
         return unused.getsockname()[1]
 
 
-def heard_for(bus: HubBus, seconds: float) -> Block:
+def received_for(bus: HubBus, seconds: float) -> Block:
     parts, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         parts.append(bus.recv_block(0.05))
@@ -141,7 +141,7 @@ def test_file_and_live_port_show_the_rigs_frames_and_those_of_others(start_rig, 
         bus.recv_block(0)
         for k in range(5):
             bus.send_block(frame(0x7A0 + k, bytes(range(k))))
-        heard = heard_for(bus, 0.5)
+        heard = received_for(bus, 0.5)
         shown = rows(live.communicate(timeout=20)[0])
     assert rig.stop() == ""
     kept = read(path)

@@ -69,7 +69,7 @@ def imported_by(*arguments: str) -> set[str]:
 
 
 @pytest.mark.parametrize("command", ["--help", "plans", "rig signals", "list effects", "run --help"])
-def test_light_commands_import_nothing_heavy(command):
+def test_light_commands_import_no_heavy_modules(command):
     assert imported_by(*command.split()).isdisjoint(HEAVY)
 
 
@@ -108,7 +108,7 @@ def test_help_comes_at_once():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
+def test_an_interrupted_rig_leaves_no_files_behind(start_rig, how):
     """With a commander and a listener connected, who are the ones that keep ports busy."""
     rig = start_rig()
     assert re.fullmatch(
@@ -299,9 +299,7 @@ def no_process(monkeypatch):
 
 
 @pytest.mark.real_time
-def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
-    cli, tmp_path, closed_port, no_process
-):
+def test_a_real_rig_that_does_not_answer_blocks_the_run(cli, tmp_path, closed_port, no_process):
     hall = named_files("rigs")["hall"].read_text()
     assert 'host = "192.0.2.10"\nport = 502' in hall
     path = write(
@@ -318,7 +316,7 @@ def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
 
 @pytest.mark.slow
 @pytest.mark.real_time
-def test_a_device_that_accepts_and_says_nothing_blocks(cli, tmp_path, no_process):
+def test_a_device_that_never_answers_blocks(cli, tmp_path, no_process):
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as mute:
         ports = {"modbus": silent.getsockname()[1], "can": mute.getsockname()[1]}
         path = write(tmp_path / "silent.toml", 'name = "x"\n' + RIG.format(**ports))

@@ -130,7 +130,7 @@ def test_the_record_names_set_and_effects(runs):
 
 
 @pytest.mark.slow
-def test_what_is_sealed_is_told_nowhere(runs):
+def test_sealed_effects_are_shown_in_no_output(runs):
     """Of files and screen, that of the healthy rig's but for what was measured."""
     for key, fact in runs.meta("healthy").items():
         if key not in ("duration_s", "events", "samples"):
@@ -205,7 +205,7 @@ def test_bad_effects_in_a_rig_file_are_refused_in_words(cli, tmp_path, table, re
     "option", [("--effect", "heat=1%"), ("--model", "astb"), ("--sealed", "hidden.toml")]
 )
 @pytest.mark.parametrize("command", [("run", "aw0"), ("rig",)])
-def test_a_real_rig_is_given_nothing(cli, tmp_path, command, option):
+def test_a_real_rig_accepts_no_effects(cli, tmp_path, command, option):
     (tmp_path / "hall.toml").write_text('name = "hall"\n')
     code, _, err = cli(*command, "--rig", "hall.toml", *option)
     assert code == MISUSE

@@ -23,7 +23,7 @@ READING = 50 * ms
 IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
 
 
-def test_can_and_modbus_tell_the_same_of_one_instant(site, armed):
+def test_can_and_modbus_agree_at_one_instant(site, armed):
     """Both publish the sampling instant: the sequence register counts it, and so do the 200 Hz frames, modulo 256."""
     modbus, first_block = site.modbus(), BLOCKS[0]
     readings = [
@@ -191,7 +191,7 @@ def test_the_emergency_stop_wins_until_it_is_released(site, armed):
     assert armed.rig.state == "ACTIVE"
 
 
-def test_a_second_sender_with_the_next_counter_moves_nothing(site, armed):
+def test_a_second_sender_with_the_next_counter_causes_no_motion(site, armed):
     """With sound CRCs, and in time: what is missing is the token, in a field of one message or in the CRC."""
     encoder, intruder = Encoder(TABLE), site.can()
     values = np.zeros(len(TABLE.signals))
@@ -222,7 +222,7 @@ def test_a_second_sender_with_the_next_counter_moves_nothing(site, armed):
     assert armed.rig.state == "ACTIVE"
 
 
-def test_a_burst_reaches_everybody_in_order_and_disturbs_nobody(site, armed):
+def test_a_burst_reaches_all_clients_in_order(site, armed):
     """2000 frames of somebody else, spoilt commands among them, while the bench is armed.
 
     User-mode Linux sends 180 in a second and has no time for the commander meanwhile: there 500 come, 20 at a time.
@@ -252,7 +252,7 @@ def test_a_burst_reaches_everybody_in_order_and_disturbs_nobody(site, armed):
     assert tally["lost"] == 0
 
 
-def test_a_setting_out_of_range_changes_nothing(site, armed):
+def test_a_setting_out_of_range_has_no_effect(site, armed):
     """Straight into the registers, past the drivers' own checks."""
     register = next(r for r in TABLE.registers if r.signal == "air.left_target" and r.space == "holding")
     before = armed.wiring.direct.modbus.read_holding(register.address, 2)
@@ -340,7 +340,7 @@ def test_there_is_one_commander(site, bench):
         assert successor.wiring.direct.registers.holder() not in (0, token)
 
 
-def test_nothing_is_read_that_has_not_come(site):
+def test_only_received_bytes_are_read(site):
     """A reading exists when a frame has brought it, and goes stale when no more come."""
     bench = site.bench()
     assert math.isnan(bench.left.height)

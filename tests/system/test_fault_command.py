@@ -146,7 +146,7 @@ def test_misuse_of_the_command_has_its_exit_code(fault, cli):
     assert cli("rig", "fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
 
 
-def test_the_socket_is_its_users_alone(shared_rig, path, order):
+def test_the_socket_is_private(shared_rig, path, order):
     assert path == control_path("127.0.0.1", shared_rig.modbus_port)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
@@ -154,7 +154,7 @@ def test_the_socket_is_its_users_alone(shared_rig, path, order):
     assert len(order(do="list")["faults"]) == len(FAULTS)
 
 
-def test_bad_lines_are_answered_and_change_nothing(shared_rig, path, order):
+def test_bad_lines_are_answered_without_effect(shared_rig, path, order):
     bad = [
         b"",
         b"{",

@@ -11,7 +11,7 @@ from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.system import faults_in_the_bench, faults_on_the_wires
-from tests.system.fault_stand import PARAMETERS, SEEN, Stand
+from tests.system.fault_stand import PARAMETERS, SEEN, FaultRig
 
 assert faults_in_the_bench and faults_on_the_wires  # they tell what is seen
 
@@ -23,7 +23,7 @@ def test_every_fault_is_seen() -> None:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_does_what_its_page_says_and_is_gone_afterwards(name: str) -> None:
-    stand = Stand()
+    stand = FaultRig()
     parameters = stand.rig.plant.parameter_array.tobytes()
     SEEN[name](stand)
     stand.off()
@@ -44,7 +44,7 @@ def test_a_fault_does_what_its_page_says_and_is_gone_afterwards(name: str) -> No
 
 
 def frames_of(seed: int) -> bytes:
-    stand = Stand()
+    stand = FaultRig()
     stand.on("drop", probability="10 %", seed=seed)
     stand.on("delay", by="3 ms", jitter="10 ms", seed=seed)
     stand.on("spike", sensor="left.height", value="20 mm", rate="20 Hz", seed=seed)
@@ -61,7 +61,7 @@ def test_the_seed_draws_what_is_hit() -> None:
 
 def test_two_changes_of_one_parameter_end_in_any_order() -> None:
     """The torn bellows that leaks as well is sound again only when both are mended."""
-    stand = Stand()
+    stand = FaultRig()
     parameters = stand.rig.plant.parameters
     sound = float(parameters.leak_conductance[0])
     stand.on("leak", side="left", area="3 mm2")

@@ -92,7 +92,7 @@ def test_the_rig_holds_when_most_commands_are_lost(site, through):
 
 
 @in_memory
-def test_no_late_command_turns_the_bench_back(site, through):
+def test_a_late_command_does_not_reverse_the_bench(site, through):
     """A third of all commands comes up to five cycles late, behind its successors: what moves up never moves down."""
     bench = through(Faults(delay=0.33, delay_frames=20))
     bench.arm()

@@ -53,7 +53,7 @@ def test_a_list_says_the_same_names_to_programs_as_to_people(cli, command: str) 
     assert names == first
 
 
-def test_parameters_of_a_plan_are_told_as_they_would_be_typed(cli) -> None:
+def test_parameters_of_a_plan_are_printed_as_typed(cli) -> None:
     (plan,) = json.loads(cli("plans", "lateral_stiffness", "--json")[1])
     by_name = {one["name"]: one for one in plan["parameters"]}
     assert by_name["amplitude"] == {"name": "amplitude", "default": "10 mm", "allowed": "2 to 20 mm"}
@@ -90,7 +90,7 @@ def test_bash_takes_the_script(cli) -> None:
     subprocess.run(["bash", "-n"], input=script, text=True, timeout=10, check=True)
 
 
-def test_free_ports_are_fine_and_a_stranger_at_one_is_told(rig) -> None:
+def test_a_program_at_a_needed_port_is_reported(rig) -> None:
     path, can, modbus = rig
     before = findings(path)
     assert before[f"CAN hub 127.0.0.1:{can}"] == ("fine", "free")

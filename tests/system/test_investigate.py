@@ -373,7 +373,7 @@ def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
     assert log.ended == "a verdict was reached: named"
 
 
-def test_corners_of_set_points_promise_nothing():
+def test_corners_of_set_points_have_no_guarantee():
     """What a record will not tell is left out: the acceleration in the corners of a triangle, which no actuator has.
 
     A plan has no more of it than its sines, or 3 m/s² where they are slow.
@@ -392,7 +392,7 @@ def test_corners_of_set_points_promise_nothing():
             assert np.abs(acceleration).max() < limit, one.name
 
 
-def test_the_menu_is_told_run_by_run_with_what_each_costs():
+def test_the_menu_lists_each_run_with_its_cost():
     told = experiments(MENU)
     assert len({one.name for one in told}) == len(told)
     for name, programme in MENU.items():

@@ -76,7 +76,7 @@ def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("site", ["tcp"], indirect=True)
-def test_a_stopped_commander_keeps_nobody_from_the_bench_and_learns_of_it(site, tmp_path, eventually):
+def test_a_stopped_commander_loses_the_lease_and_is_informed(site, tmp_path, eventually):
     command = commander(site, tmp_path)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert line_of(process) == "armed\n"

@@ -54,7 +54,7 @@ def map_of(path: Path) -> Any:
         (read_values, "duration = 3\n", click.exceptions.Exit),
     ],
 )
-def test_a_mark_changes_nothing_and_another_encoding_is_named(
+def test_a_byte_order_mark_is_ignored_and_another_encoding_is_reported(
     reader: Callable[[Path], Any], like: str, error: type[Exception], tmp_path, capsys
 ) -> None:
     text = (ROOT / like).read_text(encoding="utf-8") if like.endswith(".toml") else like

@@ -24,7 +24,7 @@ def code_cells(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
 
-def told(cell: nbformat.NotebookNode) -> str:
+def output_of(cell: nbformat.NotebookNode) -> str:
     """What a cell printed and what its last line is, without pictures."""
     texts = [one.get("text") or one.get("data", {}).get("text/plain", "") for one in cell.outputs]
     return "\n".join(texts)
@@ -32,7 +32,7 @@ def told(cell: nbformat.NotebookNode) -> str:
 
 def judge(cells: list[nbformat.NotebookNode]) -> None:
     """What a reader is told must be so: the loop's energy, the verdicts, and the hole that was hidden."""
-    said = "\n".join(told(cell) for cell in cells)
+    said = "\n".join(output_of(cell) for cell in cells)
 
     def number(pattern: str) -> float:
         return float(re.search(pattern, said)[1])
@@ -59,7 +59,7 @@ def test_the_notebook_is_kept_as_its_tool_writes_it():
     assert not any(cell.metadata for cell in notebook.cells)
     for cell in cells:
         assert {one.output_type for one in cell.outputs} <= {"stream", "display_data", "execute_result"}
-        assert not re.search(r"/(home|root|tmp)/", told(cell))
+        assert not re.search(r"/(home|root|tmp)/", output_of(cell))
     assert KEPT.stat().st_size < 100_000
     judge(cells)
 

@@ -23,7 +23,7 @@ def program() -> str:
     return program
 
 
-def test_the_program_has_nothing_of_ours(program):
+def test_the_program_contains_no_code_of_ours(program):
     imports = set(re.findall(r"^(?:import|from) (\w+)", program, flags=re.MULTILINE))
     assert imports <= {"can", "cantools", "csv", "pymodbus", "sys", "threading", "time"}
 

@@ -131,7 +131,7 @@ def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig
 
 
 @on_tcp
-def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, armed):
+def test_the_holder_and_other_clients_are_reported_with_ports(site, armed):
     second, encoder = site.bench(), Encoder(TABLE)
     holder = armed.rig.holder
     with pytest.raises(NotCommander, match=f"held by the commander .*TCP port {holder:.0f}; `ss -tnp`"):
@@ -149,7 +149,7 @@ def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, a
     intruder.close()
 
 
-def from_elsewhere(target: int, port: int) -> socket.socket:
+def from_another_address(target: int, port: int) -> socket.socket:
     """Return a connection to ``target`` from this ``port`` of another address of the loopback."""
     sock = socket.socket()
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -160,12 +160,12 @@ def from_elsewhere(target: int, port: int) -> socket.socket:
 
 
 @on_tcp
-def test_a_client_with_the_commanders_port_at_another_address_changes_nothing(site, armed):
+def test_the_commanders_port_at_another_address_has_no_effect(site, armed):
     """It connects and closes, and it sends what would move the platform, with the token that all can read."""
     ports = armed.wiring.direct
     (can_port,), (modbus_port,) = ports.can.local_ports, ports.modbus.local_ports
-    from_elsewhere(site.rig.can_port, can_port).close()
-    from_elsewhere(site.rig.modbus_port, modbus_port).close()
+    from_another_address(site.rig.can_port, can_port).close()
+    from_another_address(site.rig.modbus_port, modbus_port).close()
     armed.wait(200 * ms)
     assert armed.rig.state == "ACTIVE"
     encoder, values = Encoder(TABLE), np.zeros(len(TABLE.signals))
@@ -173,7 +173,7 @@ def test_a_client_with_the_commanders_port_at_another_address_changes_nothing(si
     values[TABLE.index["platform.vertical_setpoint"]] = 0.03
     encoder.bind(token)
     before, place = armed.rig.strangers, armed.platform.vertical
-    with from_elsewhere(site.rig.can_port, can_port) as sock:
+    with from_another_address(site.rig.can_port, can_port) as sock:
         for request in (b"< open vcan0 >", b"< rawmode >"):
             sock.sendall(request)
         for _ in range(30):
@@ -219,7 +219,7 @@ def test_a_flood_of_strangers_does_not_stop_the_commander(site, armed):
 
 
 @pytest.mark.slow
-def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
+def test_a_third_party_command_does_not_prevent_arming(site):
     """He streams sound commands before anybody else is there, and goes on all the time."""
     site.close_shared()
     encoder, values, stranger = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.can()
@@ -241,7 +241,7 @@ def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
 
 
 @pytest.mark.slow
-def test_a_lease_is_taken_on_can_alone_and_joined_on_modbus(site):
+def test_a_lease_is_taken_on_can_and_joined_on_modbus(site):
     """On every wire: ask with a nonce, command with the token of the answer, send the key of a Modbus connection."""
     site.close_shared()
     encoder, values, modbus = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.modbus()

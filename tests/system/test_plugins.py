@@ -67,7 +67,7 @@ def test_the_papers_study_is_found_as_anybodys_is(astb: Astb) -> None:
     assert "paper's figures" in done.stdout
 
 
-def test_nothing_of_astb_names_its_study() -> None:
+def test_no_module_of_astb_names_the_studies() -> None:
     for path in (ROOT / "astb").rglob("*.py"):
         assert "astb_studies.paper" not in path.read_text(), path
 
@@ -101,7 +101,7 @@ def test_only_the_command_that_is_run_is_imported(install: Install, astb: Astb) 
         ("command = 5", "broken:command", "is of type int: its entry point must name a click.Command"),
     ],
 )
-def test_a_broken_command_is_named_and_breaks_nothing(
+def test_a_broken_command_is_reported_and_the_others_work(
     install: Install, astb: Astb, source: str, target: str, reason: str
 ) -> None:
     install("broken", source, greet=target)

@@ -156,7 +156,7 @@ def test_a_run_that_a_program_started_is_held_and_let_go_on_by_it(tmp_path):
     assert result.verdict is Outcome.PASS
 
 
-def test_nothing_is_loaded_before_it_is_asked_for():
+def test_modules_are_loaded_on_demand():
     look = "import sys, astb; print('numpy' in sys.modules, 'drivers' in sys.modules, *dir(astb))"
     done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
     numpy, drivers, *names = done.stdout.split()

@@ -174,7 +174,7 @@ def test_a_wrong_parameter_of_the_catalogue_is_refused_before_any_plan(tmp_path,
 
 
 @pytest.mark.slow
-def test_what_is_said_of_the_blocked(ended):
+def test_blocked_runs_have_a_reason(ended):
     assert "test_is_blocked_by_its_plan (call): broken: the link to the rig: the plug is out" in ended
     assert "test_is_blocked_by_the_rig (call): the rig: it does not want to" in ended
     assert "did you mean 'aw" in ended
@@ -192,7 +192,7 @@ def test_a_rig_that_is_not_there_blocks(tmp_path):
     assert "--rig: there is no rig 'halll'" in said
 
 
-def test_an_unused_plugin_costs_nothing():
+def test_an_unused_plugin_is_not_imported():
     loaded = "import sys, astb.pytest_plugin; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
     assert not {"numpy", "msgspec", "click", "drivers", "bench_protocol"} & set(done.stdout.split())

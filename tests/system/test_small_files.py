@@ -19,7 +19,7 @@ ERRORS = ("Unfit", "RecordError", "DbcError", "SpecimenError", "FmuError")
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory) -> dict[str, list[str]]:
+def outputs(tmp_path_factory) -> dict[str, list[str]]:
     command = [sys.executable, "-m", "tests.system.small_files", str(tmp_path_factory.mktemp("small"))]
     run = subprocess.run(
         command, cwd=ROOT, env=os.environ, capture_output=True, text=True, timeout=600, check=True
@@ -30,9 +30,9 @@ def told(tmp_path_factory) -> dict[str, list[str]]:
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", CASES)
-def test_a_small_file_takes_less_than_a_gigabyte(told, name: str) -> None:
+def test_a_small_file_takes_less_than_a_gigabyte(outputs, name: str) -> None:
     if name.endswith(".mf4") and not importlib.util.find_spec("asammdf"):
         pytest.skip("MDF needs the extra mdf: `make test-mdf`")
-    taken, error, text, *_ = told[name]
+    taken, error, text, *_ = outputs[name]
     assert int(taken) < GIGABYTE
     assert error == "read" if name in READ else error in ERRORS, text

@@ -48,7 +48,7 @@ def test_a_rate_that_no_rig_has_is_refused() -> None:
     )
 
 
-def test_the_table_knows_nothing_of_the_tick() -> None:
+def test_the_table_does_not_contain_the_tick() -> None:
     """A client sees the same table at every rate: its hash is part of what it checks."""
     code = "from bench_protocol.table import TABLE; print(f'{TABLE.map_hash:08x}')"
     environment = os.environ | {TICK_RATE_VARIABLE: "5000"}

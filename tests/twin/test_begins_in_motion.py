@@ -37,14 +37,14 @@ def sound(simulator):
     return readings(simulator, {})
 
 
-def test_a_zero_that_goes_wrong_moves_nothing_but_its_own_reading(simulator, sound):
+def test_a_wrong_zero_affects_only_its_own_reading(simulator, sound):
     off = readings(simulator, {"pressure_offset.left": {"offset": 2e4}}, **{BEFORE: 1.0})
     for name, read in sound.items():
         shifted = 2e4 if name == "left.bellows_pressure" else 0.0
         np.testing.assert_allclose(off[name] - read, shifted, atol=0.01, err_msg=name)
 
 
-def test_a_gain_that_goes_wrong_moves_nothing_but_what_has_it(simulator, sound):
+def test_a_gain_error_affects_only_its_own_channel(simulator, sound):
     gained = readings(simulator, {"pressure_gain": {"gain": 0.02}}, **{BEFORE: 1.0})
     for name, read in sound.items():
         share = 0.02 if name.endswith("_pressure") else 0.0

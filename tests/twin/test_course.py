@@ -17,12 +17,12 @@ def cause(name: str, low: float = 0.4, high: float = 0.6, form: str = "at once")
     return PossibleCause(name, name, 0.5, low, high, "0.5 mm2", form, 60.0)
 
 
-def parting(*causes: PossibleCause, pairs=()) -> Parting:
+def deviation(*causes: PossibleCause, pairs=()) -> Parting:
     return Parting(62.0, 60.0, CHANNEL.name, 1.0, 2.0, 0.1, causes, pairs=pairs)
 
 
 def begun(*causes: PossibleCause) -> Parting:
-    one = parting(*causes)
+    one = deviation(*causes)
     return course.goes_on(one, one, 63.0)
 
 
@@ -30,17 +30,17 @@ def words(one: Parting) -> list[str]:
     return [said.word for said in one.course]
 
 
-def test_what_is_said_again_is_not_kept_again():
+def test_repeated_messages_are_stored_once():
     first = begun(cause("leak.left"))
     assert words(first) == ["told"]
-    assert words(course.goes_on(first, parting(cause("leak.left", 0.41, 0.59)), 70.0)) == ["told"]
+    assert words(course.goes_on(first, deviation(cause("leak.left", 0.41, 0.59)), 70.0)) == ["told"]
 
 
 def test_fewer_causes_or_a_narrower_size_are_surer():
     first = begun(cause("leak.left"), cause("leak_laminar.left"))
-    fewer = course.goes_on(first, parting(cause("leak.left")), 70.0)
+    fewer = course.goes_on(first, deviation(cause("leak.left")), 70.0)
     assert words(fewer) == ["told", "surer"] and fewer.told == first.told
-    narrower = course.goes_on(fewer, parting(cause("leak.left", 0.45, 0.55)), 80.0)
+    narrower = course.goes_on(fewer, deviation(cause("leak.left", 0.45, 0.55)), 80.0)
     assert words(narrower) == ["told", "surer", "surer"]
 
 
@@ -48,9 +48,9 @@ def test_other_causes_or_another_form_or_two_at_once_are_otherwise():
     first = begun(cause("leak.left"))
     pair = (cause("leak.left"), cause("cell_offset.2"))
     for other in (
-        parting(cause("compliance")),
-        parting(cause("leak.left", form="growing")),
-        parting(pairs=(pair,)),
+        deviation(cause("compliance")),
+        deviation(cause("leak.left", form="growing")),
+        deviation(pairs=(pair,)),
     ):
         assert words(course.goes_on(first, other, 70.0)) == ["told", "otherwise"]
 
@@ -69,7 +69,7 @@ def test_what_is_withdrawn_or_over_does_not_last_and_says_so():
 
 @pytest.mark.parametrize("causes", [(), ("leak.left",), ("leak.left", "compliance")])
 def test_a_summary_has_four_parts_and_each_time_once(causes):
-    one = replace(parting(*map(cause, causes)), told=62.04, since=60.26, earliest=59.31, latest=61.57)
+    one = replace(deviation(*map(cause, causes)), told=62.04, since=60.26, earliest=59.31, latest=61.57)
     summary = course.told(one, CHANNEL, {"leak.left": CATALOGUE["leak.left"]}).summary
     parts = {name: getattr(summary, name) for name in PARTS}
     assert all(parts.values()) and CHANNEL.name in parts["wrong"]
@@ -80,14 +80,14 @@ def test_a_summary_has_four_parts_and_each_time_once(causes):
 
 def test_later_stretches_narrow_what_it_can_be():
     first = begun(cause("leak.left"), cause("leak_laminar.left"))
-    later = parting(cause("leak.left", 0.45, 0.55), cause("compliance"))
+    later = deviation(cause("leak.left", 0.45, 0.55), cause("compliance"))
     assert course.is_the_same(first, later)
     after = course.lasting(first, later, 130.0)
     assert [one.name for one in after.causes] == ["leak.left"]
     assert after.since == first.since and words(after) == ["told", "surer"]
-    assert not course.is_the_same(first, parting(cause("compliance")))
-    assert not course.is_the_same(first, parting())
-    assert course.is_the_same(begun(), parting())
+    assert not course.is_the_same(first, deviation(cause("compliance")))
+    assert not course.is_the_same(first, deviation())
+    assert course.is_the_same(begun(), deviation())
 
 
 def test_a_step_back_in_a_later_stretch_is_its_end():
@@ -105,29 +105,29 @@ def test_a_step_back_in_a_later_stretch_is_its_end():
     assert after.over == 158.0 and after.causes == first.causes and words(after) == ["told", "over"]
 
 
-def test_what_nobody_has_looked_for_yet_is_explained_or_unknown_afterwards():
+def test_an_untested_cause_is_explained_or_unknown_afterwards():
     first = Parting(62.0, 60.0, CHANNEL.name, 1.0, 2.0, 0.1, searched=False)
     told = course.goes_on(first, first, 63.0)
     assert "search" in course.told(told, CHANNEL).sentence
-    explained = course.goes_on(told, parting(cause("leak.left")), 63.0)
+    explained = course.goes_on(told, deviation(cause("leak.left")), 63.0)
     assert words(explained) == ["told", "explained"] and explained.searched
-    unknown = course.goes_on(told, parting(), 63.0)
+    unknown = course.goes_on(told, deviation(), 63.0)
     assert words(unknown) == ["told", "unknown"]
     assert "No single cause" in course.told(unknown, CHANNEL).sentence
 
 
-def test_what_parts_while_another_parting_lasts_is_that_one_until_its_causes_are_known():
+def test_a_second_deviation_joins_the_first_until_its_causes_are_known():
     lasting = begun(cause("leak.left"))
     new = Parting(162.0, 160.0, CHANNEL.name, 1.0, 2.0, 0.1, searched=False)
     assert course.joined((lasting,), course.goes_on(new, new, 163.0)) == (lasting,)
     over = course.over(lasting, 80.0, 95.0)
     assert len(course.joined((over,), course.goes_on(new, new, 163.0))) == 2
-    known = course.goes_on(new, parting(cause("compliance")), 163.0)
+    known = course.goes_on(new, deviation(cause("compliance")), 163.0)
     assert len(course.joined((lasting,), known)) == 2
     assert course.joined((lasting,), None) == (lasting,)
 
 
-def test_what_parts_again_after_it_was_withdrawn_is_told_again():
+def test_a_deviation_after_withdrawal_is_reported_again():
     back = course.withdrawn(begun(cause("leak.left")), 71.0)
-    again = course.goes_on(back, parting(cause("leak.left")), 75.0)
+    again = course.goes_on(back, deviation(cause("leak.left")), 75.0)
     assert again.lasts and words(again) == ["told", "withdrawn", "told"]

@@ -37,7 +37,7 @@ def test_a_hundred_hours_of_a_sound_rig_give_hardly_an_alarm():
     ("change", "within"),
     [(lambda z: z + 3.0 / np.sqrt(10), 14), (lambda z: z - 4.0 / np.sqrt(10), 9), (lambda z: 3.0 * z, 9)],
 )
-def test_a_change_in_one_channel_is_told_soon_and_its_beginning_found(change, within):
+def test_a_change_in_one_channel_is_detected_with_its_start(change, within):
     z = white(7, 400)
     z[200:, 3] = change(z[200:, 3])
     alarm = Detector(6, BLOCK).look(z)
@@ -47,7 +47,7 @@ def test_a_change_in_one_channel_is_told_soon_and_its_beginning_found(change, wi
     assert alarm.channel == 3
 
 
-def test_what_was_not_read_says_nothing():
+def test_missing_readings_support_no_conclusion():
     z = white(3, 50)
     z[:, 2] = np.nan
     assert (likelihood_ratios(z)[:, 2] == 0.0).all()

@@ -30,7 +30,7 @@ def blocks(values: list[float]) -> Innovations:
         max_size=5,
     )
 )
-def test_stretches_are_joined_and_no_reading_comes_elsewhere(stretches):
+def test_segments_are_joined_and_readings_keep_their_column(stretches):
     minute, read, start = None, {}, 0.0
     for pause, values in stretches:
         start = round(start + 0.1 * pause, 3)

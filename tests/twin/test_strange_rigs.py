@@ -19,7 +19,7 @@ from tests.twin.test_twin import run, watched
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
-def beside(made, folder: Path) -> TwinStory:
+def live_and_replayed(made, folder: Path) -> TwinStory:
     with made.bench() as bench:
         execute(plans()["aw0"], bench, folder, rig=made.name, seed=1)
     record = read(folder)
@@ -28,23 +28,25 @@ def beside(made, folder: Path) -> TwinStory:
 
 @pytest.mark.parametrize("made", [VirtualHall, VirtualYard])
 def test_a_sound_rig_goes_along(made, tmp_path):
-    story = beside(made(seed=3), tmp_path / "run")
+    story = live_and_replayed(made(seed=3), tmp_path / "run")
     assert not story.partings
     assert story.judged_for > 30.0
 
 
-def test_a_rig_that_never_rests_is_not_judged_and_it_is_said_why(tmp_path):
-    story = beside(VirtualPlc(seed=3), tmp_path / "run")
+def test_a_rig_that_never_rests_is_not_judged_with_a_reason(tmp_path):
+    story = live_and_replayed(VirtualPlc(seed=3), tmp_path / "run")
     assert not story.partings and not story.judged_for
     assert "the bench did not rest, so the model did not know where to begin" in {
         one.why for one in story.judged
     }
 
 
-def test_a_leak_is_told(tmp_path):
+def test_a_leak_is_detected(tmp_path):
     par = load("astb").record
     hole = sonic_conductance(0.5e-6, float(par.gas_constant))
-    (parting,) = beside(VirtualHall(seed=4, leak_conductance=(hole, 0.0)), tmp_path / "run").partings
+    (parting,) = live_and_replayed(
+        VirtualHall(seed=4, leak_conductance=(hole, 0.0)), tmp_path / "run"
+    ).partings
     cause = next(one for one in parting.causes if one.name == "leak.left")
     assert cause.low < 0.5e-6 < cause.high
     assert {one.name for one in parting.causes} <= {"leak.left", "leak_laminar.left"}

@@ -81,7 +81,7 @@ def test_a_sound_rig_goes_along(plan, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_leak_is_told_with_its_size_and_its_beginning(tmp_path):
+def test_a_leak_is_detected_with_its_size_and_start(tmp_path):
     began = 70.0
     folder = run("aw0", tmp_path, 12, PlannedFault("leak", {"side": "right", "area": "0.5mm2"}, began, None))
     (parting,) = watched(folder).partings
@@ -114,7 +114,7 @@ def found_by(story: TwinStory) -> TwinStory:
 
 
 @pytest.mark.slow
-def test_while_the_run_goes_on_it_says_the_same_and_nothing_before(tmp_path):
+def test_during_the_run_the_report_agrees_and_has_no_earlier_deviation(tmp_path):
     began = 75.0
     folder = run("aw0", tmp_path, 13, PlannedFault("leak", {"side": "left", "area": "1mm2"}, began, None))
     growing = Growing(read(folder))
@@ -234,7 +234,7 @@ def test_an_endurance_plan_ends_with_the_reason_instead_of_a_broken_bellows(tmp_
 
 
 @pytest.mark.slow
-def test_without_a_twin_the_same_plan_says_that_nobody_watches_and_goes_on(tmp_path):
+def test_a_plan_without_a_twin_reports_that_and_continues(tmp_path):
     given = {"parting": "ends", "cycles": "200", "intervals": "1"}
     with RigInMemory(Rig(load("astb"), seed=3)).bench(seed=3) as bench:
         result = execute(plans()["endurance"].given(given), bench, tmp_path / "run", rig="virtual", seed=3)

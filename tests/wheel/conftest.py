@@ -79,7 +79,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     return Built(source, tracked, sdist, of_sources, of_sdist)
 
 
-class Elsewhere:
+class CleanMachine:
     """A computer without a checkout: an environment, an empty home and an empty directory to stand in."""
 
     def __init__(self, place: Path) -> None:
@@ -119,11 +119,11 @@ class Elsewhere:
 
 
 @pytest.fixture(scope="session")
-def elsewhere(built: Built, tmp_path_factory: pytest.TempPathFactory) -> Elsewhere:
+def clean_machine(built: Built, tmp_path_factory: pytest.TempPathFactory) -> CleanMachine:
     """Where the wheel is installed, without extras."""
     place = tmp_path_factory.mktemp("elsewhere")
     sure(carried_out(sys.executable, "-m", "venv", place / "environment", cwd=place))
-    there = Elsewhere(place)
+    there = CleanMachine(place)
     there.install(str(built.of_sources))
     # Side by side; the first commands would compile the same, one after the other.
     tool = str(ROOT / "tools" / "compile_model.py")

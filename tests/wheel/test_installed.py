@@ -14,7 +14,7 @@ from urllib.request import urlopen
 import pytest
 
 from astb.exit_codes import MISUSE
-from tests.wheel.conftest import ROOT, Built, Elsewhere
+from tests.wheel.conftest import ROOT, Built, CleanMachine
 
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = {name.partition(".")[0] for name in CONFIG["tool"]["setuptools"]["packages"]["find"]["include"]}
@@ -73,25 +73,25 @@ def test_an_sdist_gives_the_same_wheel(built: Built) -> None:
     assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", TOLD} <= names
 
 
-def test_it_knows_its_commit(built: Built, elsewhere: Elsewhere) -> None:
+def test_it_knows_its_commit(built: Built, clean_machine: CleanMachine) -> None:
     head = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=built.source, capture_output=True, text=True, timeout=60, check=True
     ).stdout[:12]
-    said = elsewhere.astb("--version").strip()
+    said = clean_machine.astb("--version").strip()
     assert re.fullmatch(
         rf"astb {re.escape(CONFIG['project']['version'])} \(commit {head}( \+ changes)?\)", said
     ), said
 
 
-def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: Elsewhere) -> None:
-    said = elsewhere.python(EVERY_HELP).splitlines()
+def test_every_module_is_imported_and_every_command_explains_itself(clean_machine: CleanMachine) -> None:
+    said = clean_machine.python(EVERY_HELP).splitlines()
     assert {"run", "panel", "diagnose", "campaign", "rig new", "list"} <= set(said)
     base = PACKAGES & set(CONFIG["tool"]["importlinter"]["root_packages"])
-    environment = str(elsewhere.bin.parent)
-    elsewhere.python(EVERY_MODULE.format(packages=", ".join(sorted(base)), environment=environment))
+    environment = str(clean_machine.bin.parent)
+    clean_machine.python(EVERY_MODULE.format(packages=", ".join(sorted(base)), environment=environment))
 
 
-def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
+def test_names_are_those_of_a_checkout(clean_machine: CleanMachine) -> None:
     data = ROOT / "astb" / "data"
     names = {
         "rigs": [path.parent.name for path in data.glob("rigs/*/rig.toml")],
@@ -99,48 +99,48 @@ def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
         "demos": [path.name for path in data.glob("demos/*/")],
     }
     for kind, expected in names.items():
-        listed = json.loads(elsewhere.astb("list", kind, "--json"))
+        listed = json.loads(clean_machine.astb("list", kind, "--json"))
         assert [one["name"] for one in listed] == sorted(expected)
-    elsewhere.astb("rig", "signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")
+    clean_machine.astb("rig", "signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")
 
 
-def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, elsewhere: Elsewhere) -> None:
-    (elsewhere.here / "few.toml").write_text('plans = ["leak_down"]\nseeds = [3]\n')
-    refused = elsewhere.try_astb("campaign", "few.toml")
+def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, clean_machine: CleanMachine) -> None:
+    (clean_machine.here / "few.toml").write_text('plans = ["leak_down"]\nseeds = [3]\n')
+    refused = clean_machine.try_astb("campaign", "few.toml")
     assert refused.returncode == MISUSE
     assert re.search(r"need dask and distributed, .*: pip install 'dask>=.*' 'distributed>=", refused.stderr)
     assert "Traceback" not in refused.stderr
-    elsewhere.install(f"{built.of_sources}[campaign]")
+    clean_machine.install(f"{built.of_sources}[campaign]")
     assert re.search(
-        r"pass\nleak_down +as it is +1\n", elsewhere.astb("campaign", "few.toml", "--workers", "1")
+        r"pass\nleak_down +as it is +1\n", clean_machine.astb("campaign", "few.toml", "--workers", "1")
     )
 
 
-def test_plans_run_in_virtual_time_with_reports(elsewhere: Elsewhere) -> None:
-    elsewhere.astb("run", "aw0", "aw3", "--virtual", "--out", "runs/virtual")
+def test_plans_run_in_virtual_time_with_reports(clean_machine: CleanMachine) -> None:
+    clean_machine.astb("run", "aw0", "aw3", "--virtual", "--out", "runs/virtual")
     for plan in ("aw0", "aw3"):
-        directory = elsewhere.here / "runs" / "virtual" / plan
+        directory = clean_machine.here / "runs" / "virtual" / plan
         page = (directory / "report.html").read_text(encoding="utf-8")
         (directory / "report.html").unlink()
-        elsewhere.astb("report", directory)
+        clean_machine.astb("report", directory)
         assert (directory / "report.html").read_text(encoding="utf-8") == page
         assert "uPlot" in page
-    assert "aw3" in elsewhere.astb("runs", "--out", "runs/virtual")
+    assert "aw3" in clean_machine.astb("runs", "--out", "runs/virtual")
 
 
-def test_a_report_is_printed_where_a_browser_is(elsewhere: Elsewhere) -> None:
+def test_a_report_is_printed_where_a_browser_is(clean_machine: CleanMachine) -> None:
     from bench_records.printing import browser
 
     if browser() is None:
         pytest.skip("no Chromium")
-    elsewhere.astb("report", "runs/virtual/aw0", "--pdf")
-    (printed,) = (elsewhere.here / "runs" / "virtual" / "aw0").glob("*.pdf")
+    clean_machine.astb("report", "runs/virtual/aw0", "--pdf")
+    (printed,) = (clean_machine.here / "runs" / "virtual" / "aw0").glob("*.pdf")
     assert printed.read_bytes().startswith(b"%PDF")
 
 
-def test_measured_data_that_come_along_are_diagnosed(elsewhere: Elsewhere) -> None:
-    elsewhere.astb("copy", "demo", "chamber", "chamber")
-    elsewhere.astb(
+def test_measured_data_that_come_along_are_diagnosed(clean_machine: CleanMachine) -> None:
+    clean_machine.astb("copy", "demo", "chamber", "chamber")
+    clean_machine.astb(
         *(
             "diagnose",
             "chamber/chamber__Ultimaker_015.csv",
@@ -150,31 +150,31 @@ def test_measured_data_that_come_along_are_diagnosed(elsewhere: Elsewhere) -> No
             "printed",
         )
     )
-    assert json.loads((elsewhere.here / "printed" / "finding.json").read_text())
-    assert (elsewhere.here / "printed" / "report.html").exists()
+    assert json.loads((clean_machine.here / "printed" / "finding.json").read_text())
+    assert (clean_machine.here / "printed" / "report.html").exists()
 
 
-def test_a_record_is_diagnosed(elsewhere: Elsewhere) -> None:
-    elsewhere.astb(
+def test_a_record_is_diagnosed(clean_machine: CleanMachine) -> None:
+    clean_machine.astb(
         "run", "small_fast_sines", "--virtual", "--effect", "leak.left=1mm2", "--out", "runs/leaky"
     )
-    elsewhere.astb("diagnose", "runs/leaky/small_fast_sines", "--effects", "leak", "--out", "finding")
-    assert json.loads((elsewhere.here / "finding" / "finding.json").read_text())
-    assert (elsewhere.here / "finding" / "report.html").exists()
+    clean_machine.astb("diagnose", "runs/leaky/small_fast_sines", "--effects", "leak", "--out", "finding")
+    assert json.loads((clean_machine.here / "finding" / "finding.json").read_text())
+    assert (clean_machine.here / "finding" / "report.html").exists()
 
 
-def test_the_machine_is_fit(elsewhere: Elsewhere) -> None:
-    found = {one["name"]: one for one in json.loads(elsewhere.astb("doctor", "--json"))}
+def test_the_machine_is_fit(clean_machine: CleanMachine) -> None:
+    found = {one["name"]: one for one in json.loads(clean_machine.astb("doctor", "--json"))}
     assert not [one for one in found.values() if one["state"] == "broken"]
     assert found["packages"]["state"] == found["compiled code"]["state"] == "fine"
-    assert str(elsewhere.bin.parent) in found["compiled code"]["found"]
+    assert str(clean_machine.bin.parent) in found["compiled code"]["found"]
 
 
-def rig_of_ones_own(elsewhere: Elsewhere) -> Path:
+def rig_of_ones_own(clean_machine: CleanMachine) -> Path:
     """Return a copy of the ordinary rig at free ports: somebody else may have one at the ordinary ones."""
-    path = elsewhere.here / "mine" / "rig.toml"
+    path = clean_machine.here / "mine" / "rig.toml"
     if not path.exists():
-        elsewhere.astb("copy", "rig", "local", path.parent)
+        clean_machine.astb("copy", "rig", "local", path.parent)
         with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
             ports = [one.getsockname()[1], other.getsockname()[1]]
         text = path.read_text()
@@ -185,17 +185,19 @@ def rig_of_ones_own(elsewhere: Elsewhere) -> Path:
     return path
 
 
-def test_a_plan_runs_in_real_time(elsewhere: Elsewhere) -> None:
-    elsewhere.astb("run", "lateral_stiffness", "--rig", rig_of_ones_own(elsewhere), "--out", "runs/real")
-    assert (elsewhere.here / "runs" / "real" / "lateral_stiffness" / "report.html").exists()
+def test_a_plan_runs_in_real_time(clean_machine: CleanMachine) -> None:
+    clean_machine.astb(
+        "run", "lateral_stiffness", "--rig", rig_of_ones_own(clean_machine), "--out", "runs/real"
+    )
+    assert (clean_machine.here / "runs" / "real" / "lateral_stiffness" / "report.html").exists()
 
 
-def test_the_panel_serves_its_page_its_script_and_plots(elsewhere: Elsewhere) -> None:
-    command = [elsewhere.bin / "astb", "panel", "--port", "0", "--rig", rig_of_ones_own(elsewhere)]
+def test_the_panel_serves_its_page_its_script_and_plots(clean_machine: CleanMachine) -> None:
+    command = [clean_machine.bin / "astb", "panel", "--port", "0", "--rig", rig_of_ones_own(clean_machine)]
     with subprocess.Popen(
         [*map(str, command), "--out", "runs/virtual"],
-        cwd=elsewhere.here,
-        env=elsewhere.env | {"PYTHONUNBUFFERED": "1"},
+        cwd=clean_machine.here,
+        env=clean_machine.env | {"PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE,
         text=True,
     ) as panel:

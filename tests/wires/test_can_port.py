@@ -119,7 +119,7 @@ def test_a_burst_of_20_000_frames_while_the_program_computes(
     assert b.overflows == 0
 
 
-def test_nobody_hears_himself_and_everybody_hears_all_others(open_port: OpenPort, eventually) -> None:
+def test_a_client_receives_all_frames_except_its_own(open_port: OpenPort, eventually) -> None:
     ports = [open_port() for _ in range(3)]
     listeners = [Listener(port) for port in ports]
     for number, port in enumerate(ports):
@@ -128,7 +128,7 @@ def test_nobody_hears_himself_and_everybody_hears_all_others(open_port: OpenPort
     assert [sorted(listener.block["id"].tolist()) for listener in listeners] == [[1, 2], [0, 2], [0, 1]]
 
 
-def test_an_empty_block_is_nothing(open_port: OpenPort, eventually) -> None:
+def test_an_empty_block_has_no_values(open_port: OpenPort, eventually) -> None:
     a, b = open_port(), open_port()
     listener = Listener(b)
     a.send(empty_block())
@@ -137,7 +137,7 @@ def test_an_empty_block_is_nothing(open_port: OpenPort, eventually) -> None:
     assert len(listener) == 1
 
 
-def test_all_subscribers_hear_everything(open_port: OpenPort, numbered, numbers, eventually) -> None:
+def test_all_subscribers_receive_all_frames(open_port: OpenPort, numbered, numbers, eventually) -> None:
     a, b = open_port(), open_port()
     listeners = [Listener(b), Listener(b)]
     a.send(numbered(100))
@@ -220,7 +220,7 @@ def test_a_hub_that_stops_is_lost(eventually) -> None:
     port.close()
 
 
-def test_a_bus_that_cannot_be_opened_is_said_in_words(dead_port: int) -> None:
+def test_an_unopenable_bus_is_reported(dead_port: int) -> None:
     with pytest.raises(LinkLost, match=r"'tcp' cannot be opened: .*nobody listens there; is the rig running"):
         open_can("tcp", port=dead_port)
     with pytest.raises(LinkLost, match=r"no CAN interface of that name.*'tcp' is the rig's own hub"):

@@ -175,14 +175,14 @@ class Deaf(Good):
         pass
 
 
-class LostByNothing(Good):
+class LossOnEmptyStream(Good):
     def stream(self, points, time):
         if not points:
             self._listener.lose("there is nothing to stream")
         super().stream(points, time)
 
 
-class ZeroForNothing(Good):
+class ZeroOnEmptyStream(Good):
     def stream(self, points, time):
         super().stream(points or {"target": 0.5}, time)
 
@@ -213,7 +213,7 @@ class LostByANo(Good):
             raise
 
 
-class NumberForNothing(Good):
+class NumberForNone(Good):
     @staticmethod
     def _number(answer):
         return -999.0 if answer == "none" else float(answer)
@@ -295,13 +295,13 @@ BAD = {
     Disorder: "Reading gives just",
     Forgets: "What was written",
     Deaf: "What is streamed",
-    LostByNothing: "A cycle without points",
-    ZeroForNothing: "A cycle without points",
+    LossOnEmptyStream: "A cycle without points",
+    ZeroOnEmptyStream: "A cycle without points",
     SendsTheFirst: "Of points that are given together",
     StreamsWhatItKnows: "Of points that are given together",
     SwallowsANo: "What the rig does not take",
     LostByANo: "What the rig does not take",
-    NumberForNothing: "What the rig marks",
+    NumberForNone: "What the rig marks",
     Impatient: "Several threads",
     TwoAtOnce: "Several threads",
     NeverQuiet: "After close",

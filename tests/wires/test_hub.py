@@ -127,7 +127,7 @@ def test_who_sends_only_rubbish_is_sent_away(eventually) -> None:
         eventually(lambda: rig.lost, what="the end of the connection")
 
 
-def test_frames_before_raw_mode_reach_nobody_who_did_not_ask(rig_and_port) -> None:
+def test_frames_before_raw_mode_reach_only_subscribers(rig_and_port) -> None:
     rig, port = rig_and_port
     with raw_client(port) as sock:
         sock.recv(100)
@@ -147,7 +147,7 @@ def test_too_many_clients_are_turned_away() -> None:
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-def test_the_beacon_is_heard_only_if_wanted(wanted: bool) -> None:
+def test_the_beacon_is_received_only_on_request(wanted: bool) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(("", 42000))
@@ -251,7 +251,7 @@ def test_a_burst_of_20_000_frames_from_a_client(rig_and_port, numbered, numbers,
         assert numbers(rig.frames) == list(range(count))
 
 
-def test_a_flood_delays_its_senders_and_nobody_else(numbered, eventually) -> None:
+def test_a_flood_delays_only_its_senders(numbered, eventually) -> None:
     with serving(frames_per_second=4000.0) as (rig, port), contextlib.ExitStack() as stack:
         *floods, quiet = (stack.enter_context(HubBus(port=port)) for _ in range(3))
         for flood in floods:
@@ -263,7 +263,7 @@ def test_a_flood_delays_its_senders_and_nobody_else(numbered, eventually) -> Non
         eventually(lambda: len(rig.frames) == 2001, what="all the others, in the end")
 
 
-def test_publishing_to_nobody_is_harmless(rig_and_port, numbered) -> None:
+def test_publishing_without_subscribers_is_harmless(rig_and_port, numbered) -> None:
     rig, _ = rig_and_port
     rig.hub.publish(empty_block())
     rig.hub.publish(numbered(10))
@@ -272,7 +272,7 @@ def test_publishing_to_nobody_is_harmless(rig_and_port, numbered) -> None:
     Rig().hub.publish(numbered(10))
 
 
-def test_foreign_clients_hear_each_other(rig_and_port) -> None:
+def test_foreign_clients_receive_each_other(rig_and_port) -> None:
     _, port = rig_and_port
     with stock_client(port) as a, stock_client(port) as b, HubBus(port=port) as ours:
         a.send(can.Message(arbitration_id=0x123, data=b"\x01\xff", is_extended_id=False))
@@ -400,7 +400,7 @@ def test_who_hangs_up_is_reported_once(rig_and_port, eventually, addresses) -> N
 # --- opening and closing ---------------------------------------------------------------------------------------------
 
 
-def test_stopping_leaves_nothing_behind(numbered) -> None:
+def test_stopping_leaves_no_threads(numbered) -> None:
     before = threading.active_count()
     rig = Rig()
     servers = serve_in_thread(rig.hub)
@@ -422,7 +422,7 @@ def test_stopping_leaves_nothing_behind(numbered) -> None:
         assert again.can_port == port
 
 
-def test_stopping_while_clients_connect_leaves_nothing_behind() -> None:
+def test_stopping_while_clients_connect_leaves_no_threads() -> None:
     """A socket that is forgotten half accepted would be reported by the garbage collector, which is an error here."""
     for _ in range(30):
         servers = serve_in_thread(Rig().hub)
@@ -436,7 +436,7 @@ def test_stopping_while_clients_connect_leaves_nothing_behind() -> None:
     gc.collect()
 
 
-def test_a_taken_port_is_said_so(rig_and_port) -> None:
+def test_a_port_in_use_is_reported(rig_and_port) -> None:
     _, port = rig_and_port
     with pytest.raises(OSError, match=f"CAN port {port} on 127.0.0.1 cannot be opened: .*in use"):
         serve_in_thread(Rig().hub, can_port=port)

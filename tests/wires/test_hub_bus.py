@@ -183,7 +183,7 @@ def test_last_frames_of_a_dead_server_are_delivered_then_every_call_says_it() ->
         bus.shutdown()
 
 
-def test_a_server_that_takes_nothing_does_not_hold_the_sender_for_ever(numbered) -> None:
+def test_a_server_that_reads_no_data_does_not_block_the_sender(numbered) -> None:
     with scripted(*HANDSHAKE) as port, HubBus(port=port, timeout=0.2) as bus:
         start = time.monotonic()
         with pytest.raises(can.CanOperationError, match="frames could not be sent"):

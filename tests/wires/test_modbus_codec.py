@@ -157,7 +157,7 @@ def test_read_write_writes_before_it_reads(bank) -> None:
         ("2B 0E 04 33", 2, "no such object"),
     ],
 )
-def test_a_refusal_has_the_right_code_and_changes_nothing(bank, pdu: str, code: int, why: str) -> None:
+def test_a_refusal_has_the_right_code_and_no_effect(bank, pdu: str, code: int, why: str) -> None:
     function = bytes.fromhex(pdu)[0]
     before = list(bank.holding), list(bank.coils)
     assert ask(bank, pdu) == bytes((function | 0x80, code)), why

@@ -127,7 +127,7 @@ def test_silence_ends_the_connection_in_the_end(bank, eventually, addresses) -> 
         eventually(lambda: addresses(lost) == [f"modbus:127.0.0.1:{sock.getsockname()[1]}"])
 
 
-def test_a_client_that_fetches_no_answers_is_dropped_and_harms_nobody(bank, eventually, addresses) -> None:
+def test_a_client_that_reads_no_answers_is_dropped(bank, eventually, addresses) -> None:
     with serving(bank, split_limit=0.3) as (port, lost), socket.socket() as greedy, client(port) as other:
         greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         greedy.settimeout(0.2)
@@ -187,7 +187,7 @@ def test_too_many_clients_are_turned_away(bank) -> None:
         assert lost == []
 
 
-def test_a_taken_port_is_said_so(bank, modbus_port: int) -> None:
+def test_a_port_in_use_is_reported(bank, modbus_port: int) -> None:
     with pytest.raises(OSError, match=f"Modbus port {modbus_port} on 127.0.0.1 cannot be opened"):
         serve_in_thread(modbus_server=ModbusTcpServer(lambda adu, peer: b""), modbus_port=modbus_port)
 
@@ -269,7 +269,7 @@ def test_mbpoll_understands_our_refusals(modbus_port: int) -> None:
     assert "Illegal data address" in mbpoll(modbus_port, "-t", "3", "-r", "999", "-c", "2", "")
 
 
-def test_connections_that_come_and_go_leave_nothing_behind_though_the_collector_rests(modbus_port) -> None:
+def test_closed_connections_leave_no_objects_without_the_collector(modbus_port) -> None:
     """In the rig's process it does: 2000 clients that came and went would have cost it 14 000 objects."""
 
     def visits(count: int) -> None:

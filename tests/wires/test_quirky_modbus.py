@@ -50,7 +50,7 @@ def device(**quirks: object) -> Device:
     return one
 
 
-class Stand:
+class DeviceRig:
     """A device in memory and virtual time, and a transport to it."""
 
     def __init__(self, far: Device, **changes: object) -> None:
@@ -59,7 +59,7 @@ class Stand:
         self.transport = ModbusTransport("plc", {**KEYS, **changes}, port=lambda: InMemoryModbus(far.tcp))
         self.transport.subscribe(lambda at, points: self.heard.append((at, dict(points))))
 
-    def __enter__(self) -> "Stand":
+    def __enter__(self) -> "DeviceRig":
         self.transport.connect(self.clock, self.lost.append, within=1.0)
         return self
 
@@ -69,7 +69,7 @@ class Stand:
     def wait(self, seconds: float) -> None:
         self.clock.sleep_until(self.clock.now() + round(seconds * NS))
 
-    def told(self, name: str) -> list[float]:
+    def values_of(self, name: str) -> list[float]:
         return [points[name] for _, points in self.heard if name in points]
 
 
@@ -79,7 +79,7 @@ class Stand:
 @pytest.mark.parametrize("writes", ["any", "single"])
 def test_only_functions_5_and_6(writes):
     far = device(functions=(1, 2, 3, 4, 5, 6))
-    with Stand(far, writes=writes) as stand:
+    with DeviceRig(far, writes=writes) as stand:
         for k in range(2):
             far.log.clear()
             stand.transport.write({"target": -5, "rate": 7 + k, "valve": 1, "vent": 1, "start": 1})
@@ -91,16 +91,16 @@ def test_only_functions_5_and_6(writes):
 
 def test_a_number_of_two_registers_is_not_written_in_parts():
     far = device(functions=(1, 2, 3, 4, 5, 6))
-    with Stand(far) as stand, pytest.raises(Refused, match=r'2 registers in parts: .* writes = "parts"'):
+    with DeviceRig(far) as stand, pytest.raises(Refused, match=r'2 registers in parts: .* writes = "parts"'):
         stand.transport.write({"place": 70000})
     assert far.words["holding"][30:32] == [0, 0]
     with pytest.raises(WiringError, match="place is a int32 in 2 registers, and writes = 'single'"):
-        Stand(far, writes="single").transport.require("place", writable=True)
+        DeviceRig(far, writes="single").transport.require("place", writable=True)
 
 
-def test_a_number_of_two_registers_is_written_in_parts_where_that_is_said():
+def test_a_number_of_two_registers_is_written_in_parts_if_configured():
     far = device(functions=(1, 2, 3, 4, 5, 6))
-    with Stand(far, writes="parts") as stand:
+    with DeviceRig(far, writes="parts") as stand:
         stand.transport.write({"place": 70000, "valve": 1})
     assert far.words["holding"][30:32] == [1, 70000 & 0xFFFF]
     assert [one[:2] for one in far.log[-3:]] == [(6, 30), (6, 31), (5, 3)], "the last one is written last"
@@ -109,7 +109,7 @@ def test_a_number_of_two_registers_is_written_in_parts_where_that_is_said():
 @pytest.mark.parametrize("writes", ["any", "multiple"])
 def test_only_functions_15_and_16(writes):
     far = device(functions=(1, 2, 3, 4, 15, 16))
-    with Stand(far, writes=writes) as stand:
+    with DeviceRig(far, writes=writes) as stand:
         for k in range(2):
             far.log.clear()
             stand.transport.write({"target": 5, "valve": k, "place": 70000})
@@ -121,7 +121,7 @@ def test_only_functions_15_and_16(writes):
 @pytest.mark.parametrize("writes", ["any", "combined"])
 def test_only_functions_15_and_23(writes):
     far = device(functions=(1, 2, 3, 4, 15, 23))
-    with Stand(far, writes=writes) as stand:
+    with DeviceRig(far, writes=writes) as stand:
         for k in range(2):
             far.log.clear()
             stand.transport.write({"target": 5, "rate": -7, "valve": k, "place": 70000 + k, "start": 1})
@@ -134,7 +134,7 @@ def test_only_functions_15_and_23(writes):
 
 def test_set_points_that_are_neighbours_go_in_one_request_whatever_their_order():
     far = device()
-    with Stand(far) as stand:
+    with DeviceRig(far) as stand:
         stand.transport.begin()
         far.log.clear()
         stand.transport.stream({"place": 70000, "rate": 7, "target": 5}, stand.clock.now())
@@ -148,7 +148,7 @@ def test_set_points_that_are_neighbours_go_in_one_request_whatever_their_order()
 
 def test_at_most_so_many_registers_a_request():
     far = device(request_max=2)
-    with Stand(far, request_max=2) as stand:
+    with DeviceRig(far, request_max=2) as stand:
         assert stand.transport.read(list(TRUTH)) == pytest.approx(TRUTH)
         assert stand.transport.text("serial") == "PLC 7"
         stand.transport.write({"target": 1, "rate": 2, "place": 3})
@@ -156,30 +156,30 @@ def test_at_most_so_many_registers_a_request():
 
 
 @pytest.mark.parametrize("too_many", [2, 3, 0])
-def test_how_many_it_takes_is_found_out_and_said(too_many):
+def test_the_number_of_runs_needed_is_computed_and_printed(too_many):
     with (
         pytest.raises(BenchError, match="it reads 3 at once: request_max = 3"),
-        Stand(device(request_max=3, too_many=too_many)),
+        DeviceRig(device(request_max=3, too_many=too_many)),
     ):
         pass
     with pytest.raises(
         WiringError, match="force is a int32 in 2 registers, and request_max = 1: read in parts"
     ):
-        Stand(device(), request_max=1)
+        DeviceRig(device(), request_max=1)
 
 
-def test_a_hole_is_found_out_and_said():
+def test_a_gap_is_detected_and_reported():
     far = device(holes=frozenset([11, 12]))
-    with pytest.raises(Refused, match=r"it refuses force \(input 11\), and reads the others"), Stand(far):
+    with pytest.raises(Refused, match=r"it refuses force \(input 11\), and reads the others"), DeviceRig(far):
         pass
     points = {**POINTS, "far": {"table": "input", "address": 18, "group": "fast"}}
     far = device(holes=frozenset([16]))
-    with Stand(far, points=points) as stand:
+    with DeviceRig(far, points=points) as stand:
         assert stand.transport.read(list(TRUTH)) == pytest.approx(TRUTH)
     groups = {"fast": {**KEYS["groups"]["fast"], "gap": 5}}
     with (
         pytest.raises(Refused, match="gap = 0, if there is a hole"),
-        Stand(far, points=points, groups=groups),
+        DeviceRig(far, points=points, groups=groups),
     ):
         pass
 
@@ -189,9 +189,9 @@ def test_a_hole_is_found_out_and_said():
 
 def test_busy_now_and_then_is_no_reading_lost():
     far = device(busy=lambda count: count % 4 != 0)
-    with Stand(far) as stand:
+    with DeviceRig(far) as stand:
         stand.wait(2.0)
-        assert set(stand.told("height")) == {-12.34}, "not NaN before it is stale"
+        assert set(stand.values_of("height")) == {-12.34}, "not NaN before it is stale"
         far.log.clear()
         assert stand.transport.read(["target", "height"]) == {"target": 0.0, "height": -12.34}
         stand.transport.write({"target": 3, "place": 4})
@@ -202,27 +202,27 @@ def test_busy_now_and_then_is_no_reading_lost():
     assert not remark.doubtful
 
 
-def test_always_busy_is_said_in_its_own_words():
+def test_a_permanently_busy_server_is_reported_as_busy():
     with (
         pytest.raises(Refused, match=r"was refused: the device is busy \(Modbus exception 6\)"),
-        Stand(device(busy=lambda count: True)),
+        DeviceRig(device(busy=lambda count: True)),
     ):
         pass
 
 
 def test_a_group_that_is_refused_for_good_has_no_value():
     far = device()
-    with Stand(far) as stand:
+    with DeviceRig(far) as stand:
         stand.wait(0.1)
         far.holes = frozenset([12])
         stand.wait(0.1)
-        assert math.isnan(stand.told("height")[-1])
+        assert math.isnan(stand.values_of("height")[-1])
         assert [one.text for one in stand.transport.remarks() if one.doubtful]
 
 
-def test_a_refused_stream_is_told_since_when_and_why():
+def test_a_refused_stream_is_reported_with_time_and_reason():
     far = device(refuses=lambda function, address: 4 if function in (6, 16) else 0)
-    with Stand(far) as stand:
+    with DeviceRig(far) as stand:
         for _ in range(5):
             stand.transport.stream({"target": 1.0}, stand.clock.now())
             stand.wait(0.02)
@@ -239,9 +239,9 @@ def test_a_refused_stream_is_told_since_when_and_why():
 def test_no_value_is_recognised_as_the_device_has_it():
     far = device()
     far.words["input"][13:15] = struct.unpack(">2H", struct.pack(">f", -999.9))
-    with Stand(far) as stand:
+    with DeviceRig(far) as stand:
         assert math.isnan(stand.transport.read(["level"])["level"])
-        assert math.isnan(stand.told("level")[-1])
+        assert math.isnan(stand.values_of("level")[-1])
 
 
 # -- connections, on sockets -------------------------------------------------------------------------------------------
@@ -394,7 +394,7 @@ def test_every_reading_is_the_truth_or_no_reading(
     far.number = (lambda asked: asked + 1) if other else (lambda asked: asked)
     groups = {"fast": {"every": "20 ms", "stale": "400 ms", "gap": gap}}
     try:
-        stand = Stand(far, points=points, groups=groups, request_max=said, echo=echo)
+        stand = DeviceRig(far, points=points, groups=groups, request_max=said, echo=echo)
         with stand:
             stand.wait(0.2)
             read = stand.transport.read(list(points))

@@ -169,7 +169,7 @@ def test_it_conforms_in_memory_and_in_virtual_time(bank) -> None:
         silent.clear()
         return ModbusTransport("plc", PLC, port=port)
 
-    def nobody() -> ModbusTransport:
+    def silent_transport() -> ModbusTransport:
         silent.append("nobody")
         return ModbusTransport("plc", PLC, port=port)
 
@@ -180,7 +180,7 @@ def test_it_conforms_in_memory_and_in_virtual_time(bank) -> None:
         streamed={"far": "far", "vent": "vent"},
         unavailable="broken",
         refused="beyond",
-        nobody=nobody,
+        nobody=silent_transport,
         cut=lambda: silent.append("cut"),
         clock=clock,
     )
@@ -232,7 +232,7 @@ def test_a_refusal_is_the_rigs_and_the_connection_lives(plc: ForeignPlc, connect
     assert lost == []
 
 
-def test_a_group_outside_the_map_is_told_when_connecting(plc: ForeignPlc, connected: Callable) -> None:
+def test_a_group_outside_the_map_is_reported_on_connection(plc: ForeignPlc, connected: Callable) -> None:
     points = {**PLC["points"], "height": {"table": "input", "address": SIZE, "group": "fast"}}
     with pytest.raises(Refused, match=f"reading input registers {SIZE} of .* outside the device's map"):
         connected(plc, points=points)
@@ -322,7 +322,7 @@ def test_a_short_silence_is_no_loss(bank) -> None:
     transport.close()
 
 
-def test_a_listener_that_fails_is_told(bank) -> None:
+def test_a_failing_listener_is_reported(bank) -> None:
     clock, lost = VirtualClock(), []
     transport = ModbusTransport("plc", PLC, port=lambda: InMemoryModbus(lambda adu: answer(adu, bank)))
     transport.connect(clock, lost.append, within=1.0)

@@ -284,7 +284,7 @@ def test_numbers_that_do_not_fit_and_what_the_server_refuses(cell: Cell, connect
         transport.write({"height": 1})
 
 
-def test_a_streamed_number_that_does_not_fit_is_told(cell: Cell, connected: Callable) -> None:
+def test_an_unencodable_streamed_number_is_reported(cell: Cell, connected: Callable) -> None:
     """One that is kept back in silence would leave all others of its request at what they were."""
     transport = connected(cell)
     now = transport._clock.now
@@ -294,7 +294,7 @@ def test_a_streamed_number_that_does_not_fit_is_told(cell: Cell, connected: Call
             time.sleep(0.02)
 
 
-def test_what_the_server_does_not_tell_by_itself(
+def test_values_that_the_server_does_not_publish_are_polled(
     cell: Cell, connected: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A server that has too many subscribers already says so item by item."""
@@ -361,7 +361,7 @@ def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
         ({"node": "nsu=urn:sell;s=Force"}, r"has no namespace 'urn:sell', for odd; it has .*urn:cell"),
     ],
 )
-def test_a_value_that_can_never_come_is_said_at_once(
+def test_an_impossible_value_is_reported_at_once(
     cell: Cell, connected: Callable, said: dict, words: str
 ) -> None:
     points = {name: one for name, one in POINTS.items() if one["node"] != said["node"]}
@@ -385,7 +385,7 @@ def test_elements_of_an_array_in_a_namespace_by_its_name(cell: Cell, connected: 
     assert cell.get("Loads") == [0.5, 3.0, 4.5]
 
 
-def test_set_points_that_the_server_refuses_are_told(cell: Cell, connected: Callable) -> None:
+def test_refused_set_points_are_reported(cell: Cell, connected: Callable) -> None:
     transport = connected(cell)
     transport.stream({"force": 1.0}, transport._clock.now())
     deadline = time.monotonic() + 5
@@ -424,7 +424,7 @@ def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPat
         open_transport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840"}, Path())
 
 
-def test_nobody_answers(dead_port: int) -> None:
+def test_a_missing_server_is_reported(dead_port: int) -> None:
     transport = OpcUaTransport("cell", {**CELL, "url": f"opc.tcp://127.0.0.1:{dead_port}"})
     with pytest.raises(LinkLost, match=r"connecting: cell at opc.* failed: .*is the server running"):
         transport.connect(RealClock(), pytest.fail, within=1.0)

@@ -23,7 +23,7 @@ LATE = (
 @pytest.mark.parametrize(
     ("cause", "ms"), [("force_lag", 5.713), ("displacement_latency", 5.0), ("displacement_latency", 20.0)]
 )
-def test_what_is_late_on_a_bench_is_told_by_its_name(tmp_path, cause, ms):
+def test_a_late_channel_of_a_bench_is_named(tmp_path, cause, ms):
     values = {CATALOGUE[cause].amplitude.name: 1e-3 * ms}
     measure(GroundTruth(seed=5, kind="single", condition="white", effects={cause: values}), tmp_path / "run")
     simulator = BenchCases().simulator

@@ -1,5 +1,5 @@
 """The FMUs of the bench's tests."""
 
-from tests.fmu.conftest import alone, car_fmus, spring_fmus
+from tests.fmu.conftest import car_fmus, isolated, spring_fmus
 
-__all__ = ["alone", "car_fmus", "spring_fmus"]
+__all__ = ["car_fmus", "isolated", "spring_fmus"]

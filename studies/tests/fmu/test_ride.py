@@ -88,14 +88,14 @@ RIDES = [("strange", 1e-3, 0.003), ("strange", 5e-3, 0.008), ("ours", 1e-3, 0.00
 
 @pytest.mark.parametrize(("whose", "step", "far"), RIDES)
 def test_it_gives_the_figures_of_the_ride(
-    spring_fmus, car_fmus, alone, on_the_bench, tmp_path, whose, step, far
+    spring_fmus, car_fmus, isolated, on_the_bench, tmp_path, whose, step, far
 ):
     """From the bench's within the uncertainty that the plan itself states, and nearer to the car's alone."""
     case, rig = ordinary().load("AW0"), ours()
     car = build(HERE / "models" / "RidingCar.py", tmp_path, 3) if whose == "strange" else car_fmus[3]
     whole = DURATION + RUN_IN + RISE
     to = tmp_path / "rows.npy"
-    alone(
+    isolated(
         spring_fmus[3],
         "ride",
         car=str(car),

@@ -45,7 +45,7 @@ def judged(*args, **kwargs):
     return judge(mutations(), FAULTS["leak 5e-11"], row(*args, **kwargs), SOUND)
 
 
-def test_there_are_faults_of_every_kind_and_each_names_what_is_meant_for_it():
+def test_each_kind_has_faults_that_name_their_check():
     assert len(FAULTS) == len(mutations().mutation) >= 25
     assert {one.kind for one in FAULTS.values()} == {"plant", "sensor", "wire"}
     known = set(mutations().reasons)
@@ -64,7 +64,7 @@ def test_each_fault_can_be_had_and_changes_something(name):
     assert simulation.faults or parameters.digest() != load().digest()
 
 
-def test_what_is_meant_for_a_fault_catches_it():
+def test_each_check_detects_its_fault():
     cell = judged("fail", check("c at 1 Hz", 11.0, "fail"), check(AIR.format("left"), 11.0, "fail"))
     assert (cell.found, cell.told) == ("caught", "air lost per minute, left spring; c at 1 Hz")
 
@@ -110,7 +110,7 @@ def test_every_fault_that_no_plan_catches_is_explained_and_no_other():
     assert {name for name, one in FAULTS.items() if one.missed} == FAULTS.keys() - caught
 
 
-def test_no_plan_of_the_matrix_catches_nothing():
+def test_every_plan_of_the_matrix_detects_some_effect():
     cells = read_cells()
     tried = {cell.plan for cell in cells}
     assert tried == {cell.plan for cell in cells if cell.found == "caught"}

@@ -145,7 +145,7 @@ def test_figures(entries):
 
 
 @quick
-def test_the_orifice_damps_nothing_sideways(entries):
+def test_the_orifice_does_not_damp_lateral_motion(entries):
     for entry in entries:
         if entry["id"] in {"T4", "T5"} and entry["layer"] == "plant":
             assert entry["numbers"]["lateral_change"] < 0.01
@@ -217,7 +217,7 @@ SLOW = {
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in MUTATIONS]
 )
-def test_a_changed_model_turns_the_right_checks(name):
+def test_a_changed_model_fails_the_expected_checks(name):
     layer, changes, turned, kept = MUTATIONS[name]
     ids = set(turned.split()) | set(kept.split())
     subject = Subject(**{layer: changes})

@@ -208,7 +208,7 @@ def test_a_floor_that_sways_and_rises_at_once():
 
 
 @pytest.mark.parametrize(("frequency", "left_out"), [(1.2, 1e-4), (2.4, 1e-3), (4.0, 5e-3)])
-def test_what_is_told_fifty_times_a_second_is_weighted_as_what_is_told_always(frequency, left_out):
+def test_fifty_samples_a_second_weigh_like_a_continuous_signal(frequency, left_out):
     step = 0.02
     told = np.sin(2 * np.pi * frequency * step * np.arange(500))
     fine = finely(told, step)

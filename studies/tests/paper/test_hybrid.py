@@ -146,7 +146,7 @@ def test_the_tick_has_more_gain_left():
     assert margins_of(case, OURS, by="rig").gain > 3.0 * margins_of(case, OURS).gain
 
 
-def test_springs_stand_as_the_car_has_them_and_tell_what_they_do():
+def test_springs_are_placed_as_in_the_car_with_their_readings():
     place = Place(0.05, 4 * mm, -0.015)
     at = setpoints_of(place, OURS)
     left, right = (at[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))
@@ -213,7 +213,7 @@ def test_a_delay_is_found_of_how_the_springs_followed(late, sooner):
     assert path_of(OURS, found).delay == pytest.approx(found.pistons)
 
 
-def test_a_longer_delay_is_refused_and_the_longest_is_told():
+def test_a_longer_delay_is_refused_with_the_longest_one():
     case, slow = ordinary().load("AW0"), Delay(140 * ms, 120 * ms, 50 * ms)
     assert not margins_of(case, OURS, slow).enough
     assert margins_of(case, OURS, slow).gain > 0.0  # a locus that goes through 0 has no margin there
@@ -238,7 +238,7 @@ def test_frames_give_way_to_the_springs_and_pistons_go_further():
     assert more["platform.roll_setpoint"] == 0
 
 
-def test_a_car_alone_is_the_models_vehicle():
+def test_a_single_car_equals_the_models_vehicle():
     wind = 3e3 * np.sin(0.01 * np.arange(301))
     vehicle = Vehicle(parameters("astb", "AW3").record, load_vehicle().record)
     mass = vehicle.mass
@@ -263,7 +263,7 @@ def test_springs_that_carry_less_carry_the_car():
         ride_alone(CAR, mass, SimulatedSprings("nowhere.toml", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
 
 
-def test_a_deviation_is_told_by_its_uncertainty():
+def test_a_deviation_is_detected_by_its_uncertainty():
     both = Agreement(0.103, 0.100, {"one": 0.6e-3, "other": 0.8e-3})
     assert both.expanded == pytest.approx(2e-3)
     assert both.normalised == pytest.approx(1.5)

@@ -99,7 +99,7 @@ def test_readings_are_freed_of_their_lag_before_the_gas_is_taken_off():
     np.testing.assert_allclose(bench.loss_without_gas(area).y, rubber.imag, rtol=1e-3)
 
 
-def test_the_loss_without_gas_is_that_of_the_force_beside_the_pressure():
+def test_the_loss_without_gas_is_that_of_the_remaining_force():
     one = Harmonics(1.2, 5e-3 + 0j, -5e3 - 800j, -18e3 - 3e3j)
     bench = BenchResults({}, {}, (np.zeros(2), np.zeros(2)), harmonics=[one])
     expected = ((-18e3 - 3e3j) * 0.25 - (-5e3 - 800j)) / 5e-3

@@ -27,7 +27,7 @@ COMFORT = {
 }
 
 
-def alone(load, wind, duration, draw=1):
+def single_car(load, wind, duration, draw=1):
     """The same car in the same wind on the model's springs: a_y and a_z of the floor (rms), and its mean lean."""
     whole = duration + RUN_IN + RISE
     vehicle = Vehicle(parameters("astb", load).record, load_vehicle().record)
@@ -47,7 +47,7 @@ def test_it_rides_as_the_car_does_on_the_models_springs(judged, load, wind):
     assert not failed, result.reason
     assert result.verdict is Outcome.PASS
     assert not COMFORT & found.keys(), "comfort indices need five minutes"
-    a, rising, lean = alone(load, wind, 20.0)
+    a, rising, lean = single_car(load, wind, 20.0)
     assert found["lateral acceleration of the floor, rms"].value == pytest.approx(a, rel=AGREES)
     assert found["vertical acceleration of the floor, rms"].value == pytest.approx(rising, rel=AGREES)
     assert abs(found["vertical acceleration against the simulation, E_n"].value) <= 1.0
@@ -57,7 +57,7 @@ def test_it_rides_as_the_car_does_on_the_models_springs(judged, load, wind):
 
 
 @pytest.mark.slow
-def test_springs_that_are_not_the_models_are_told(judged):
+def test_springs_unknown_to_the_model_are_reported(judged):
     """Ten percent less of the lateral law, which no limit of the specimen's file is asked about here."""
     given = {"load": "AW3", "wind": "25 m/s", "duration": "20 s"}
     _, failed = judged("ride", given=given, instruments=ordinary(), membrane_length=0.31)
@@ -75,7 +75,7 @@ def test_in_the_rigs_tick_springs_come_a_third_as_late(judged, load, wind):
     assert result.verdict is Outcome.PASS
     for what in ("acceleration", "vertical acceleration", "mean lean"):
         assert abs(found[f"{what} against the simulation, E_n"].value) <= 1.0
-    a, rising, lean = alone(load, wind, 20.0)
+    a, rising, lean = single_car(load, wind, 20.0)
     assert found["lateral acceleration of the floor, rms"].value == pytest.approx(a, rel=AGREES)
     assert found["vertical acceleration of the floor, rms"].value == pytest.approx(rising, rel=AGREES)
     assert found["mean lean"].value == pytest.approx(lean, rel=AGREES)

@@ -195,7 +195,7 @@ def test_a_bench_that_softens_under_pressure_loses_the_first_claim():
     assert [compared(softening, one, "figure-06").verdict for one in (T1, T2, T3)] == ["closed form only"] * 3
 
 
-def test_every_claim_of_the_paper_stands_beside_one_figure():
+def test_every_claim_of_the_paper_has_one_figure():
     shown = [(one.id, figure) for one in CLAIMS for figure in one.by_figure]
     assert {figure for _, figure in shown} == {one.name for one in SECTIONS}
     assert sorted(id_ for id_, _ in shown if id_) == sorted(f"T{n}" for n in range(1, 12))
@@ -235,7 +235,7 @@ def test_every_check_is_evaluated_once_and_shared_experiments_stay_together():
     assert "A27" in groups[0], "the longest comes first"
 
 
-def test_tables_and_topologies_stand_on_the_files_that_they_name():
+def test_tables_and_topologies_depend_on_their_named_files():
     rows = {
         (table["title"].split(".")[0], row["name"]): row for table in stated.tables() for row in table["rows"]
     }
@@ -369,7 +369,7 @@ def test_an_experiment_that_is_asked_for_in_other_words_is_not_made_again():
     assert experiment(Subject(), "AW0") == 7, "another subject has others"
 
 
-def test_progress_is_told_for_each_part_once():
+def test_progress_is_reported_once_for_each_part():
     from concurrent.futures import Future
 
     heard, futures = [], [Future() for _ in range(3)]

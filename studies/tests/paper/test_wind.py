@@ -53,7 +53,7 @@ def test_force_is_odd_and_rises_with_the_wind(U, V):
     assert 0.0 <= force[0] <= force[1] == -force[2]
 
 
-def test_force_without_and_with_nothing_but_wind():
+def test_force_without_and_with_wind():
     assert lateral_force(0.0, WIND) == 0.0
     expected = 0.5 * WIND.air_density * WIND.side_area * WIND.side_coefficient * 20.0**2
     assert lateral_force(20.0, AT_REST) == pytest.approx(expected), "beyond the stall angle: ½ρAC W²"

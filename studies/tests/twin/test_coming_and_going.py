@@ -16,7 +16,7 @@ from tests.twin.test_twin import Growing, run
 pytestmark = pytest.mark.slow
 
 
-def beside(folder, until: float, *looks: float):
+def during_and_after(folder, until: float, *looks: float):
     """Return the twin's only parting, after looks while the run went on and one at its end."""
     growing = Growing(read(folder))
     twin = Twin(growing, load("astb"), "astb")
@@ -31,10 +31,10 @@ def words(parting) -> list[str]:
     return [one.word for one in parting.course]
 
 
-def test_two_causes_at_once_are_told_together(tmp_path):
+def test_two_simultaneous_causes_are_reported_together(tmp_path):
     leak = PlannedFault("leak", {"side": "left", "area": "0.5mm2"}, 60.0, None)
     cell = PlannedFault("bias", {"sensor": "load_cell.2", "value": "1kN"}, 66.0, None)
-    parting = beside(run("aw0", tmp_path, 14, leak, cell), 85.0)
+    parting = during_and_after(run("aw0", tmp_path, 14, leak, cell), 85.0)
     assert not parting.causes
     names = {tuple(one.name for one in pair) for pair in parting.pairs}
     assert names <= {("leak.left", "cell_offset.2"), ("leak_laminar.left", "cell_offset.2")}
@@ -44,10 +44,10 @@ def test_two_causes_at_once_are_told_together(tmp_path):
     assert "leak of a bellows (orifice), left" in parting.sentence
 
 
-def test_while_it_goes_on_the_first_of_two_is_told_alone(tmp_path):
+def test_while_it_lasts_only_the_first_of_two_is_reported(tmp_path):
     leak = PlannedFault("leak", {"side": "left", "area": "0.5mm2"}, 60.0, None)
     cell = PlannedFault("bias", {"sensor": "load_cell.2", "value": "1kN"}, 72.0, None)
-    parting = beside(run("aw0", tmp_path, 19, leak, cell), 85.0, 66.0, 70.0)
+    parting = during_and_after(run("aw0", tmp_path, 19, leak, cell), 85.0, 66.0, 70.0)
     assert words(parting)[0] == "told" and words(parting)[-1] == "otherwise"
     assert "leak.left" in {one.name for one in parting.course[0].causes}
     assert ("leak.left", "cell_offset.2") in {tuple(one.name for one in pair) for pair in parting.pairs}
@@ -61,9 +61,9 @@ def test_while_it_goes_on_the_first_of_two_is_told_alone(tmp_path):
         ("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, "cell_offset.2", 500.0),
     ],
 )
-def test_what_goes_away_is_told_when_it_began_and_ended(tmp_path, fault, values, cause, size):
+def test_a_temporary_deviation_has_start_and_end(tmp_path, fault, values, cause, size):
     folder = run("aw0", tmp_path, 16, PlannedFault(fault, values, 62.0, 8.0))
-    parting = beside(folder, 88.0, 68.0)
+    parting = during_and_after(folder, 88.0, 68.0)
     found = next(one for one in parting.causes if one.name == cause)
     assert found.form == "gone again"
     assert found.low < size < found.high
@@ -75,12 +75,12 @@ def test_what_goes_away_is_told_when_it_began_and_ended(tmp_path, fault, values,
 
 
 @pytest.mark.parametrize(("effect", "size"), [("leak.left", 1e-6), ("cell_offset.3", 600.0)])
-def test_what_grows_is_told_with_its_size_now_and_gets_surer(tmp_path, effect, size):
+def test_a_growing_deviation_is_reported_with_size_and_falling_uncertainty(tmp_path, effect, size):
     case = Case("aw0", 5, effect=effect, size=size, at=58.0, creeps=25.0)
     folder = tmp_path / "run"
     with bench_of(case) as bench:
         execute(plans()["aw0"], bench, folder, rig="virtual", seed=case.seed)
-    parting = beside(folder, 95.0, 75.0)
+    parting = during_and_after(folder, 95.0, 75.0)
     found = next(one for one in parting.causes if one.name == effect)
     assert {one.name for one in parting.causes} <= {effect, "leak_laminar.left"}
     assert found.form == "growing"
@@ -96,7 +96,7 @@ def test_what_grows_is_told_with_its_size_now_and_gets_surer(tmp_path, effect, s
     ("effect", "size", "share"),
     [("auxiliary_volume", 0.8, 0.01), ("bellows_volume", 0.8, 0.01), ("blocked_orifice.left", 0.75, 0.05)],
 )
-def test_what_grows_to_where_nothing_is_linear_is_told_with_its_size(tmp_path, effect, size, share):
+def test_a_growing_deviation_in_the_nonlinear_range_is_reported_with_size(tmp_path, effect, size, share):
     case = Case("screening", 5, effect=effect, size=size, at=145.0, creeps=30.0)
     folder = tmp_path / "run"
     with bench_of(case) as bench:
@@ -111,22 +111,22 @@ def test_what_grows_to_where_nothing_is_linear_is_told_with_its_size(tmp_path, e
 
 def test_what_is_gone_in_the_next_stretch_is_over(tmp_path):
     fault = PlannedFault("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, 100.0, 95.0)
-    parting = beside(run("endurance", tmp_path, 17, fault), 330.0)
+    parting = during_and_after(run("endurance", tmp_path, 17, fault), 330.0)
     assert {one.name for one in parting.causes} == {"cell_offset.2"}
     assert parting.since == pytest.approx(100.0, abs=1.0)
     assert parting.over == pytest.approx(195.0, abs=1.5)
     assert words(parting)[0] == "told" and words(parting)[-1] == "over"
 
 
-def test_one_fault_over_many_stretches_is_one_parting(tmp_path):
+def test_one_fault_over_many_segments_is_one_deviation(tmp_path):
     fault = PlannedFault("bias", {"sensor": "load_cell.2", "value": "0.5kN"}, 90.0, None)
-    parting = beside(run("endurance", tmp_path, 18, fault), 330.0)
+    parting = during_and_after(run("endurance", tmp_path, 18, fault), 330.0)
     assert {one.name for one in parting.causes} == {"cell_offset.2"}
     assert parting.lasts
     assert np.sign(parting.causes[0].size) == 1.0
 
 
-def test_looks_do_not_wait_for_the_search_and_in_the_end_the_same_is_said(tmp_path):
+def test_updates_do_not_wait_for_the_search_and_end_equal(tmp_path):
     leak = PlannedFault("leak", {"side": "left", "area": "0.5mm2"}, 60.0, None)
     cell = PlannedFault("bias", {"sensor": "load_cell.2", "value": "1kN"}, 66.0, None)
     folder = run("aw0", tmp_path, 14, leak, cell)

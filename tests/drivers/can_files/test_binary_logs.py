@@ -28,7 +28,9 @@ def changed(rng: random.Random, frames: list[Sample], changes: Sequence[str]) ->
     return frames
 
 
-def is_equal_or_told(found: Sequence[Sample], account: Account, frames: Sequence[Sample], told: bool) -> None:
+def is_equal_or_reported(
+    found: Sequence[Sample], account: Account, frames: Sequence[Sample], told: bool
+) -> None:
     """Each frame that came is one of the recording, in its order and at its time; what did not is ``told``."""
     times = {one[1:]: one.time for one in frames}
     assert len(found) <= len(frames)
@@ -55,7 +57,7 @@ def test_a_blf_in_any_form_and_changed(tmp_path, seed: int) -> None:
         assert {"twice", "back", "cut"} & set(changes), error
         return
     assert not {"twice", "back"} & set(changes) or "cut" in changes
-    is_equal_or_told(found, account, frames, told=bool(account.counts))
+    is_equal_or_reported(found, account, frames, told=bool(account.counts))
     if "cut" not in changes:
         assert sum(account.counts.values()) == beside
 
@@ -77,7 +79,7 @@ def test_raw_bus_logging_in_any_form_and_changed(tmp_path: Path, seed: int) -> N
         assert {"cut", "back"} & set(changes), error
         return
     assert "back" not in changes
-    is_equal_or_told(found, account, frames, told=bool(account.counts))
+    is_equal_or_reported(found, account, frames, told=bool(account.counts))
     assert bool(account.counts) == bool(beside) or "cut" in changes
 
 

@@ -96,7 +96,7 @@ def test_frames_a_little_out_of_order_are_put_in_order(tmp_path) -> None:
     refused(tmp_path, "a.log", candump(sorted(swapped[:3]) + swapped[3:4] + swapped[6:7]), "clock goes back")
 
 
-def test_a_pause_and_the_time_of_the_day_are_told(tmp_path) -> None:
+def test_pause_and_time_of_day_are_reported(tmp_path) -> None:
     frames = [one._replace(time=one.time + 5_000_000_000 * (k >= 20)) for k, one in enumerate(recording())]
     _, account = read(tmp_path, "a.log", candump(frames))
     assert account.taken[0].startswith("nothing came for 5.00")
@@ -123,9 +123,7 @@ def with_line(rng: random.Random, lines: list[str], line: str) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_recording_in_any_form_and_changed_is_equal_or_refused_or_its_loss_is_told(
-    tmp_path, seed: int
-) -> None:
+def test_a_changed_recording_is_equal_or_refused_or_its_loss_is_reported(tmp_path, seed: int) -> None:
     """Never different: each frame that comes in is one of the recording, in its order, at its time."""
     rng = random.Random(seed)
     frames = recording(40, fd=rng.random() < 0.3)

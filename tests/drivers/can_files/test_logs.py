@@ -123,7 +123,7 @@ BESIDE_ASC = {
 @form("asc beside")
 @pytest.mark.parametrize("delta", [False, True])
 @pytest.mark.parametrize("what", BESIDE_ASC)
-def test_what_stands_beside_the_frames_of_asc_is_counted(tmp_path, what: str, delta: bool) -> None:
+def test_other_lines_of_asc_are_counted(tmp_path, what: str, delta: bool) -> None:
     lines = asc(recording(), delta=delta).splitlines()
     for k, extra in enumerate(BESIDE_ASC[what]):
         stamp = "0.000000" if delta else lines[10 + 2 * k].split()[0]
@@ -220,7 +220,7 @@ def test_stamps_that_may_count_or_not(tmp_path) -> None:
 @form("candump beside")
 @pytest.mark.parametrize("shown", [False, True])
 @pytest.mark.parametrize("stamps", "aAd")
-def test_what_stands_beside_the_frames_of_a_candump_is_counted(tmp_path, stamps: str, shown: bool) -> None:
+def test_other_lines_of_a_candump_are_counted(tmp_path, stamps: str, shown: bool) -> None:
     lines = candump_lines(recording(), stamps, shown)
     times = [line.split(")")[0] + ")" for line in lines]
     stand = "(000.000000)" if stamps == "d" else None
@@ -295,7 +295,7 @@ def test_gvret(tmp_path, directions: bool) -> None:
         ("2.1", ["9 0.0 ER 1   - Rx - 5 04 00", "9 0.0 RR 1 0100 Rx - 3", "9 0.0 EV 1 User-defined event"], (1, 1, 1)),
     ],
 )  # fmt: skip
-def test_what_stands_beside_the_frames_of_a_trc_is_counted(tmp_path, version: str, extra, counts) -> None:
+def test_other_lines_of_a_trc_are_counted(tmp_path, version: str, extra, counts) -> None:
     lines = trc(recording(), version).splitlines()
     found, account = read(tmp_path, "a.trc", "\n".join([*lines[:20], *extra, *lines[20:]]) + "\n")
     same(found, recording())
@@ -306,7 +306,7 @@ def test_what_stands_beside_the_frames_of_a_trc_is_counted(tmp_path, version: st
 
 
 @form("trc unknown")
-def test_traces_that_nobody_knows(tmp_path) -> None:
+def test_unknown_traces(tmp_path) -> None:
     text = trc(recording(), "2.1")
     refused(tmp_path, "a.trc", text.replace("=2.1", "=3.0"), "is of version 3.0; read are 1.0, 1.1")
     refused(tmp_path, "a.trc", text.replace(",R,", ",q,"), "column 'q' in line 3: .* is none that is known")
@@ -315,7 +315,7 @@ def test_traces_that_nobody_knows(tmp_path) -> None:
 
 
 @form("blf beside")
-def test_what_stands_beside_the_frames_of_a_blf_is_counted(tmp_path) -> None:
+def test_other_objects_of_a_blf_are_counted(tmp_path) -> None:
     at = (START + 100_000_000) / 1e9
     extra = [
         can.Message(timestamp=at, is_error_frame=True),

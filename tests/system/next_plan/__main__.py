@@ -107,7 +107,7 @@ def page(found: list[Cell], every: dict[str, list[str]]) -> str:
         rows[cell.loss][cell.delay].append(cell)
     lines = []
     for loss in LOSSES:
-        told = [_told(rows[loss.name][delay]) for delay in DELAYS]
+        told = [_summary(rows[loss.name][delay]) for delay in DELAYS]
         lines.append(f"| {loss.of} | {loss.name} | {' | '.join(told)} |")
     tried = {(cell.plan, cell.loss, cell.delay) for cell in found}
     lines += ["", "Each loss before a plan that begins as", ""]
@@ -129,7 +129,7 @@ def _gaps(name: str, tried: set[tuple[str, str, float]]) -> str:
     return f" (not gone over yet: {gaps} of these cells)" if gaps else ""
 
 
-def _told(some: list[Cell]) -> str:
+def _summary(some: list[Cell]) -> str:
     if not some:
         return "not gone over yet"
     blocked = Counter(cause_of(cell.reason) or "wrong" for cell in some if cell.reason)

@@ -9,7 +9,7 @@ from bench_protocol.clock import utc_date
 from test_plans.discovery import plans
 from test_plans.plan import Plan
 from tests.system.next_plan.losses import LOSSES, Loss
-from tests.system.next_plan.stand import DELAYS, WITHIN, Stand
+from tests.system.next_plan.stand import DELAYS, WITHIN, FaultRig
 from tests.system.next_plan.truth import CAUSES, untruths
 
 SEED = 1
@@ -74,7 +74,7 @@ def cells(
         nexts = {name: delays for name, delays in before.items() if other_than(name) == first}
         if not nexts:
             continue
-        stand = Stand(loss, first, SEED, within)
+        stand = FaultRig(loss, first, SEED, within)
         for delay in sorted({one for delays in nexts.values() for one in delays}):
             stand.wait(delay)
             for name in [name for name, delays in nexts.items() if delay in delays]:

@@ -112,7 +112,7 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
     return first.successor, told
 
 
-class Stand:
+class FaultRig:
     """What a loss has left, to which every next plan comes anew."""
 
     def __init__(self, loss: Loss, first: str, seed: int, within: tuple[float, float] = WITHIN) -> None:

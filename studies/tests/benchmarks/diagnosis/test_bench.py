@@ -99,7 +99,7 @@ def test_a_coarse_converter_has_steps_of_the_wire():
 
 
 @pytest.mark.slow
-def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
+def test_a_sealed_record_does_not_reveal_the_effects(tmp_path):
     record, truth = tmp_path / "record", tmp_path / "truth.json"
     command = [
         sys.executable,

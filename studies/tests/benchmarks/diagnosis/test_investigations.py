@@ -85,7 +85,7 @@ def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_o
         ("pressure_latency", "delay", 0.3 * ms, "pressure_lag", "fast_vertical_sines"),
     ],
 )
-def test_a_lag_and_a_latency_are_told_apart_by_fast_sines(hidden, parameter, size, rival, plan, tmp_path):
+def test_fast_sines_distinguish_lag_from_latency(hidden, parameter, size, rival, plan, tmp_path):
     """A screening cannot: they differ by ω²τ²/2 in gain, a thousandth of a per cent of its forces.
 
     The sines are diagnosed without it: what else is seen owes it nothing.

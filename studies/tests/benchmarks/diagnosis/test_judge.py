@@ -26,7 +26,7 @@ from diagnosis.finding import Verdict
 NAMED, NONE = Verdict.NAMED.value, Verdict.NO_EFFECT.value
 
 
-def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), weakest=50.0, **more):
+def judged_case(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), weakest=50.0, **more):
     return Judged(
         system="test",
         seed=0,
@@ -45,42 +45,42 @@ def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), we
 @pytest.mark.parametrize(
     ("case", "exact", "reported", "wrong", "amiss"),
     [
-        (said(["leak.left"], ["leak.left"]), True, True, [], ""),
-        (said(["leak.left"], ["heat"]), False, False, ["heat"], "wrong cause"),
-        (said(["leak.left"], ["leak.right"]), False, False, ["leak.right"], "wrong cause"),
-        (said(["leak.left"], ["leak.left", "heat"]), False, True, ["heat"], "wrong cause"),
-        (said(["leak.left"], ["heat"], rivals=["leak.left"]), False, True, [], ""),
-        (said(["leak.left"], ["leak.left"], rivals=["heat"]), False, True, [], ""),
+        (judged_case(["leak.left"], ["leak.left"]), True, True, [], ""),
+        (judged_case(["leak.left"], ["heat"]), False, False, ["heat"], "wrong cause"),
+        (judged_case(["leak.left"], ["leak.right"]), False, False, ["leak.right"], "wrong cause"),
+        (judged_case(["leak.left"], ["leak.left", "heat"]), False, True, ["heat"], "wrong cause"),
+        (judged_case(["leak.left"], ["heat"], rivals=["leak.left"]), False, True, [], ""),
+        (judged_case(["leak.left"], ["leak.left"], rivals=["heat"]), False, True, [], ""),
         (
-            said(["leak.left"], ["heat", "creep"], rivals=["leak.left"]),
+            judged_case(["leak.left"], ["heat", "creep"], rivals=["leak.left"]),
             False,
             True,
             ["heat", "creep"],
             "wrong",
         ),
-        (said(["maxwell_two"], ["maxwell"], near=["maxwell"]), False, False, [], "not reported"),
-        (said(["leak.left"], [], verdict=NONE), False, False, [], "not seen"),
-        (said(["leak.left"], [], verdict=NONE, weakest=5.0), False, False, [], ""),
-        (said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value), False, False, [], "not reported"),
+        (judged_case(["maxwell_two"], ["maxwell"], near=["maxwell"]), False, False, [], "not reported"),
+        (judged_case(["leak.left"], [], verdict=NONE), False, False, [], "not seen"),
+        (judged_case(["leak.left"], [], verdict=NONE, weakest=5.0), False, False, [], ""),
+        (judged_case(["leak.left"], [], verdict=Verdict.UNRESOLVED.value), False, False, [], "not reported"),
         (
-            said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value, suspects=["leak.left", "creep"]),
+            judged_case(["leak.left"], [], verdict=Verdict.UNRESOLVED.value, suspects=["leak.left", "creep"]),
             False,
             True,
             [],
             "",
         ),
-        (said(["snag"], [], verdict=Verdict.UNKNOWN.value, kind="outside"), False, False, [], ""),
-        (said(["snag"], ["maxwell"], kind="outside"), False, False, ["maxwell"], "wrong cause"),
-        (said([], [], verdict=NONE, kind="null", weakest=0.0), True, True, [], ""),
+        (judged_case(["snag"], [], verdict=Verdict.UNKNOWN.value, kind="outside"), False, False, [], ""),
+        (judged_case(["snag"], ["maxwell"], kind="outside"), False, False, ["maxwell"], "wrong cause"),
+        (judged_case([], [], verdict=NONE, kind="null", weakest=0.0), True, True, [], ""),
         (
-            said([], [], verdict=Verdict.UNKNOWN.value, kind="null", weakest=0.0),
+            judged_case([], [], verdict=Verdict.UNKNOWN.value, kind="null", weakest=0.0),
             True,
             True,
             [],
             "false alarm",
         ),
-        (said([], ["heat"], kind="null", weakest=0.0), False, True, ["heat"], "false alarm"),
-        (said(["leak.left"], ["leak.left"], deviations=[5.0]), True, True, [], "off by 5"),
+        (judged_case([], ["heat"], kind="null", weakest=0.0), False, True, ["heat"], "false alarm"),
+        (judged_case(["leak.left"], ["leak.left"], deviations=[5.0]), True, True, [], "off by 5"),
     ],
 )
 def test_what_counts_as_what(case, exact, reported, wrong, amiss):
@@ -162,7 +162,7 @@ def test_coloured_noise_has_its_colour_and_the_size_of_the_data_sheet():
     assert np.mean(series[1:] * series[:-1]) / np.mean(series**2) == pytest.approx(0.9, abs=0.02)
 
 
-def test_a_lambda_counts_in_the_noise_of_its_bench_and_beside_its_kin():
+def test_a_lambda_counts_the_noise_of_its_bench_and_related_causes():
     table = LambdaPerUnit.read()
     assert table.in_noise.keys() == {"AR 0.6", "AR 0.9", "12 bits"}
     for name, points in table.effects.items():
@@ -194,7 +194,7 @@ def test_a_truth_is_as_large_as_its_noise_leaves_it():
     assert GroundTruth(seed=1, kind="null", condition="white").apart == 0.0
 
 
-def test_no_page_is_written_from_nothing(tmp_path):
+def test_no_page_is_written_without_data(tmp_path):
     """It would lose the figures of a system that was counted elsewhere, or long ago."""
     page = rate_page.PAGE.read_bytes()
     done = CliRunner().invoke(main, ["--page-only", "--kept", str(tmp_path)])

@@ -25,7 +25,7 @@ def alarms(judged):
     ]
 
 
-def test_with_all_guards_nothing_is_amiss(alarms):
+def test_all_guards_give_no_false_alarm(alarms):
     assert not alarms([*WHITE, *COLOURED])
 
 
@@ -51,7 +51,7 @@ def with_effects(seed, effects):
     return cases.data(msgspec.structs.replace(cases.draw(seed, "null", "white"), effects=effects))
 
 
-def said(data, simulator, what):
+def judged_case(data, simulator, what):
     """Judge what is said of something that is in no catalogue."""
     finding = diagnose(data, simulator, Config(seed=31, workers=1))
     sealed = GroundTruth(
@@ -60,20 +60,20 @@ def said(data, simulator, what):
     return judge(finding, sealed, simulator, system="oscillator")
 
 
-def said_of_a_push(simulator):
+def judged_push(simulator):
     """Friction that pushes instead of dragging: no physical cause of the catalogue does."""
-    return said(with_effects(31, {"coulomb": {"amplitude": -0.4}}), simulator, "push")
+    return judged_case(with_effects(31, {"coulomb": {"amplitude": -0.4}}), simulator, "push")
 
 
-def said_of_an_incident():
+def judged_incident():
     """A force that crept away while the fitted runs were made and never again: no property of the oscillator."""
     crept, healthy = (with_effects(32, effects) for effects in ({"drift": {"amplitude": 0.1}}, {}))
     runs = tuple(a if a.role == "fit" else b for a, b in zip(crept.runs, healthy.runs, strict=True))
-    return said(replace(crept, runs=runs), OscillatorCases().simulator, "incident")
+    return judged_case(replace(crept, runs=runs), OscillatorCases().simulator, "incident")
 
 
 def test_a_push_is_not_called_friction():
-    found = said_of_a_push(OscillatorCases().simulator)
+    found = judged_push(OscillatorCases().simulator)
     assert found.detected
     assert not found.amiss
 
@@ -83,15 +83,15 @@ def test_without_physical_signs_a_push_is_called_friction():
     coulomb = simulator.catalogue["coulomb"]
     free = replace(coulomb, amplitude=replace(coulomb.amplitude, low=-np.inf))
     simulator = replace(simulator, catalogue={**simulator.catalogue, "coulomb": free})
-    assert "coulomb" in said_of_a_push(simulator).wrong
+    assert "coulomb" in judged_push(simulator).wrong
 
 
 def test_an_incident_is_not_called_a_property():
-    assert not said_of_an_incident().amiss
+    assert not judged_incident().amiss
 
 
 def test_without_gates_an_incident_is_called_a_property(monkeypatch):
     for asked in (trials, backward):  # on entry, and again of what remains
         monkeypatch.setattr(asked, "unfit", lambda *_: "")
         monkeypatch.setattr(asked, "useless", lambda *_: "")
-    assert "drift" in said_of_an_incident().wrong
+    assert "drift" in judged_incident().wrong

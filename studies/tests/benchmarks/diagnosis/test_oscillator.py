@@ -24,7 +24,7 @@ def test_two_effects_of_two_families(judged):
 
 
 @pytest.mark.parametrize("condition", NOISES)
-def test_nothing(judged, condition):
+def test_no_effect_gives_no_finding(judged, condition):
     found = judged("oscillator", "null", condition, 11)
     assert found.verdict == Verdict.NO_EFFECT
     assert not found.amiss
@@ -55,7 +55,7 @@ def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
 
 
 @pytest.mark.slow
-def test_two_causes_neither_of_which_makes_sense_alone(judged):
+def test_two_causes_that_are_plausible_only_together(judged):
     """A lag without the rubber, or the rubber without the lag, would need another mass."""
     found = judged("oscillator", "pair", "white", 1227)
     assert sorted(found.hidden) == ["lag", "maxwell"]

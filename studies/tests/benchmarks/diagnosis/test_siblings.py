@@ -78,7 +78,7 @@ def test_forms_are_drawn_by_what_no_effect_imitates():
         assert np.linalg.norm(np.concatenate(moved) / noise) > LAMBDA_FORM[0]
 
 
-def test_a_force_that_depends_on_time_alone_is_a_drive():
+def test_a_force_that_depends_only_on_time_is_a_drive():
     """An oracle for the rounds: what does not depend on the motion is taken off the drive, and felt by the ground."""
     cases = OscillatorCases()
     experiment = cases._base._replay.runs[0].experiment
