@@ -254,11 +254,11 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
         raise RigFileError("--keep-frames is for rigs that speak as ours; this one has a wiring of its own")
     receiver = session.bench.receiver
 
-    def tell(failure: CanLogError) -> None:
+    def fail(failure: CanLogError) -> None:
         receiver.failure = receiver.failure or failure  # the run ends at once, as for its own record
 
     try:
-        log = CanLog(session.listen(), directory / FRAMES, tell)
+        log = CanLog(session.listen(), directory / FRAMES, fail)
     except CanLogError as error:
         raise NotKept(str(error)) from None
     try:

@@ -14,8 +14,8 @@ from typing import Final
 from bench_protocol.clock import Clock, RealClock, VirtualClock
 from bench_protocol.units import NS
 from bench_records.layout import RecordError
-from bench_records.twin import TWIN, Parting, TwinStory, read_twin
-from test_plans.beside import Alone, Beside
+from bench_records.twin import TWIN, Deviation, TwinStory, read_twin
+from test_plans.twin_state import NoTwin, TwinState
 
 #: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
 _PATIENCE: Final = 120.0
@@ -48,7 +48,7 @@ class _Pulse:
         return False
 
 
-class TwinBeside:
+class RunTwin:
     """The twin of the run that writes into ``directory``, as its plan sees it; ``clock`` is that of its bench."""
 
     def __init__(self, twin: "subprocess.Popen[str]", directory: Path, clock: Clock) -> None:
@@ -63,10 +63,12 @@ class TwinBeside:
         return self._twin.poll() is None and not self._still
 
     @property
-    def parted(self) -> Parting | None:
-        """What it says last of rig and model that part."""
+    def deviation(self) -> Deviation | None:
+        """The present deviation of rig and model; None if they agree."""
         story = self._caught_up() if self._virtual else self.story()
-        return story.parted if story is not None else None
+        return story.present_deviation if story is not None else None
+
+    parted = deviation  # the old name, for one release
 
     def _caught_up(self) -> TwinStory | None:
         now, wall = (self._clock.now() - self._begun) / NS, RealClock()
@@ -88,18 +90,18 @@ class TwinBeside:
 
 
 def _is_searched(story: TwinStory) -> bool:
-    """Whether causes are looked for of what parted last."""
-    return story.parted is not None and not story.parted.searched
+    """Whether the search for causes of the present deviation still runs."""
+    return story.present_deviation is not None and not story.present_deviation.searched
 
 
 @contextmanager
-def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[Beside]:
+def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[TwinState]:
     """Let a twin watch the run that writes into ``directory`` while the block lasts, and ``warn`` of what it found.
 
     It ends by itself with the run. Whatever becomes of it, the run goes on.
     """
     if not wanted:
-        yield Alone()
+        yield NoTwin()
         return
     # In a session of its own: Ctrl-C ends the plan, and the twin sees the end of it.
     twin = subprocess.Popen(
@@ -110,9 +112,9 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
         text=True,
         start_new_session=True,
     )
-    news = _News(TwinBeside(twin, directory, clock), warn)
+    news = _News(RunTwin(twin, directory, clock), warn)
     try:
-        yield TwinBeside(twin, directory, clock)
+        yield RunTwin(twin, directory, clock)
     finally:
         news.end()
         _conclude(twin, directory, news, warn)
@@ -121,7 +123,7 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
 class _News:
     """Warns of each deviation as soon as the twin has kept it, and again when its kind changes."""
 
-    def __init__(self, twin: TwinBeside, warn: Callable[[str], None]) -> None:
+    def __init__(self, twin: RunTwin, warn: Callable[[str], None]) -> None:
         self._twin, self._warn = twin, warn
         self._reported: dict[float, tuple[str, str]] = {}
         self._ended = threading.Event()
@@ -135,13 +137,13 @@ class _News:
 
     def report(self, story: TwinStory, *, final: bool) -> None:
         """Warn of what is new in ``story``; ``final``: of each sentence that has changed."""
-        for one in story.partings:
+        for one in story.all_deviations:
             word = one.course[-1].word if one.course else ""
-            before = self._reported.get(one.told)
+            before = self._reported.get(one.detected)
             if one.sentence and (
                 before is None or before[0] != word or (final and before[1] != one.sentence)
             ):
-                self._reported[one.told] = (word, one.sentence)
+                self._reported[one.detected] = (word, one.sentence)
                 self._warn(one.sentence)
 
     def _follow(self) -> None:

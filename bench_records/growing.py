@@ -65,9 +65,9 @@ class GrowingRecord(Record):
 
     def look(self) -> bool:
         """Take in what was written since the last look; False once the run has ended and all of it is read."""
-        goes_on = is_held(self.path.parent)
+        continues = is_held(self.path.parent)
         self._take_in()
-        return goes_on
+        return continues
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """All samples of one signal so far, in order of time, as `Record.series` gives them."""

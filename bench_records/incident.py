@@ -40,14 +40,14 @@ def write_incident(
         put(Path(directory) / STORY, story.encode())  # last: whoever finds it finds the samples
 
 
-class IncidentTold(NamedTuple):
+class IncidentSection(NamedTuple):
     """An incident as a report shows it."""
 
     story: str
     drawing: str
 
 
-def incident_of(record: Record) -> IncidentTold | None:
+def incident_of(record: Record) -> IncidentSection | None:
     """Return what the black box kept during the run, with a drawing of what tripped; None if nothing happened."""
     import pyarrow.parquet as pq
 
@@ -64,11 +64,11 @@ def incident_of(record: Record) -> IncidentTold | None:
     named = [name for name in known if cause.startswith(name.replace(".", " ").replace("_", " "))]
     names = [name for name in named or _ELSE if name in known]
     if not names:
-        return IncidentTold(story, "")
+        return IncidentSection(story, "")
     signal, times = record.signals[names[0]], as_array(table[_TIME])
     lines = [
         Series(record.signals[name].title, times, as_array(table[name]) / signal.scale) for name in names
     ]
     span = (float(times[0]), float(times[-1]))
     title = f"{signal.quantity} around the incident"
-    return IncidentTold(story, time_panel("black-box", title, signal.unit, lines, [], span, [0.0]))
+    return IncidentSection(story, time_panel("black-box", title, signal.unit, lines, [], span, [0.0]))

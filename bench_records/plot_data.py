@@ -96,7 +96,7 @@ class PlotData:
         return self._known[key]
 
     @property
-    def told(self) -> str:
+    def json(self) -> str:
         """What the script is told of each plot, as JSON that cannot end the element in which it stands."""
         return embedded(self._plots)
 

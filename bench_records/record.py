@@ -26,7 +26,7 @@ from bench_records.layout import (
     flat,
     phases_of,
 )
-from bench_records.stream import read_stream, refuse_held, told
+from bench_records.stream import metadata_errors, read_stream, refuse_held
 
 if TYPE_CHECKING:
     import numpy as np
@@ -163,7 +163,7 @@ def read(directory: Path | str) -> Record:
     except (pa.ArrowException, OSError) as error:
         raise RecordError(f"{path} is damaged or no Parquet file: {error}") from error
     facts = {key.removeprefix(PREFIX): value for key, value in ours.items()}
-    with told(path):
+    with metadata_errors(path):
         meta = {
             key: msgspec.json.decode(value) for key, value in sorted(facts.items()) if key not in RESERVED
         }

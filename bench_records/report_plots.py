@@ -144,7 +144,7 @@ def strips(
                 if text and len(text) * 5.4 + 3 <= (end - start) * points:
                     middle = paper.x((start + end) / 2)
                     paper.write(middle, paper.y(row) + 7 * OF_WORDS, text, size=7, anchor="middle", color=INK)
-            paper.write(_beside(paper, 1.012), paper.y(row) + 8 * OF_WORDS, label)
+            paper.write(_right_of_axes(paper, 1.012), paper.y(row) + 8 * OF_WORDS, label)
         for boxes, tone in zip(tones, ("#d6e4ef", "#eaf1f6"), strict=True):
             paper.fill(boxes, tone, zorder=1)
         paper.horizontal_numbers(lines=False)
@@ -162,7 +162,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
             _error_bars(axes, trace)
         axes.autoscale_view()
         if is_over_decades(curves):
-            _over_decades(axes, told_frequencies(curves))
+            _over_decades(axes, labelled_frequencies(curves))
         axes.margins(0.05)
         if len(curves) > 1 or curves[0].lows:
             axes.legend(
@@ -218,7 +218,7 @@ def is_over_decades(curves: Sequence[Curve]) -> bool:
     return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
 
 
-def told_frequencies(curves: Sequence[Curve]) -> list[float]:
+def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
     """The frequencies of the points, but of those that stand too near to write, on a logarithmic scale, only some.
 
     The lowest and the highest are among them, and in between the first from the left for which there is room.
@@ -324,7 +324,7 @@ def _joined(*parts: str) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _beside(paper: Sheet, share: float) -> float:
+def _right_of_axes(paper: Sheet, share: float) -> float:
     """A place right of the axes, given as a share of their width."""
     return paper.left + share * (paper.right - paper.left)
 
@@ -366,7 +366,7 @@ def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
             clip_on=False,
         )
         axes.add_artist(swatch)
-        paper.write(_beside(paper, 1.05), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
+        paper.write(_right_of_axes(paper, 1.05), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
 
 
 def _open_flat_band(paper: Sheet) -> None:

@@ -125,7 +125,7 @@ class Table(NamedTuple):
 
 def curve_plots(curves: list[Curve]) -> list[Drawn]:
     """A plot for each group of curves that share their axes, in the order in which they were kept."""
-    from bench_records.report_plots import curve_panel, curve_traces, is_over_decades, told_frequencies
+    from bench_records.report_plots import curve_panel, curve_traces, is_over_decades, labelled_frequencies
 
     groups: dict[tuple[str, Axis, Axis, Any], list[Curve]] = {}
     for one in curves:
@@ -133,7 +133,7 @@ def curve_plots(curves: list[Curve]) -> list[Drawn]:
     found = []
     for index, ((title, x, y, kind), members) in enumerate(groups.items()):
         named, over_decades = primed(title), is_over_decades(members)
-        ticks = told_frequencies(members) if over_decades else ()
+        ticks = labelled_frequencies(members) if over_decades else ()
         plot = Plot(kind, named, _titled(x), _titled(y), curve_traces(members), over_decades, ticks=ticks)
         found.append(Drawn(curve_panel(f"curve{index}", named, members), plot))
     return found

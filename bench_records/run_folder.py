@@ -93,7 +93,7 @@ def _unfinished(
         name,
         str(facts.get("title", name)),
         str(facts.get("instruction", "")),
-        _told(events, "check", Check),
+        _details(events, "check", Check),
         reason=reason,
         rig=str(facts.get("rig", "")),
         seed=seed if isinstance(seed, int) else None,
@@ -102,12 +102,12 @@ def _unfinished(
         ambient=str(facts.get("ambient", "")),
         parameters={str(key): str(value) for key, value in dict(facts.get("set") or {}).items()},
         specimen=specimen,
-        preconditions=_told(events, "precondition", Condition),
+        preconditions=_details(events, "precondition", Condition),
         **rest,
     )
 
 
-def _told(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
+def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
     """Return what events of a kind carry; those of earlier versions carried only words."""
     found = []
     for event in events:

@@ -136,7 +136,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
     raw = {key.decode(errors="replace"): value for key, value in (schema.metadata or {}).items()}
     if raw.get(PREFIX + "format") != encode(FORMAT):
         raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
-    with told(stream):
+    with metadata_errors(stream):
         facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
         del facts["format"]
         facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
@@ -145,7 +145,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
+def metadata_errors(path: Path) -> Iterator[None]:
     """Let what a file says of itself be read: RecordError if somebody has damaged it."""
     try:
         yield

@@ -42,7 +42,7 @@ class PossibleCause(msgspec.Struct, frozen=True):
     until: float | None = None  #: end of its growth, or of its presence; None: not yet
 
 
-class Said(msgspec.Struct, frozen=True):
+class DeviationState(msgspec.Struct, frozen=True):
     """State of a deviation at the time ``at`` (s of the run): one word, and the possible causes at that time.
 
     The words are:
@@ -71,15 +71,15 @@ class Summary(msgspec.Struct, frozen=True):
     next: str
 
 
-class Parting(msgspec.Struct, frozen=True):
-    """Deviation of the rig from its model: detected at ``told`` s, begun at about ``since`` s, first in ``channel``.
+class Deviation(msgspec.Struct, frozen=True, rename={"detected": "told"}):
+    """Deviation of rig and model: detected at ``detected`` s, begun at about ``since`` s, first in ``channel``.
 
     ``measured``, ``expected`` and ``band`` (k = 2) are means in SI over the block in which it was detected. Each of
     ``causes`` explains the deviation alone. Without such a cause, each of ``pairs`` is two causes that explain it
     together. If both are empty, the deviation has no known explanation.
     """
 
-    told: float
+    detected: float
     since: float
     channel: str
     measured: float
@@ -90,7 +90,7 @@ class Parting(msgspec.Struct, frozen=True):
     earliest: float | None = None  #: start of the interval (k = 2) of the begin; None without a cause
     latest: float | None = None
     pairs: tuple[tuple[PossibleCause, PossibleCause], ...] = ()
-    course: tuple[Said, ...] = ()  #: its states, in order of time
+    course: tuple[DeviationState, ...] = ()  #: its states, in order of time
     over: float | None = None  #: latest time (s) from which the rig agrees again
     withdrawn: bool = False
     searched: bool = True  #: False before the search for causes
@@ -124,14 +124,14 @@ class LastMinute(msgspec.Struct, frozen=True):
     channels: tuple[Compared, ...]
 
 
-class TwinStory(msgspec.Struct, frozen=True):
+class TwinStory(msgspec.Struct, frozen=True, rename={"all_deviations": "partings", "last_minute": "lately"}):
     """All results of the twin up to ``until`` s of the run; ``model`` is its parameter set or file."""
 
     model: str
     until: float
     judged: tuple[Judged, ...] = ()
-    partings: tuple[Parting, ...] = ()
-    lately: LastMinute | None = None  #: None if nothing could be judged yet
+    all_deviations: tuple[Deviation, ...] = ()
+    last_minute: LastMinute | None = None  #: None if nothing could be judged yet
 
     @property
     def judged_for(self) -> float:
@@ -139,14 +139,14 @@ class TwinStory(msgspec.Struct, frozen=True):
         return sum(one.end - one.start for one in self.judged if one.along is not None)
 
     @property
-    def deviations(self) -> tuple[Parting, ...]:
+    def deviations(self) -> tuple[Deviation, ...]:
         """All deviations that were not withdrawn, including those that are over."""
-        return tuple(one for one in self.partings if not one.withdrawn)
+        return tuple(one for one in self.all_deviations if not one.withdrawn)
 
     @property
-    def parted(self) -> Parting | None:
+    def present_deviation(self) -> Deviation | None:
         """The last deviation that lasts; None if the rig agrees with its model now."""
-        return next((one for one in reversed(self.partings) if one.lasts), None)
+        return next((one for one in reversed(self.all_deviations) if one.lasts), None)
 
 
 def write_twin(directory: Path, story: TwinStory) -> None:

@@ -26,7 +26,6 @@ from drivers.errors import BenchError
 from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
-from test_plans.beside import Alone, Beside
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.interruptions import Interruptions
 from test_plans.loads import SpecimenError
@@ -37,11 +36,12 @@ from test_plans.preconditions import Precondition, today
 from test_plans.proofreading import mistakes
 from test_plans.punctuality import lateness, timing
 from test_plans.recording import Recording, begin_recording, keep_settings
-from test_plans.run import Heard, Nobody, Run, Watcher
+from test_plans.run import NullWatcher, Run, SafeWatcher, Watcher
 from test_plans.specimen import Specimen, ordinary
 from test_plans.stamps import clocks
 from test_plans.steps.carrying import ARM_WITHIN
 from test_plans.suspension import HeldTooLong, Suspension
+from test_plans.twin_state import NoTwin, TwinState
 
 if TYPE_CHECKING:
     from bench_protocol.black_box import Incident
@@ -73,7 +73,7 @@ def execute(
     specimen: Specimen | None = None,
     operator: Operator | None = None,
     suspension: Suspension | None = None,
-    twin: Beside | None = None,
+    twin: TwinState | None = None,
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
@@ -94,7 +94,7 @@ def execute(
     run = Run(
         bench,
         recording,
-        Heard(watcher or Nobody()),
+        SafeWatcher(watcher or NullWatcher()),
         plan.lasts,
         spring,
         asked,
@@ -103,7 +103,7 @@ def execute(
         suspension or Suspension(),
         plan.values,
         plan.judges,
-        twin=twin or Alone(),
+        twin=twin or NoTwin(),
     )
     told = {name: str(facts.get(name, "")) for name in ("operator", "ambient")}
     rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed, **told}
@@ -317,7 +317,7 @@ def _attempt(
     interrupted, stopped = False, f"stopped by {_OPERATOR}"
     run.to_come = {"tear-down": (), "main": (plan.teardown,)}.get(name, (plan.main, plan.teardown))
     try:
-        with stops.heard(), run.phase(name):
+        with stops.interruptible(), run.phase(name):
             part(run)
         return "", False
     except BenchError as error:

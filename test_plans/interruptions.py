@@ -32,17 +32,17 @@ class Interruptions:
             for number in STOPPING:
                 if callable(before := signal.getsignal(number)):
                     self._before[number] = before
-                    signal.signal(number, self._hear)
+                    signal.signal(number, self._on_signal)
         return self
 
     def __exit__(self, *_: object) -> None:
         for number, before in self._before.items():
-            if signal.getsignal(number) == self._hear:  # a handler may have replaced it
+            if signal.getsignal(number) == self._on_signal:  # a handler may have replaced it
                 signal.signal(number, before)
         self._deliver()
 
     @contextmanager
-    def heard(self) -> Iterator[None]:
+    def interruptible(self) -> Iterator[None]:
         """Allow one signal to stop the block; a pending signal stops it at once."""
         self._deliver()
         self._open = True
@@ -51,7 +51,7 @@ class Interruptions:
         finally:
             self._open = False
 
-    def _hear(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if not self._open:
             self._waiting.append(number)
             return

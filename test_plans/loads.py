@@ -43,11 +43,13 @@ class Band:
         """Return this band with both limits times a positive ``factor``."""
         return Band(*(None if end is None else factor * end for end in (self.low, self.high)))
 
-    def told(self, unit: str) -> str:
+    def text(self, unit: str) -> str:
         """Return the limits as text in ``unit``."""
         factor = UNITS[unit].factor
         ends = (("at least", self.low), ("at most", self.high))
         return ", ".join(f"{which} {end / factor:g} {unit}" for which, end in ends if end is not None)
+
+    told = text  # the old name, for one release
 
 
 def within(expected: float, tolerance: float) -> Band:

@@ -117,9 +117,9 @@ class Recording:
         ):
             if value != self._last[row] and not isnan(value):
                 self._last[row] = value
-                self._tell(time, row, value)
+                self._record_event(time, row, value)
 
-    def _tell(self, time: int, row: int, value: float) -> None:
+    def _record_event(self, time: int, row: int, value: float) -> None:
         signal, kind = self._table.signals[row], self._kinds[row]
         if kind != "trip":
             self._recorder.event(time, kind, f"{signal.name}: {signal.show(value)}")

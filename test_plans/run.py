@@ -20,7 +20,6 @@ from bench_records.result import MARGIN, unavailable
 from bench_records.result import check as judged
 from test_plans.analysis.uncertainty import Captured, Evaluation, Exact, Measured, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
-from test_plans.beside import Alone, Beside
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension
 from test_plans.holding import can_still_be_held
@@ -30,6 +29,7 @@ from test_plans.parameters import Value
 from test_plans.specimen import Specimen, ordinary
 from test_plans.stamps import stamps_of
 from test_plans.suspension import HOLD_WITHIN, Suspension
+from test_plans.twin_state import NoTwin, TwinState
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis, Curve
@@ -72,7 +72,7 @@ class EventLog(Protocol):
         """Keep what happened at ``time`` (ns). Raises RecordError if it cannot be kept."""
 
 
-class Nobody:
+class NullWatcher:
     """Watcher that ignores all calls."""
 
     def say(self, text: str) -> None:
@@ -88,29 +88,29 @@ class Nobody:
         pass
 
 
-class Heard:
+class SafeWatcher:
     """Forwards calls to a watcher until one raises: a broken display must not prevent the tear-down of a run."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
 
     def say(self, text: str) -> None:
-        self._tell(lambda watcher: watcher.say(text))
+        self._forward(lambda watcher: watcher.say(text))
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        self._tell(lambda watcher: watcher.phase(path, begins=begins))
+        self._forward(lambda watcher: watcher.phase(path, begins=begins))
 
     def progress(self, fraction: float) -> None:
-        self._tell(lambda watcher: watcher.progress(fraction))
+        self._forward(lambda watcher: watcher.progress(fraction))
 
     def checked(self, check: Check) -> None:
-        self._tell(lambda watcher: watcher.checked(check))
+        self._forward(lambda watcher: watcher.checked(check))
 
-    def _tell(self, tell: Callable[[Watcher], None]) -> None:
+    def _forward(self, call: Callable[[Watcher], None]) -> None:
         try:
-            tell(self._watcher)
+            call(self._watcher)
         except (Exception, SystemExit):  # rich raises SystemExit on a broken pipe
-            self._watcher = Nobody()
+            self._watcher = NullWatcher()
 
 
 @dataclass(slots=True)
@@ -119,7 +119,7 @@ class Run:
 
     bench: Bench
     log: EventLog
-    watcher: Watcher = field(default_factory=Nobody)
+    watcher: Watcher = field(default_factory=NullWatcher)
     lasts: float = 0.0
     specimen: Specimen = field(default_factory=ordinary)
     operator: Operator = field(default_factory=NoOperator)
@@ -128,7 +128,7 @@ class Run:
     suspension: Suspension = field(default_factory=Suspension)
     values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
     judges: bool = True  #: as the plan
-    twin: Beside = field(default_factory=Alone)  #: the model that runs in parallel, if any
+    twin: TwinState = field(default_factory=NoTwin)  #: the model that runs in parallel, if any
     held: list[tuple[int, int]] = field(default_factory=list)  #: start and end of each hold (ns)
     preconditions: list[Condition] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  #: shown with the result
@@ -138,7 +138,7 @@ class Run:
     disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks during the measurement, by check
     #: Parts of the plan that follow the present one; None outside the execution of a plan.
     to_come: Sequence[Any] | None = None
-    _told: str = ""
+    _announced_hold: str = ""
     _in_hold: bool = False
     _open: list[str] = field(default_factory=list)
     #: Late ticks that the rig had counted when each open phase began, and when the last phase began.
@@ -176,7 +176,7 @@ class Run:
         if unit not in FACTORS:
             raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
         if since is not None and any(begun >= since for begun, _ in self.held):
-            self.lack([name], "the run was held while it was measured")
+            self.not_available([name], "the run was held while it was measured")
             return False
         if late := self._late_ticks_since_begin():
             self.disturbed[str(name)] = late
@@ -188,7 +188,7 @@ class Run:
             if width < 2 * U and low - U <= found.value <= high + U:
                 shown = [f"{one / FACTORS[unit]:.3g} {unit}" for one in (found.value, U, width)]
                 why = "{} ± {} cannot be judged: the limits are only {} wide".format(*shown)
-                self.lack([name], why)
+                self.not_available([name], why)
                 return False
         if margin is None:
             margin = 0.0 if isinstance(found, Exact) else MARGIN
@@ -241,7 +241,7 @@ class Run:
         skip the motion if it returns False.
         """
         if lacking := self.lacks(*needs):
-            self.lack(checks, lacking)
+            self.not_available(checks, lacking)
         return not lacking
 
     def lacks(self, *needs: str) -> str:
@@ -256,12 +256,12 @@ class Run:
         """Hold the run here, between two measurements, if a hold was requested; return whether it was held.
 
         During the hold all valves are shut and set-points are still sent. The plan must restore the state of the gas
-        afterwards (`steps.stand_again`). Raises HeldTooLong if the hold is not released in time.
+        afterwards (`steps.restore_state`). Raises HeldTooLong if the hold is not released in time.
         """
         if not (by := self.suspension.wanted_by):
             self._look_for_hold_points()
             return False
-        start, self._told, self._in_hold = self.now, by, True
+        start, self._announced_hold, self._in_hold = self.now, by, True
         try:
             with self.phase(f"held {where}"):
                 self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
@@ -270,7 +270,7 @@ class Run:
         finally:
             self._in_hold = False
         self.held.append((start, self.now))
-        self._told = ""
+        self._announced_hold = ""
         self._look_for_hold_points()
         return True
 
@@ -283,12 +283,14 @@ class Run:
             self.suspension.resume()
             self.say(f"{by} asked to hold, but this plan has no hold point left: it continues to its end")
 
-    def lack(self, checks: Iterable[str], reason: str) -> None:
+    def not_available(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""
         for name in checks:
             phase = self._open[-1] if self._open else ""
             one = unavailable(str(name), reason, phase=phase, about=about(name))
             self._judged(one)
+
+    lack = not_available  # the old name, for one release
 
     def _judged(self, one: Check) -> None:
         self.checks.append(one)
@@ -314,7 +316,7 @@ class Run:
         try:
             return answer_to(self, asked).text
         except Unanswered as reason:
-            self.lack(checks, str(reason))
+            self.not_available(checks, str(reason))
             return ""
 
     def confirm(self, what: str, *checks: str, within: float = 10 * minutes, deed: str = "") -> bool:
@@ -328,10 +330,10 @@ class Run:
         except NotInTime as reason:
             raise Aborted(f"{reason}; somebody may be at the rig, so it does not move") from None
         except Unanswered as reason:
-            self.lack(checks, str(reason))
+            self.not_available(checks, str(reason))
             return False
         if answer == NOT_POSSIBLE:
-            self.lack(checks, f"{what}: {NOT_POSSIBLE}, says the operator")
+            self.not_available(checks, f"{what}: {NOT_POSSIBLE}, says the operator")
         return answer == DONE
 
     @contextmanager
@@ -343,8 +345,8 @@ class Run:
         self._edge(name, "begin")
         self.watcher.phase(tuple(self._open), begins=True)
         self._look_for_hold_points()
-        if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._told:
-            self._told = by
+        if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._announced_hold:
+            self._announced_hold = by
             self.say(f"{by} asks to hold: the plan continues to the next place where it can be held")
         if self.lasts:
             self.progress((self.now - self.start) / NS / self.lasts)

@@ -244,12 +244,12 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
             )
         carried = load.limits.bands.get("carried", Band())
         if load.preload not in carried:
-            yield f"{where}.{preload} lies outside of limits.carried ({carried.told('kN')}); no spring could pass"
+            yield f"{where}.{preload} lies outside of limits.carried ({carried.text('kN')}); no spring could pass"
         pressure = load.limits.bands.get("pressure", Band())
         if load.fill_pressure not in pressure.wider(BORNE_OTHERWISE):
             yield (
                 f"{where}.fill_pressure = {load.fill_pressure / bar:g} bar is far outside of limits.pressure "
-                f"({pressure.told('bar')}); no spring could pass"
+                f"({pressure.text('bar')}); no spring could pass"
             )
     loads = specimen.loads
     if "AW0" in loads and "AW3" in loads and loads["AW0"].preload >= loads["AW3"].preload:

@@ -182,7 +182,7 @@ def _unknown_points(subject: Subject) -> None:
         _expect(WiringError, "write of an unknown point", lambda: bench.transport.write({_UNKNOWN: 1.0}))
 
 
-def _nobody_there(subject: Subject) -> None:
+def _no_answer(subject: Subject) -> None:
     """Where nobody answers, connect ends in time with LinkLost, and no loss is told of what never was."""
     if subject.nobody is None:
         raise _Skipped("the subject has no `nobody`")
@@ -282,7 +282,7 @@ def _streaming(subject: Subject) -> None:
             bench.until(arrived, f"{', '.join(subject.streamed.values())} = {value:g} after streaming it")
 
 
-def _nothing_streamed(subject: Subject) -> None:
+def _empty_stream(subject: Subject) -> None:
     """A cycle without points changes nothing and is no loss."""
     backs = sorted({*subject.written.values(), *subject.streamed.values()} or subject.readable)
     with _Bench(subject) as bench:
@@ -299,7 +299,7 @@ def _nothing_streamed(subject: Subject) -> None:
             raise Breach(f"{name} was {before[name]:g} and is {after[name]:g} after it")
 
 
-def _all_or_nothing(subject: Subject) -> None:
+def _atomic_write(subject: Subject) -> None:
     """Of points that are given together, one of which does not exist, none is sent."""
     if not subject.written:
         raise _Skipped("the subject has nothing `written`")
@@ -397,12 +397,12 @@ def _losing(subject: Subject) -> None:
         subject.cut()
         reads = list(subject.readable)
 
-        def told() -> bool:
+        def loss_reported() -> bool:
             if not bench.transport.period:  # who only reads when asked notices when asked
                 _expect(LinkLost, "read without a rig", lambda: bench.transport.read(reads))
             return bool(bench.listener.lost)
 
-        bench.until(told, "the loss of the connection")
+        bench.until(loss_reported, "the loss of the connection")
         start = bench.clock.now()
         _expect(LinkLost, "read after the loss", lambda: bench.transport.read(reads))
         if (bench.clock.now() - start) / NS > subject.within:
@@ -417,13 +417,13 @@ def _losing(subject: Subject) -> None:
 _RULES: Final[tuple[Callable[[Subject], None], ...]] = (
     _before_connecting,
     _unknown_points,
-    _nobody_there,
+    _no_answer,
     _what_comes,
     _reading,
     _round_trip,
     _streaming,
-    _nothing_streamed,
-    _all_or_nothing,
+    _empty_stream,
+    _atomic_write,
     _refusing,
     _unavailable,
     _threads,

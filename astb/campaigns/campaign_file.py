@@ -79,7 +79,7 @@ def _combined(campaign: CampaignFile, home: Path) -> Iterator[PlanCase]:
         if isinstance(campaign.values[name], dict) and name not in campaign.plans:
             raise CampaignError(f"values.{name} is meant for a plan that is not among plans")
     for plan in campaign.plans:
-        own = _meant_for(plan, campaign.values)
+        own = _values_for_plan(plan, campaign.values)
         for values, specimen, variant, change, seed in product(
             _choices(own), specimens, campaign.variants or (Variant(""),), _choices(campaign.change), seeds
         ):
@@ -119,7 +119,7 @@ def _path(name: str, home: Path) -> str:
     return str((home / name).resolve()) if name.endswith(".toml") else name
 
 
-def _meant_for(plan: str, values: Mapping[str, Any]) -> dict[str, Any]:
+def _values_for_plan(plan: str, values: Mapping[str, Any]) -> dict[str, Any]:
     for_all = {name: value for name, value in values.items() if not isinstance(value, dict)}
     return for_all | values.get(plan, {})
 

@@ -93,12 +93,12 @@ def campaign_command(
     if failed_table := failed_checks(rows):
         console.print(failed_table)
     click.echo(f"rows: {out}")
-    _write_beside(rows, out)
+    _write_page_and_workbook(rows, out)
     if failed := sum(bool(row["error"]) for row in rows):
         blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")
 
 
-def _write_beside(rows: list[dict[str, Any]], out: Path) -> None:
+def _write_page_and_workbook(rows: list[dict[str, Any]], out: Path) -> None:
     """Write the page and the workbook of a campaign beside its rows, which are in a directory of their own."""
     page, book = (out.with_name(f"{out.name}.{ending}") for ending in ("html", "xlsx"))
     try:

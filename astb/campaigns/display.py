@@ -22,7 +22,7 @@ class CampaignDisplay:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._told = 0.0
+        self._reported = 0.0
         self._bar = Progress(
             SpinnerColumn(),
             BarColumn(),
@@ -54,9 +54,9 @@ class CampaignDisplay:
             completed=standing.before + standing.done,
             description=_progress(standing).removeprefix(", "),
         )
-        due = standing.elapsed - self._told >= BETWEEN or not standing.left
+        due = standing.elapsed - self._reported >= BETWEEN or not standing.left
         if row and due and not self._console.is_terminal:
-            self._told = standing.elapsed
+            self._reported = standing.elapsed
             self._say(f"{standing.before + standing.done} of {standing.total} cases{_progress(standing)}")
 
     def _say(self, text: str) -> None:

@@ -79,9 +79,9 @@ def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
         from astb.run import new_directory
 
         # An attempt that was killed may have left half a record under the name.
-        return _told(_run(case, new_directory(Path(records), case.key.replace("/", "-").replace(" ", ""))))
+        return _row(_run(case, new_directory(Path(records), case.key.replace("/", "-").replace(" ", ""))))
     with TemporaryDirectory(prefix="astb-case-") as directory:
-        return _told(_run(case, Path(directory)))
+        return _row(_run(case, Path(directory)))
 
 
 def run_plan_cases(
@@ -121,7 +121,7 @@ def _run(case: PlanCase, directory: Path) -> "Result":
     return result
 
 
-def _told(result: "Result") -> dict[str, Any]:
+def _row(result: "Result") -> dict[str, Any]:
     """Return the columns of a row: verdict, its reason, and each check with all but the parts of its uncertainty (SI).
 
     The parts have names of their own in each plan: they would be a column for each.

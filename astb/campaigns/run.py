@@ -74,10 +74,10 @@ def run_cases(
         before, failed = len(cases) - len(left), 0
         start = _CLOCK.now()
 
-        def tell(number: int, row: Mapping[str, Any]) -> None:
+        def report(number: int, row: Mapping[str, Any]) -> None:
             watch(Standing(len(cases), before, number, failed, (_CLOCK.now() - start) / NS, row))
 
-        tell(0, {})
+        report(0, {})
         if left:
             with nullcontext(client) if client else cluster(scheduler, workers=workers) as present:
                 start = _CLOCK.now()
@@ -86,7 +86,7 @@ def run_cases(
                     for number, one in enumerate(ended, 1):
                         row = _keep(kept, one, dict(facts(left[one.key])) if facts else {})
                         failed += bool(row["error"])
-                        tell(number, row)
+                        report(number, row)
     rows = {row["key"]: row for row in read_rows(Path(out))}
     return [rows[key] for key in cases]
 

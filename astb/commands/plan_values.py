@@ -74,17 +74,17 @@ def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | Non
         if dot and plan not in chosen:
             misuse(f"{name} is a parameter of the plan {plan}, but the plans to run are {', '.join(chosen)}")
     try:
-        return [plan.given(_meant_for(plan.name, given)) for plan in plans]
+        return [plan.given(_values_for_plan(plan.name, given)) for plan in plans]
     except ParameterRefused as error:
         misuse(error)
 
 
-def _meant_for(plan: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    alone = {name: value for name, value in given.items() if "." not in name}
+def _values_for_plan(plan: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    common = {name: value for name, value in given.items() if "." not in name}
     own = {
         name.removeprefix(f"{plan}."): value for name, value in given.items() if name.startswith(f"{plan}.")
     }
-    return alone | own
+    return common | own
 
 
 def _read(path: Path) -> dict[str, Any]:

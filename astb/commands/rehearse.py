@@ -122,7 +122,7 @@ def rehearse_command(
             _show(console, found, write_page(found, directory))
             ends.append(word(found))
             if past is not None:
-                for line in past.told(directory):
+                for line in past.report(directory):
                     console.print(line, soft_wrap=True, highlight=False)
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
@@ -172,11 +172,11 @@ def _rehearsed(
     """Rehearse ``plan`` with a bar on the screen; ``others`` are for `rehearse`."""
     from astb.display import ProgressDisplay
     from astb.rehearsal.rehearsing import rehearse
-    from test_plans.run import Nobody
+    from test_plans.run import NullWatcher
 
     with ProgressDisplay(console) as display:
 
-        class Progress(Nobody):
+        class Progress(NullWatcher):
             """Follows how much is done; steps and checks are for the run."""
 
             def progress(self, fraction: float) -> None:
@@ -203,17 +203,17 @@ def _simulation(
 def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
     from astb.rehearsal.page import limit_line, sentence, word
 
-    def tell(text: str, style: str = "") -> None:
+    def print_line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
 
     for note in found.notes:
-        tell(f"  {note}", "yellow")
+        print_line(f"  {note}", "yellow")
     for row in found.limits[:_SHOWN]:
-        tell(f"  {limit_line(row)}")
+        print_line(f"  {limit_line(row)}")
     for one in found.indicated:
-        tell(f"  indicated only, the plan continues: {one}", "yellow")
+        print_line(f"  indicated only, the plan continues: {one}", "yellow")
     end = word(found)
-    tell(f"{found.plan}: {end.upper()}: {sentence(found)}", _STYLE[end])
+    print_line(f"{found.plan}: {end.upper()}: {sentence(found)}", _STYLE[end])
     if end == "clear":
-        tell(f"  on the simulated spring it ends with: {found.verdict}")
-    tell(f"  page: {page}")
+        print_line(f"  on the simulated spring it ends with: {found.verdict}")
+    print_line(f"  page: {page}")

@@ -79,7 +79,7 @@ def runs_command(
         runs = index.runs(plan=plan, verdict=verdict, serial_number=specimen, rig=rig, operator=operator)
     except RecordError as error:
         misuse(error)
-    _tell_unreadable(index)
+    _warn_unreadable(index)
     if verify:
         _verify(folder, runs)
     if as_json:
@@ -234,7 +234,7 @@ def trend_command(
         misuse(error)
     except OSError as error:
         misuse(f"{error.filename or page or table} cannot be written: {error.strerror}")
-    _tell_unreadable(index)
+    _warn_unreadable(index)
     if as_json:
         # One name is answered by one object, whatever else the command can.
         print_json(trends[0] if len(checks) == 1 and trends[0].name == checks[0] else trends)
@@ -309,7 +309,7 @@ def _index(folder: Path) -> RunIndex:
         misuse(error)
 
 
-def _tell_unreadable(index: RunIndex) -> None:
+def _warn_unreadable(index: RunIndex) -> None:
     for directory, why in index.unreadable.items():
         click.echo(f"{directory} is left out: {why}", err=True)
 

@@ -68,12 +68,12 @@ class Door:
         """Obey one line and return the answer; what cannot be done is an ``error``."""
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
-            told = self._obey(order)
+            told = self._execute(order)
         except (msgspec.MsgspecError, ValueError, RecursionError, BenchError) as error:
             told = {"error": str(error)}
         return msgspec.json.encode(told) + b"\n"
 
-    def _obey(self, order: dict[str, str]) -> dict[str, Any]:
+    def _execute(self, order: dict[str, str]) -> dict[str, Any]:
         do, by = order.get("do", ""), order.get("by") or "the panel"
         match do:
             case "look":

@@ -146,7 +146,7 @@ class Access:
         self._clock = clock
         self._patience = Patience(clock)
         self._page = ""  # which has the seat
-        self._heard = 0
+        self._last_seen = 0
 
     def may_command(self, connection: HTTPConnection) -> bool:
         """Whether this one has shown the token."""
@@ -181,7 +181,7 @@ class Access:
     @property
     def taken(self) -> bool:
         """Whether a page has the seat."""
-        return bool(self._page) and self._clock.now() - self._heard < SEAT_KEPT * NS
+        return bool(self._page) and self._clock.now() - self._last_seen < SEAT_KEPT * NS
 
     def has_seat(self, page: str) -> bool:
         """Whether this page is the one that commands."""
@@ -190,11 +190,11 @@ class Access:
     def take_seat(self, page: str, *, from_other: bool = False) -> bool:
         """Give the seat to a page that may have it, if it is free or is to be taken from another; tell whether."""
         if page and (from_other or not self.taken or page == self._page):
-            self._page, self._heard = page, self._clock.now()
+            self._page, self._last_seen = page, self._clock.now()
             return True
         return False
 
-    def heard(self, page: str) -> None:
+    def keep_seat(self, page: str) -> None:
         """Note that a page is still there; it keeps its seat, or gets it if nobody has it."""
         self.take_seat(page)
 

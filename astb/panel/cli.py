@@ -86,7 +86,7 @@ def panel_command(
             application(parts, host=host, names=names),
             access,
             sockets,
-            lambda: _tell(host, port, access.token, names),
+            lambda: _print_addresses(host, port, access.token, names),
         )
         if runs.going:
             click.echo("the run goes on; `astb panel` finds it again")
@@ -123,7 +123,7 @@ def _listening(host: str, port: int) -> socket.socket:
     return one
 
 
-def _tell(host: str, port: int, token: str, names: tuple[str, ...] = ()) -> None:
+def _print_addresses(host: str, port: int, token: str, names: tuple[str, ...] = ()) -> None:
     name = (
         names[0]
         if names

@@ -41,7 +41,7 @@ def routes(parts: Parts) -> Sequence[Route]:
     """Return the routes of rehearsals: start one, look how it stands, and its page."""
     rehearsals = Rehearsals(parts)
     return [
-        Route("/api/rehearsal", answered(lambda request: rehearsals.told())),
+        Route("/api/rehearsal", answered(lambda request: rehearsals.state())),
         command(parts, "/api/rehearsal/start", lambda request, body: rehearsals.start(body)),
         command(parts, "/api/rehearsal/from", lambda request, body: rehearsals.go_on(body)),
         Route("/kept/rehearsal", answered(lambda request: rehearsals.page(request.query_params["of"]))),
@@ -112,7 +112,7 @@ class Rehearsals:
                 self._said = (self._said + line)[-_TAIL:]
         process.wait()
 
-    def told(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Return how it stands: the plan, whether it goes on, what it came to, and the folder of its page."""
         process = self._process
         if process is None:

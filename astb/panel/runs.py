@@ -47,7 +47,7 @@ class Stopped:
     at: int
     emptied: int | None = None
 
-    def told(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return it for the page, with times in ms."""
         return {
             "by": self.by,
@@ -235,7 +235,7 @@ class Runs:
 
     # -- what is told ----------------------------------------------------------------------------------------------
 
-    def told(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Return what the page shows of the last run: whether it starts, its verdict, or why it came to nothing."""
         snapshot = self._watch.status.run
         if snapshot is not None:
@@ -245,7 +245,7 @@ class Runs:
         told: dict[str, Any] = {
             "starting": lonely and not self._record,
             "ending": (lonely and bool(self._record)) or bool(snapshot and snapshot["ended"]),
-            "stopped": None if self.stopped is None else self.stopped.told(),
+            "stopped": None if self.stopped is None else self.stopped.as_json(),
         }
         if self._watch.status.pid is None and not self._starting:
             told["last"] = self._last()

@@ -36,7 +36,7 @@ def routes(parts: Parts) -> Sequence[Route]:
     known = Specimens(parts.out)
     return [
         Route("/api/specimens", answered(lambda request: known.listed())),
-        Route("/api/specimens/one", answered(lambda request: known.told(request.query_params["name"]))),
+        Route("/api/specimens/one", answered(lambda request: known.content(request.query_params["name"]))),
         command(
             parts,
             "/api/specimens/add",
@@ -75,7 +75,7 @@ class Specimens:
         """Return what there is to say of each, or what is wrong with it."""
         return [self._facts(name) for name in self.names()]
 
-    def told(self, name: str) -> dict[str, Any]:
+    def content(self, name: str) -> dict[str, Any]:
         """Return all that a file says: its rows with value or limits, unit, provenance and source."""
         try:
             path = Path(self.place(name)) if name.endswith(".toml") else place_of(PACKAGE, name)

@@ -138,10 +138,10 @@ class Stream:
     def _status(self, socket: WebSocket, page: str) -> str:
         may = self._access.may_command(socket)
         if may:
-            self._access.heard(page)
+            self._access.keep_seat(page)
         told: dict[str, Any] = {
             "rig": self._watch.present(),
-            "runs": self._runs.told(),
+            "runs": self._runs.state(),
             "access": {
                 "token": may,
                 "seat": may and self._access.has_seat(page),

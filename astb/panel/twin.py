@@ -14,7 +14,7 @@ from astb.panel.signals import shown
 from bench_protocol.table import TABLE
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
-from bench_records.twin import PARTS, TWIN, LastMinute, Parting, read_twin
+from bench_records.twin import PARTS, TWIN, Deviation, LastMinute, read_twin
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 def routes(parts: Parts) -> Sequence[Route]:
     """Return the route of the view: what was said of a run, by default of the newest beside which a model ran."""
-    return [Route("/api/twin", answered(lambda request: told(parts.out, request)))]
+    return [Route("/api/twin", answered(lambda request: twin_runs(parts.out, request)))]
 
 
-def told(out: Path, request: Request) -> dict[str, Any]:
+def twin_runs(out: Path, request: Request) -> dict[str, Any]:
     """Return the runs that have a twin, the newest first, and what it said of one. RecordError for what is none."""
     runs = (
         [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]
@@ -46,10 +46,10 @@ def told(out: Path, request: Request) -> dict[str, Any]:
         "run": run,
         "story": to_builtins(story)
         | {
-            "partings": [_shown(one) for one in story.partings],
+            "partings": [_shown(one) for one in story.all_deviations],
             "parts": PARTS,
             "judged_for": story.judged_for,
-            "lately": _read(story.lately) if story.lately else None,
+            "lately": _read(story.last_minute) if story.last_minute else None,
         },
     }
 
@@ -69,12 +69,12 @@ def _read(minute: LastMinute) -> dict[str, Any]:
     return {"times": minute.times, "channels": channels}
 
 
-def _shown(parting: Parting) -> dict[str, Any]:
+def _shown(deviation: Deviation) -> dict[str, Any]:
     """Return a parting with its values in the unit that people read."""
-    signal = shown(TABLE[parting.channel])
+    signal = shown(TABLE[deviation.channel])
     values = {
-        "measured": signal.of(parting.measured),
-        "expected": signal.of(parting.expected),
-        "band": parting.band / signal.factor,
+        "measured": signal.of(deviation.measured),
+        "expected": signal.of(deviation.expected),
+        "band": deviation.band / signal.factor,
     }
-    return to_builtins(parting) | values | {"unit": signal.unit, "lasts": parting.lasts}
+    return to_builtins(deviation) | values | {"unit": signal.unit, "lasts": deviation.lasts}

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from starlette.routing import BaseRoute
 
 
-def _nothing(parts: Parts) -> "Sequence[BaseRoute]":
+def _no_routes(parts: Parts) -> "Sequence[BaseRoute]":
     del parts
     return ()
 
@@ -22,7 +22,7 @@ class View:
 
     name: str
     title: str
-    routes: "Callable[[Parts], Sequence[BaseRoute]]" = _nothing
+    routes: "Callable[[Parts], Sequence[BaseRoute]]" = _no_routes
 
 
 VIEWS: Final = (

@@ -11,9 +11,9 @@ import numpy as np
 
 from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
-from astb.panel.beside import Beside
 from astb.panel.envelope import Envelope, Ints
 from astb.panel.signals import Shown, shown_signals
+from astb.panel.twin_reader import TwinReader
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import dimensions_of, open_wiring, wiring_of
@@ -103,7 +103,7 @@ class Watch:
         self.status = Status(link="not connected yet")
         self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
-        self._beside = Beside()
+        self._twin_reader = TwinReader()
         self._contacts: dict[str, bool] = {}
         self._valves: dict[str, str] = {}
         self._listening: Listening | None = None
@@ -156,7 +156,7 @@ class Watch:
             try:
                 listening = self._listen()
             except (BenchError, RigFileError, ValueError, OSError) as error:
-                self.status = self._alone(str(error))
+                self.status = self._offline_status(str(error))
                 self._revive()
                 self._end.wait(AGAIN)
                 continue
@@ -164,9 +164,9 @@ class Watch:
             self._listening = listening
             try:
                 self._follow(listening)
-                self.status = self._alone(listening.lost)
+                self.status = self._offline_status(listening.lost)
             except Exception as error:  # whatever it was: what the page shows would go on as if it were so
-                self.status = self._alone(str(error) or type(error).__name__)
+                self.status = self._offline_status(str(error) or type(error).__name__)
             finally:
                 self._listening = None
                 with suppress(BenchError):
@@ -181,7 +181,7 @@ class Watch:
         try:
             self.revive()
         except (BenchError, RigFileError, OSError) as error:
-            self.status = self._alone(str(error))
+            self.status = self._offline_status(str(error))
 
     def _follow(self, listening: Listening) -> None:
         """Watch until the link is lost, or it is the end."""
@@ -213,7 +213,7 @@ class Watch:
         numbers = ((values[kept] - self._zero[of]) / self._factor[of]).astype(np.float32)
         self.envelope.take(times[kept], rows[kept], numbers)
 
-    def _alone(self, link: str) -> Status:
+    def _offline_status(self, link: str) -> Status:
         """What can be said without the rig."""
         run, pid = self._run()
         return Status(link=link or "the connection is lost", run=run, pid=pid)
@@ -227,7 +227,7 @@ class Watch:
             return None, None
         run = told.get("snapshot")
         if run is not None:
-            run["twin"] = self._beside.said(run.get("record", ""))
+            run["twin"] = self._twin_reader.story(run.get("record", ""))
         return run, told.get("pid")
 
     def _look(self, listening: Listening) -> Status:

@@ -34,7 +34,7 @@ _TOLD: Final = 6
 _PARTED: Final = 3.0
 
 
-class Parted(NamedTuple):
+class SignalDeviation(NamedTuple):
     """A signal that is not what it was: since when (s), and where it is farthest from it, in words."""
 
     signal: str
@@ -109,15 +109,15 @@ class Past(NamedTuple):
             [f"{self.record.path.parent} goes on from {self.at:g} s with {'; '.join(told)}"] if told else []
         )
 
-    def told(self, directory: Path) -> list[str]:
+    def report(self, directory: Path) -> list[str]:
         """Return in words what became of the run that was made again in ``directory``, beside what was.
 
         RecordError if it was another one before that time.
         """
         kept = self.record.path.parent
-        found = parted(self.record, read(directory), self.at)
+        found = deviating_signals(self.record, read(directory), self.at)
         lines = [f"{one.signal} parts at {one.since:.2f} s, at most {one.words}" for one in found]
-        lines += beside(read_result(kept).checks, read_result(directory).checks)
+        lines += changed_checks(read_result(kept).checks, read_result(directory).checks)
         begin = f"  up to {self.at:g} s it is {kept} to the bit, and then:"
         return [begin, *(f"    {line}" for line in lines or ["it goes on as it did"])]
 
@@ -139,7 +139,7 @@ def plan_of(record: Record) -> "Plan":
     return known[name].given(meta.get("set", {}))
 
 
-def parted(before: Record, now: Record, at: float) -> list[Parted]:
+def deviating_signals(before: Record, now: Record, at: float) -> list[SignalDeviation]:
     """Return which measurements of the run that was made again part from the record after ``at`` s, the first first.
 
     RecordError if they do so earlier: then it is not the same rig.
@@ -155,12 +155,12 @@ def parted(before: Record, now: Record, at: float) -> list[Parted]:
             raise RecordError(
                 _not_the_same(before, name, times[early], values[early], again[same], anew[same])
             )
-        if TABLE[name].kind is Kind.MEASUREMENT and (one := _parting(name, before, now, at)):
+        if TABLE[name].kind is Kind.MEASUREMENT and (one := _deviation(name, before, now, at)):
             found.append(one)
     return sorted(found, key=lambda one: one.since)[:_TOLD]
 
 
-def _parting(name: str, before: Record, now: Record, at: float) -> Parted | None:
+def _deviation(name: str, before: Record, now: Record, at: float) -> SignalDeviation | None:
     (times, values), (again, anew) = before.series(name), now.series(name)
     if not len(times) or not (both := (again >= at) & (again <= times[-1])).any():
         return None
@@ -173,7 +173,7 @@ def _parting(name: str, before: Record, now: Record, at: float) -> Parted | None
     at_most = (
         f"{reads(float(anew[both][most]))} instead of {reads(float(was[most]))} at {again[both][most]:.1f} s"
     )
-    return Parted(name, float(again[both][beyond[0]]), at_most)
+    return SignalDeviation(name, float(again[both][beyond[0]]), at_most)
 
 
 def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.float64]") -> str:
@@ -188,7 +188,7 @@ def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.floa
     )
 
 
-def beside(before: "Sequence[Check]", now: "Sequence[Check]") -> list[str]:
+def changed_checks(before: "Sequence[Check]", now: "Sequence[Check]") -> list[str]:
     """Return what became of the checks, in words: those that are not what they were."""
     was = {one.name: str(one) for one in before}
     told = [

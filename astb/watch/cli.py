@@ -52,7 +52,7 @@ def _conclude(story: "TwinStory") -> None:
         seconds = sum(one.end - one.start for one in story.judged if one.why == reason)
         click.echo(f"not judged for {seconds:.1f} s: {reason}")
     click.echo(f"judged for {story.judged_for:.1f} of {story.until:.1f} s")
-    if story.partings:
+    if story.all_deviations:
         raise click.exceptions.Exit(FAIL)
     if not story.judged_for:
         raise click.exceptions.Exit(INCOMPLETE)

@@ -12,9 +12,9 @@ from astb.tables import open_console, open_table, styled
 from astb.watch.watching import DiagnosisError, ParameterError, RecordError, watch
 from bench_protocol.table import TABLE
 from bench_protocol.units import FACTORS
-from bench_records.twin import PARTS, LastMinute, Parting, TwinStory
+from bench_records.twin import PARTS, Deviation, LastMinute, TwinStory
 
-__all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "beside", "watch_on_screen"]
+__all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "comparison_table", "watch_on_screen"]
 
 
 def watch_on_screen(directory: Path, model: str) -> TwinStory:
@@ -22,23 +22,23 @@ def watch_on_screen(directory: Path, model: str) -> TwinStory:
     told: dict[int, int] = {}
     with Screen() as screen:
 
-        def tell(story: TwinStory) -> None:
-            for k, parting in enumerate(story.partings):
-                if len(parting.course) > told.get(k, 0):
-                    word = parting.course[-1].word
-                    screen.say("\n".join(lines(parting, word)))
-                told[k] = len(parting.course)
+        def report(story: TwinStory) -> None:
+            for k, deviation in enumerate(story.all_deviations):
+                if len(deviation.course) > told.get(k, 0):
+                    word = deviation.course[-1].word
+                    screen.say("\n".join(lines(deviation, word)))
+                told[k] = len(deviation.course)
             screen.show(story)
 
-        return watch(directory, model, tell)
+        return watch(directory, model, report)
 
 
-def lines(parting: Parting, word: str) -> list[str]:
+def lines(deviation: Deviation, word: str) -> list[str]:
     """Return the parts of a deviation as they are printed, after the ``word`` for what is new of it."""
     head = "deviation" if word == "told" else f"deviation, {word}"
-    if parting.summary is None:
-        return [f"{head}: {parting.sentence}"]
-    return [head, *(f"  {label}: {getattr(parting.summary, name)}" for name, label in PARTS.items())]
+    if deviation.summary is None:
+        return [f"{head}: {deviation.sentence}"]
+    return [head, *(f"  {label}: {getattr(deviation.summary, name)}" for name, label in PARTS.items())]
 
 
 class Screen:
@@ -67,17 +67,17 @@ class Screen:
 
     def show(self, story: TwinStory) -> None:
         """Show what a story says of now."""
-        if self._live.is_started and story.lately:
-            self._live.update(beside(story.lately, story), refresh=True)
+        if self._live.is_started and story.last_minute:
+            self._live.update(comparison_table(story.last_minute, story), refresh=True)
 
 
-def beside(minute: LastMinute, story: TwinStory) -> Table:
+def comparison_table(minute: LastMinute, story: TwinStory) -> Table:
     """Return a table of the last mean of each reading, what was expected, and their difference over its uncertainty.
 
     The uncertainty is expanded (k = 2). Red is what lies beyond it.
     """
-    parted = story.parted
-    word = f"deviates from its model since {parted.since:.1f} s" if parted else "agrees with its model"
+    deviation = story.present_deviation
+    word = f"deviates from its model since {deviation.since:.1f} s" if deviation else "agrees with its model"
     title = f"{story.until:.1f} s: the rig {word}; means over the half second around {minute.times[-1]:.1f} s"
     table = open_table(title, "reading", "unit")
     for name in ("measured", "expected", "± (k = 2)", "difference / ±"):

@@ -23,8 +23,8 @@ __all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
 BEGINS: Final = 30.0
 
 
-def watch(directory: Path, model: str, tell: Callable[[TwinStory], None]) -> TwinStory:
-    """Watch the run in ``directory`` to its end beside a ``model``, and ``tell`` after every look; return the last.
+def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> TwinStory:
+    """Watch the run in ``directory`` to its end beside a ``model``, and ``report`` after every look; return the last.
 
     ParameterError for the model; RecordError where no run begins within `BEGINS`, or none can be read; DiagnosisError
     where the model cannot be that of the rig.
@@ -39,14 +39,14 @@ def watch(directory: Path, model: str, tell: Callable[[TwinStory], None]) -> Twi
 
     def keep(story: TwinStory) -> TwinStory:
         write_twin(directory, story)
-        tell(story)
+        report(story)
         return story
 
     while True:
         pace.begin()
-        goes_on = isinstance(record, GrowingRecord) and record.look()
-        story = keep(twin.look(ended=not goes_on, later=True))
-        if not goes_on:
+        continues = isinstance(record, GrowingRecord) and record.look()
+        story = keep(twin.look(ended=not continues, later=True))
+        if not continues:
             return story
         if isinstance(record, GrowingRecord):
             record.thin(twin.looks_back_to)

@@ -290,7 +290,7 @@ class _Rows:
         import pyarrow as pa
 
         units = self._units(account)
-        self._tell(account)
+        self._count_left_out(account)
         empty = pa.array([], pa.large_string())
         names = self.head[: self.width] or [str(index + 1) for index in range(self.width)]
         columns = []
@@ -310,7 +310,7 @@ class _Rows:
                 break
         return units
 
-    def _tell(self, account: Account) -> None:
+    def _count_left_out(self, account: Account) -> None:
         for rows, where in ((self.above, "between head and values"), (self.below, "below the values")):
             if rows:
                 account.leave_out(f"line(s) of text {where}", len(rows), f"line {rows[0][0]}")

@@ -20,9 +20,9 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.twin.fitting import Fit, Fitted
 from diagnosis.twin.forms import (
     POSSIBLE,
+    DeviatingStretch,
     Form,
     Forms,
-    Parted,
     Shaped,
     Steps,
     Suspect,
@@ -200,8 +200,8 @@ class _Look:
             for point in cause.grid
         ]
         self._shapes: dict[str, Mapping[str, float]] = {}  # of the causes that were looked at closely
-        self._parted = Parted(columns, belief, self._fit, self._replays, self._points)
-        self.growth = Growth(self._parted, self._since)
+        self._stretch = DeviatingStretch(columns, belief, self._fit, self._replays, self._points)
+        self.growth = Growth(self._stretch, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
         """Return what acts of all causes at all points of their grids, at so many times typical sizes, since a bin."""
@@ -265,7 +265,7 @@ class _Look:
             if best.fit.left >= look.best.left - _ALIKE:  # two more numbers must be worth it
                 continue
             if form is Form.GONE:
-                if self._goes_along(best.fit, best.column):
+                if self._agrees(best.fit, best.column):
                     found.append(suspect(look.tried.cause.name, form, best, alike, bins))
                 continue
             grown = yield from self.growth.explains(Growing(look.tried.cause, look.tried.shapes, forms, best))
@@ -283,8 +283,8 @@ class _Look:
 
         return steps
 
-    def _goes_along(self, fit: Fitted, column: Array) -> bool:
-        return self._parted.goes_along(fit.size * column, fit.left)
+    def _agrees(self, fit: Fitted, column: Array) -> bool:
+        return self._stretch.agrees(fit.size * column, fit.left)
 
     def acting(self, known: Sequence[Suspect]) -> list[Acting]:
         """Return causes as they were known to act before."""
@@ -299,10 +299,10 @@ class _Look:
 
     def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
         """Return pairs of causes, one of ``firsts`` in each, that explain the stretch together, and the best so."""
-        search = Pairs(self._parted)
+        search = Pairs(self._stretch)
         found: list[tuple[Suspect, Suspect]] = []
         for first in firsts[:_FIRSTS]:
-            found += yield from search.beside(first)
+            found += yield from search.pairs_with(first)
         found.sort(key=lambda pair: pair[0].left)
         once: dict[frozenset[str], tuple[Suspect, Suspect]] = {}
         for pair in found:
@@ -333,7 +333,7 @@ class _Look:
         best = look.best
         possible = look.possible
         low, high = interval(one.fit for one in possible)
-        along = self._goes_along(best.fit, best.column)
+        along = self._agrees(best.fit, best.column)
         since = (
             best.onset * BIN,
             min(one.onset for one in possible) * BIN,

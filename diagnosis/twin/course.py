@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from bench_records.twin import Parting, PossibleCause, Said, Summary
+from bench_records.twin import Deviation, DeviationState, PossibleCause, Summary
 from diagnosis.contracts import Channel, Hypothesis
 from diagnosis.engine.summary import WHERE
 from diagnosis.estimates import decimals
@@ -40,49 +40,51 @@ def cause_of(one: Suspect, hypothesis: Hypothesis, start: float) -> PossibleCaus
     return PossibleCause(one.name, hypothesis.title, one.size, low, high, shown, one.form.value, since, until)
 
 
-def goes_on(before: Parting, now: Parting, at: float) -> Parting:
+def extend_deviation(before: Deviation, now: Deviation, at: float) -> Deviation:
     """Return what is said at ``at`` s of a parting of which something was said ``before``."""
     word = _compared(before, now) if before.course and not before.withdrawn else "told"
-    course = (*before.course, Said(at, word, now.causes, now.pairs)) if word else before.course
-    return _ended(replace(now, told=before.told, course=course), before, at)
+    course = (*before.course, DeviationState(at, word, now.causes, now.pairs)) if word else before.course
+    return _ended(replace(now, detected=before.detected, course=course), before, at)
 
 
-def withdrawn(parting: Parting, at: float) -> Parting:
+def withdrawn(deviation: Deviation, at: float) -> Deviation:
     """Return a parting that what came until ``at`` s makes none."""
-    return replace(parting, withdrawn=True, course=(*parting.course, Said(at, "withdrawn")))
+    return replace(deviation, withdrawn=True, course=(*deviation.course, DeviationState(at, "withdrawn")))
 
 
-def over(parting: Parting, since: float, at: float) -> Parting:
+def over(deviation: Deviation, since: float, at: float) -> Deviation:
     """Return a parting that is known at ``at`` s to be over since ``since`` s."""
     return replace(
-        parting, over=since, course=(*parting.course, Said(at, "over", parting.causes, parting.pairs))
+        deviation,
+        over=since,
+        course=(*deviation.course, DeviationState(at, "over", deviation.causes, deviation.pairs)),
     )
 
 
-def is_the_same(before: Parting, now: Parting) -> bool:
+def is_the_same(before: Deviation, now: Deviation) -> bool:
     """Return whether a parting in a later stretch is the one before: something explains both, or nothing either."""
     if not _names(before) and not _names(now):
         return True
     return bool(_names(before) & _names(now))
 
 
-def joined(partings: tuple[Parting, ...], found: Parting | None) -> tuple[Parting, ...]:
+def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tuple[Deviation, ...]:
     """Return the partings of earlier stretches, and what a later one adds to the last of them or to all.
 
     As long as nobody has looked for its causes it is taken to be the last one, if that lasts.
     """
-    last = partings[-1] if partings else None
+    last = all_deviations[-1] if all_deviations else None
     if found is None:
-        return partings
+        return all_deviations
     if last is not None and last.lasts and found.lasts:
         if not found.searched:
-            return partings
+            return all_deviations
         if is_the_same(last, found):
-            return (*partings[:-1], lasting(last, found, found.course[-1].at))
-    return (*partings, found)
+            return (*all_deviations[:-1], lasting(last, found, found.course[-1].at))
+    return (*all_deviations, found)
 
 
-def lasting(before: Parting, now: Parting, at: float) -> Parting:
+def lasting(before: Deviation, now: Deviation, at: float) -> Deviation:
     """Return the parting of an earlier stretch with what a later one says: what explains both, by the later one."""
     names = _names(before) & _names(now)
     causes = tuple(one for one in now.causes if frozenset({one.name}) in names)
@@ -92,7 +94,7 @@ def lasting(before: Parting, now: Parting, at: float) -> Parting:
         return _ended(replace(before, over=now.since), before, at)
     newest = replace(before, causes=causes, pairs=pairs, over=now.over)
     if word := _compared(before, newest):
-        newest = replace(newest, course=(*before.course, Said(at, word, causes, pairs)))
+        newest = replace(newest, course=(*before.course, DeviationState(at, word, causes, pairs)))
     elif now.over is None:
         return before
     return _ended(newest, before, at)
@@ -108,19 +110,19 @@ def _undoes(before: PossibleCause, causes: tuple[PossibleCause, ...]) -> bool:
     )
 
 
-def _ended(now: Parting, before: Parting, at: float) -> Parting:
+def _ended(now: Deviation, before: Deviation, at: float) -> Deviation:
     """Return a parting that says, where it is ``over`` and was not ``before``, that it is."""
     if now.over is None or (before.course and before.over is not None):
         return now
-    return replace(now, course=(*now.course, Said(at, "over", now.causes, now.pairs)))
+    return replace(now, course=(*now.course, DeviationState(at, "over", now.causes, now.pairs)))
 
 
-def _names(parting: Parting) -> frozenset[frozenset[str]]:
-    singles = {frozenset({one.name}) for one in parting.causes}
-    return frozenset(singles | {frozenset(one.name for one in pair) for pair in parting.pairs})
+def _names(deviation: Deviation) -> frozenset[frozenset[str]]:
+    singles = {frozenset({one.name}) for one in deviation.causes}
+    return frozenset(singles | {frozenset(one.name for one in pair) for pair in deviation.pairs})
 
 
-def _compared(before: Parting, now: Parting) -> str:
+def _compared(before: Deviation, now: Deviation) -> str:
     """Return *explained*, *unknown*, *surer* or *otherwise*, or "" where what is said is as before."""
     old, new = _names(before), _names(now)
     if not before.searched:
@@ -133,46 +135,48 @@ def _compared(before: Parting, now: Parting) -> str:
     return "surer" if widths and all(after <= _SURER * first for first, after in widths) else ""
 
 
-def _members(parting: Parting, names: frozenset[str]) -> tuple[PossibleCause, ...]:
-    together = [*((one,) for one in parting.causes), *parting.pairs]
+def _members(deviation: Deviation, names: frozenset[str]) -> tuple[PossibleCause, ...]:
+    together = [*((one,) for one in deviation.causes), *deviation.pairs]
     some = next(some for some in together if frozenset(one.name for one in some) == names)
     return tuple(sorted(some, key=lambda one: one.name))
 
 
-def _form(parting: Parting, names: frozenset[str]) -> tuple[str, ...]:
-    return tuple(one.form for one in _members(parting, names))
+def _form(deviation: Deviation, names: frozenset[str]) -> tuple[str, ...]:
+    return tuple(one.form for one in _members(deviation, names))
 
 
-def _beyond(before: Parting, now: Parting, names: frozenset[str]) -> bool:
+def _beyond(before: Deviation, now: Deviation, names: frozenset[str]) -> bool:
     """Return whether a size is not within the interval that was told before."""
     pairs = zip(_members(before, names), _members(now, names), strict=True)
     return any(not old.low <= new.size <= old.high for old, new in pairs)
 
 
-def _width(parting: Parting, names: frozenset[str]) -> float:
-    return max(one.high - one.low for one in _members(parting, names))
+def _width(deviation: Deviation, names: frozenset[str]) -> float:
+    return max(one.high - one.low for one in _members(deviation, names))
 
 
-def told(parting: Parting, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE) -> Parting:
+def described(
+    deviation: Deviation, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE
+) -> Deviation:
     """Return a parting with its summary and its sentence; ``catalogue`` says what to inspect for its causes."""
-    off, scale = parting.measured - parting.expected, channel.scale
+    off, scale = deviation.measured - deviation.expected, channel.scale
     unit = channel.display or channel.unit
-    places = decimals(-parting.band / scale, parting.band / scale)
+    places = decimals(-deviation.band / scale, deviation.band / scale)
     measured, expected, apart, band = (
         f"{value / scale:.{places}f}"
-        for value in (parting.measured, parting.expected, abs(off), parting.band)
+        for value in (deviation.measured, deviation.expected, abs(off), deviation.band)
     )
-    first, others = _causes(parting)
+    first, others = _causes(deviation)
     wrong = (
-        f"Since {_since(parting)}, {channel.name} is {apart} {unit} {'above' if off > 0.0 else 'below'} the model."
-        f"{first and f' Possible cause: {first}.'}{_end(parting)}"
+        f"Since {_since(deviation)}, {channel.name} is {apart} {unit} {'above' if off > 0.0 else 'below'} the model."
+        f"{first and f' Possible cause: {first}.'}{_end(deviation)}"
     )
     evidence = (
-        f"At {_at(parting.told)}, when this was detected, {channel.name} was {measured} {unit}. The model expects "
-        f"{expected} ± {band} {unit} (k = 2)."
+        f"At {_at(deviation.detected)}, when this was detected, {channel.name} was {measured} {unit}. "
+        f"The model expects {expected} ± {band} {unit} (k = 2)."
     )
-    summary = Summary(wrong, others, evidence, _next(parting, catalogue))
-    return replace(parting, summary=summary, sentence=f"{wrong} {others}")
+    summary = Summary(wrong, others, evidence, _next(deviation, catalogue))
+    return replace(deviation, summary=summary, sentence=f"{wrong} {others}")
 
 
 def _at(seconds: float) -> str:
@@ -180,44 +184,44 @@ def _at(seconds: float) -> str:
     return f"{seconds:.1f} s"
 
 
-def _end(parting: Parting) -> str:
-    if parting.withdrawn:
-        return f" Withdrawn at {_at(parting.course[-1].at)}: later readings agree with the model."
-    if parting.over is not None:
-        return f" From {_at(parting.over)} on at the latest the rig agrees with its model again."
+def _end(deviation: Deviation) -> str:
+    if deviation.withdrawn:
+        return f" Withdrawn at {_at(deviation.course[-1].at)}: later readings agree with the model."
+    if deviation.over is not None:
+        return f" From {_at(deviation.over)} on at the latest the rig agrees with its model again."
     return ""
 
 
-def _since(parting: Parting) -> str:
+def _since(deviation: Deviation) -> str:
     """Return since when, with the interval where one is known that is wider than a second."""
-    if parting.earliest is None or parting.latest is None or parting.latest - parting.earliest < 1.0:
-        return _at(parting.since)
-    return f"{_at(parting.since)} ({parting.earliest:.1f} to {_at(parting.latest)})"
+    if deviation.earliest is None or deviation.latest is None or deviation.latest - deviation.earliest < 1.0:
+        return _at(deviation.since)
+    return f"{_at(deviation.since)} ({deviation.earliest:.1f} to {_at(deviation.latest)})"
 
 
-def _causes(parting: Parting) -> tuple[str, str]:
+def _causes(deviation: Deviation) -> tuple[str, str]:
     """Return the first possible cause, and a sentence on how sure it is."""
-    if not parting.searched:
+    if not deviation.searched:
         return "", "The search for a cause is not finished."
-    if parting.causes:
-        first, *others = map(_cause, parting.causes)
+    if deviation.causes:
+        first, *others = map(_cause, deviation.causes)
         if others:
             return first, f"It may also be: {'; or '.join(others)}."
         return first, "No other single cause of the catalogue explains it."
-    if parting.pairs:
+    if deviation.pairs:
         first, *others = (
-            " and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in parting.pairs
+            " and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in deviation.pairs
         )
         also = f" They may also be: {'; or '.join(others)}." if others else ""
         return first, f"No single cause of the catalogue explains it, but two together do.{also}"
     return "", "No single cause of the catalogue explains it."
 
 
-def _next(parting: Parting, catalogue: Mapping[str, Hypothesis]) -> str:
+def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
     """Return what to inspect and what to run."""
-    if not parting.lasts:
+    if not deviation.lasts:
         return "Nothing needs inspection as long as the rig agrees with its model."
-    names = [one.name for one in (*parting.causes, *(one for pair in parting.pairs for one in pair))]
+    names = [one.name for one in (*deviation.causes, *(one for pair in deviation.pairs for one in pair))]
     known = [catalogue[name] for name in names if name in catalogue]
     inspect = dict.fromkeys(WHERE.get(one.family, one.title) for one in known)
     look = f"Inspect {'; and '.join(inspect)}. " if inspect else ""

@@ -38,7 +38,7 @@ _FAR: Final = 2.0
 _GROWS: Final = 40
 
 
-class Parted(NamedTuple):
+class DeviatingStretch(NamedTuple):
     """A stretch that parted: what was read and is believed, and what causes do to it."""
 
     columns: Columns
@@ -47,7 +47,7 @@ class Parted(NamedTuple):
     replays: Replays
     points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
 
-    def goes_along(self, added: Array, left: float) -> bool:
+    def agrees(self, added: Array, left: float) -> bool:
         """Return whether the rig does not part from the twin to which causes add so much (n, c), and leave a χ²."""
         if left > _FAR * np.count_nonzero(self.columns.samples):  # it surely parts, and to judge takes long
             return False

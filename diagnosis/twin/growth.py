@@ -13,7 +13,17 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.twin.forms import Form, Forms, Parted, Shaped, Suspect, left_by, places, share_grown, suspect
+from diagnosis.twin.forms import (
+    DeviatingStretch,
+    Form,
+    Forms,
+    Shaped,
+    Suspect,
+    left_by,
+    places,
+    share_grown,
+    suspect,
+)
 from diagnosis.twin.pairs import Acting
 from diagnosis.twin.replays import Secant, bounded, can_be, typical
 from diagnosis.twin.slices import Work
@@ -38,9 +48,9 @@ class Growing(NamedTuple):
 class Growth:
     """The causes that may have grown in a stretch that parted in bin ``since``."""
 
-    def __init__(self, parted: Parted, since: int) -> None:
-        self._parted, self._since = parted, since
-        self._bins = len(parted.columns.measured)
+    def __init__(self, stretch: DeviatingStretch, since: int) -> None:
+        self._stretch, self._since = stretch, since
+        self._bins = len(stretch.columns.measured)
         self._tried: set[str] = set()
 
     def explains(self, one: Growing) -> Work[Suspect | None]:
@@ -53,7 +63,7 @@ class Growth:
         for _ in range(_ROUNDS):
             size = bounded(cause, size)
             begins, ends = shaped.begins, shaped.ends
-            added = self._parted.replays.changing(cause, shapes, size * share_grown(middles, begins, ends))
+            added = self._stretch.replays.changing(cause, shapes, size * share_grown(middles, begins, ends))
             yield
             if added is None:
                 break
@@ -67,7 +77,7 @@ class Growth:
         if not replayed:
             return None
         best = min(replayed, key=left_by)
-        along = self._parted.goes_along(best.fit.size * best.column, best.fit.left)
+        along = self._stretch.agrees(best.fit.size * best.column, best.fit.left)
         if not along or not can_be(cause, best.fit.size):
             return None
         return suspect(cause.name, Form.GROWING, best, [best, *alike], self._bins)
@@ -89,10 +99,10 @@ class Growth:
 
     def mistaken_for(self, one: Suspect) -> list[Acting]:
         """Return the causes that are easily mistaken for one that explains the stretch, as they ordinarily act."""
-        confusers = next(cause.confusers for cause, _ in self._parted.points if cause.name == one.name)
+        confusers = next(cause.confusers for cause, _ in self._stretch.points if cause.name == one.name)
         return [
             Acting(cause, shapes, typical(cause), 0)
-            for cause, shapes in self._parted.points
+            for cause, shapes in self._stretch.points
             if cause.name.partition(".")[0] in confusers
         ]
 
@@ -102,11 +112,11 @@ class Growth:
         asked = (cause, shapes, bounded(cause, float(np.copysign(_LARGER * typical(cause), size))))
         steps: dict[int, Array] = {}
         for place in places(self._since, self._bins):
-            (column,) = self._parted.replays.columns([asked], place)
+            (column,) = self._stretch.replays.columns([asked], place)
             yield
             if column is not None:
                 steps[place] = column
-        forms = Forms(self._parted.fit, cause, self._bins, steps, lambda _: {})
+        forms = Forms(self._stretch.fit, cause, self._bins, steps, lambda _: {})
         some = forms.coarse(Form.GROWING)
         yield
         return Growing(cause, shapes, forms, forms.best(Form.GROWING, some)[0]) if some else None

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.twin.fitting import Fitted
-from diagnosis.twin.forms import POSSIBLE, Parted, Suspect, interval
+from diagnosis.twin.forms import POSSIBLE, DeviatingStretch, Suspect, interval
 from diagnosis.twin.innovations import BIN, BINS
 from diagnosis.twin.replays import bounded, can_be, typical
 from diagnosis.twin.slices import Work
@@ -63,13 +63,13 @@ def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
 class Pairs:
     """The pairs of causes that may act in a stretch."""
 
-    def __init__(self, parted: Parted) -> None:
-        self._parted = parted
-        self._last = len(parted.columns.measured) - 2 * BINS
+    def __init__(self, stretch: DeviatingStretch) -> None:
+        self._stretch = stretch
+        self._last = len(stretch.columns.measured) - 2 * BINS
 
-    def beside(self, first: Acting) -> Work[list[tuple[Suspect, Suspect]]]:
+    def pairs_with(self, first: Acting) -> Work[list[tuple[Suspect, Suspect]]]:
         """Return pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
-        (column,) = self._parted.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
+        (column,) = self._stretch.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
             return []
         onset = self._where_it_parts(first.size, column)
@@ -89,21 +89,21 @@ class Pairs:
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
         """Return since which bin the twin with a cause of a size parts; None if it does not."""
-        alarm = self._parted.alarm_with(size * column)
+        alarm = self._stretch.alarm_with(size * column)
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
         """Return what explains most beside the first cause, one point of each cause."""
         ranked: list[tuple[float, Acting]] = []
-        sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._parted.points]
+        sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._stretch.points]
         for at in {onset, first.onset}:
             for (cause, shapes), other in zip(
-                self._parted.points, self._parted.replays.columns(sizes, at), strict=True
+                self._stretch.points, self._stretch.replays.columns(sizes, at), strict=True
             ):
                 yield
                 if other is None or cause.name == first.cause.name:
                     continue
-                _, fit = self._parted.fit.together([column, other])
+                _, fit = self._stretch.fit.together([column, other])
                 if can_be(cause, fit.size):
                     ranked.append((fit.left, Acting(cause, shapes, fit.size, at)))
         chosen: dict[str, Acting] = {}
@@ -128,7 +128,7 @@ class Pairs:
             if (column := self._one(moved)) is None:
                 continue
             both = (kept, column) if which else (column, kept)
-            fits = self._parted.fit.together(both)
+            fits = self._stretch.fit.together(both)
             pair = (keeper, moved) if which else (moved, keeper)
             if all(can_be(one.cause, fit.size) for one, fit in zip(pair, fits, strict=True)):
                 sized = tuple(one._replace(size=fit.size) for one, fit in zip(pair, fits, strict=True))
@@ -142,14 +142,14 @@ class Pairs:
         return best._replace(since=(other, mine) if which else (mine, other))
 
     def _one(self, acting: Acting) -> Array | None:
-        (column,) = self._parted.replays.columns(
+        (column,) = self._stretch.replays.columns(
             [(acting.cause, acting.shapes, bounded(acting.cause, acting.size))], acting.onset
         )
         return column
 
     def _convinces(self, two: _Two) -> bool:
         sure = all(abs(fit.size) > _SURE * fit.deviation for fit in two.fits)
-        return sure and self._parted.goes_along(two.added, two.left)
+        return sure and self._stretch.agrees(two.added, two.left)
 
 
 def _suspects(two: _Two) -> tuple[Suspect, Suspect]:

@@ -102,8 +102,8 @@ def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING)
         if why[first]:
             found.append(_part(grid, first, last, why[first]))
         else:
-            goes_on = first == begin and since.judged
-            found += ready.cut(first, last, since if goes_on else None)
+            continues = first == begin and since.judged
+            found += ready.cut(first, last, since if continues else None)
     found[-1] = found[-1]._replace(open=not ended)
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from bench_records.record import Record
-from bench_records.twin import Judged, LastMinute, Parting, TwinStory
+from bench_records.twin import Deviation, Judged, LastMinute, TwinStory
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun
@@ -33,7 +33,7 @@ from diagnosis.twin.innovations import (
     judge,
     parameters_of,
 )
-from diagnosis.twin.lately import joined
+from diagnosis.twin.last_minute import joined
 from diagnosis.twin.replays import Replays
 from diagnosis.twin.slices import Sliced, Work
 from diagnosis.twin.stretches import (
@@ -77,7 +77,7 @@ class Seen(NamedTuple):
 class _Search(NamedTuple):
     """A search for what explains a parting, by what had come until ``end`` s."""
 
-    work: Sliced[tuple[Parting, tuple[Suspect, ...]]]
+    work: Sliced[tuple[Deviation, tuple[Suspect, ...]]]
     start: float  #: s, of the replay
     end: float
 
@@ -107,19 +107,19 @@ class Twin:
         self._before: tuple[Seen, Belief] | None = None  # the last stretch, and what is believed after it
         self._carried: Carried | None = None  # of it into the present one
         self._closed: list[Judged] = []
-        self._partings: tuple[Parting, ...] = ()
-        self._open: Parting | None = None
+        self._deviations: tuple[Deviation, ...] = ()
+        self._open: Deviation | None = None
         self._known: tuple[Suspect, ...] = ()  # what explained the present stretch when it was shorter
         self._looked_until = 0.0
         self._since = BEGINNING  # a stretch whose beginning will not be another one
         self._later = False
         self._search: _Search | None = None
         #: Of stretches that are over: the first is the one that is searched for, then what parted meanwhile.
-        self._waiting: list[Parting] = []
+        self._waiting: list[Deviation] = []
         self._until = 0.0
         self._last: tuple[Judged, ...] = ()
         self._minute: LastMinute | None = None  # until the end of the last stretch that could be judged
-        self._lately: LastMinute | None = None
+        self._last_minute: LastMinute | None = None
 
     @property
     def searches(self) -> bool:
@@ -135,15 +135,17 @@ class Twin:
     @property
     def story(self) -> TwinStory:
         """All that can be said by now."""
-        partings = self._partings
+        all_deviations = self._deviations
         for one in (*self._waiting, self._open):
-            partings = course.joined(partings, one)
+            all_deviations = course.joined(all_deviations, one)
         return TwinStory(
             self._model,
             self._until,
             (*self._closed, *self._last),
-            tuple(course.told(one, self._channel(one), self._simulator.catalogue) for one in partings),
-            self._lately,
+            tuple(
+                course.described(one, self._channel(one), self._simulator.catalogue) for one in all_deviations
+            ),
+            self._last_minute,
         )
 
     def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
@@ -178,16 +180,16 @@ class Twin:
         self._simulator.forget()
         if found is None:
             return
-        end, (parting, first) = self._search.end, found
+        end, (deviation, first) = self._search.end, found
         self._search = None
         if self._waiting:
             explained, *meanwhile = self._waiting
-            for one in (course.goes_on(explained, parting, end), *meanwhile):
-                self._partings = course.joined(self._partings, one)
+            for one in (course.extend_deviation(explained, deviation, end), *meanwhile):
+                self._deviations = course.joined(self._deviations, one)
             self._waiting = []
         else:
             self._known = first or self._known
-            self._open = course.goes_on(self._open or parting, parting, end)
+            self._open = course.extend_deviation(self._open or deviation, deviation, end)
 
     def _close(self, one: Judged) -> None:
         """Take over a stretch that is judged for good, and what was said of it."""
@@ -200,7 +202,7 @@ class Twin:
             if self._search is not None:
                 self._waiting.append(self._open)
             else:
-                self._partings = course.joined(self._partings, self._open)
+                self._deviations = course.joined(self._deviations, self._open)
         self._open, self._known = None, ()
 
     def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
@@ -245,7 +247,7 @@ class Twin:
             return Judged(start, stretch.end, None, NOTHING)
         told, detector = judge(seen.columns, seen.belief), self._detector.copy()
         alarm = detector.look(told.white)
-        self._lately = joined(self._minute, seen.start, seen.channels, told)
+        self._last_minute = joined(self._minute, seen.start, seen.channels, told)
         if alarm is not None:
             self._part(alarm, told, stretch, seen, end)
         else:
@@ -255,19 +257,19 @@ class Twin:
                     self._search = None
             if not stretch.open:
                 self._is_it_over(seen, start, end)
-            lasts = self._waiting or (self._partings and self._partings[-1].lasts)
+            lasts = self._waiting or (self._deviations and self._deviations[-1].lasts)
             if not stretch.open and not lasts:
                 # What a fault does that lasts is no tolerance.
                 self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
         if not stretch.open:
-            self._before, self._carried, self._minute = (seen, told.belief), None, self._lately
+            self._before, self._carried, self._minute = (seen, told.belief), None, self._last_minute
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
         """Say where rig and model part in a ``stretch`` that was ``seen`` until ``end`` s, and why perhaps."""
         start, since, c = seen.start, alarm.since * BLOCK, alarm.channel
         before = self._open
-        parting = Parting(
+        deviation = Deviation(
             start + (alarm.at + 1) * BLOCK,
             start + since,
             seen.channels[c].name,
@@ -278,12 +280,12 @@ class Twin:
         longer = end - start - since > _AGAIN * (self._looked_until - start - since)
         new = before is None or before.withdrawn
         if self._later and new:
-            again = replace(before, withdrawn=False) if before else replace(parting, searched=False)
-            self._open = course.goes_on(before or again, again, end)
+            again = replace(before, withdrawn=False) if before else replace(deviation, searched=False)
+            self._open = course.extend_deviation(before or again, again, end)
         if not self._later:
             self._search = None  # by all that has come is better
         if self._search is None and (new or longer or (not stretch.open and self._looked_until < end)):
-            self._search = _Search(Sliced(self._explained(parting, stretch, seen, since)), start, end)
+            self._search = _Search(Sliced(self._explained(deviation, stretch, seen, since)), start, end)
             self._looked_until = end
             if not self._later:
                 self.search()
@@ -294,8 +296,8 @@ class Twin:
         return self._search is not None and not self._waiting
 
     def _explained(
-        self, parting: Parting, stretch: Stretch, seen: Seen, since: float
-    ) -> Work[tuple[Parting, tuple[Suspect, ...]]]:
+        self, deviation: Deviation, stretch: Stretch, seen: Seen, since: float
+    ) -> Work[tuple[Deviation, tuple[Suspect, ...]]]:
         """Return a parting with what explains it, and what does so alone or as the first of two."""
         # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
         start, before = seen.start, self._known
@@ -303,21 +305,23 @@ class Twin:
 
         def known() -> Work[Sequence[Suspect]]:
             """What explains the stretch as it was soon after it was told, if nobody looked then."""
-            until = parting.told + _SOON
+            until = deviation.detected + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
                 return before
             then = self._see(stretch, until, seen)
-            soon = yield from explanations(then.run, then.columns, prior, self._simulator, since, _nothing)
+            soon = yield from explanations(
+                then.run, then.columns, prior, self._simulator, since, _no_suspects
+            )
             return soon.singles + soon.worse
 
         found = yield from explanations(seen.run, seen.columns, prior, self._simulator, since, known)
         first = found.singles or tuple(pair[0] for pair in found.pairs)
         if not first:
-            return parting, ()
+            return deviation, ()
         catalogue = self._simulator.catalogue
         ends = [one.until if one.form is Form.GONE else None for one in found.singles] or [None]
         explained = replace(
-            parting,
+            deviation,
             since=start + first[0].since,
             causes=tuple(course.cause_of(one, catalogue[one.name], start) for one in found.singles),
             pairs=tuple(
@@ -332,7 +336,7 @@ class Twin:
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
         """Say that a parting of an earlier stretch is over, if this one, which goes along, would have shown it."""
-        last = self._partings[-1] if self._partings else None
+        last = self._deviations[-1] if self._deviations else None
         if last is None or not last.lasts or self._waiting:
             return
         if last.causes:
@@ -346,15 +350,15 @@ class Twin:
                 left = fit.with_(column, one.size)
                 if not left.size or abs(left.size) + 2.0 * left.deviation > _GONE * abs(one.size):
                     return
-        elif end - start < max(_LONG, _AS_LONG * (last.told - last.since)):
+        elif end - start < max(_LONG, _AS_LONG * (last.detected - last.since)):
             return
-        self._partings = (*self._partings[:-1], course.over(last, start, end))
+        self._deviations = (*self._deviations[:-1], course.over(last, start, end))
 
-    def _channel(self, parting: Parting) -> Channel:
-        return next(one for one in self._simulator.channels if one.name == parting.channel)
+    def _channel(self, deviation: Deviation) -> Channel:
+        return next(one for one in self._simulator.channels if one.name == deviation.channel)
 
 
-def _nothing() -> Work[Sequence[Suspect]]:
+def _no_suspects() -> Work[Sequence[Suspect]]:
     """Nothing is known of what explained a stretch before."""
     yield from ()
     return ()

@@ -70,7 +70,7 @@ class Measured:
             return None
         return coverage_factor(self.even / self.u) * self.u if self.u else 0.0
 
-    def beside(self, cause: str, u: float, *, even: bool = False) -> Measured:
+    def with_uncertainty(self, cause: str, u: float, *, even: bool = False) -> Measured:
         """Return the value with an additional independent part of its uncertainty; None stays None."""
         if self.u is None:
             return self
@@ -99,7 +99,7 @@ def timed(value: float, *steps: float) -> Measured:
     """Return a time (s) between events, each of which is known only to within its sampling ``steps`` (s)."""
     found = Measured(value, 0.0)
     for step in steps:
-        found = found.beside(SAMPLING, 0.5 * EVEN * step, even=True)
+        found = found.with_uncertainty(SAMPLING, 0.5 * EVEN * step, even=True)
     return found
 
 

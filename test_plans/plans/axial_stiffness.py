@@ -72,7 +72,7 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         for side, stiffness in _isobaric(run, home).items():
             check_band(run, ISOBARIC.of(side=side), stiffness, "kN/m", isobaric)
     if run.hold_point("before the volumes are shut off"):
-        steps.stand_again(run, case, go_home, COOL)
+        steps.restore_state(run, case, go_home, COOL)
     steps.lock_the_air(run)
     run.bench.air.isolate_reservoirs()
     steps.vertical_loop(run, case, "closed")

@@ -40,7 +40,7 @@ from test_plans.run import Run
 from test_plans.specimen import Specimen
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, part_of
 from test_plans.steps.fittings import leave_connected
-from test_plans.steps.of_the_bench import unlike
+from test_plans.steps.of_the_bench import bench_mismatch
 from test_plans.steps.shaking import SAMPLE_RATE
 from test_plans.steps.stop_travel import ROLL_STIFFNESS, blown, leaned, shaken
 from test_plans.steps.tables import AMPLITUDE, DAMPING, STORAGE, keep
@@ -368,7 +368,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         not run.check(TRAVEL, travel, "mm", low=clear.low, high=clear.high)
         and float(travel) > run.rig["stop_gap"]
     ):
-        run.lack(
+        run.not_available(
             [STIFF, DAMPED, ROLLED], "the bolster leaned on its bump stop, which is stiffer than the springs"
         )
         return
@@ -384,15 +384,15 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
     K = seen.stiffness(seen.shaken, run.rig, values)
     pieces = [seen.stiffness(piece, run.rig, values) for piece in seen.pieces()]
     told = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
-    stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
-    damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
+    stiffness = stiffness.with_uncertainty(SCATTER, spread([one.storage for one in pieces]))
+    damping = damping.with_uncertainty(SCATTER, spread([one.damping for one in pieces]))
     wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
-    damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
+    damping = damping.with_uncertainty(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
     for check, quantity, one in ((STIFF, STORAGE, stiffness), (DAMPED, DAMPING, damping)):
         keep(run, "pair", f"{check}, wind and track", AMPLITUDE, quantity, [K.amplitude], [one])
     beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
     if unstated := _unstated(load, K):
-        run.lack([STIFF, DAMPED], unstated)
+        run.not_available([STIFF, DAMPED], unstated)
     else:
         rolls = load.limits.curves.get("crosswind_and_track.stiffness_by_roll", {0.0: Band(1.0, 1.0)})
         stiffer = float(np.interp(abs(rolled), list(rolls), [middle(band) for band in rolls.values()]))
@@ -401,10 +401,10 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
         run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
-    if other := unlike(run):
-        run.lack([ROLLED], other)
+    if other := bench_mismatch(run):
+        run.not_available([ROLLED], other)
     elif abs(rolled) > GIVEN_BACK_TO:
-        run.lack(
+        run.not_available(
             [ROLLED], f"the roll is {rolled / mrad:g} mrad; it is judged up to {GIVEN_BACK_TO / mrad:g} mrad"
         )
     else:
@@ -413,7 +413,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         sure = "" if torque.expanded is None else f" ± {torque.expanded / kN:.2g}"
         roll, _ = seen.leaning(run.rig, values)
         given_back = known_to * abs(rolled / (roll - part * rolled) * float(leans))
-        leans = leans.beside(RELEASED, EVEN * given_back, even=True)
+        leans = leans.with_uncertainty(RELEASED, EVEN * given_back, even=True)
         told = f"roll torque of the pair {torque.value / kN:.2f}{sure} kN·m at {roll / mrad:.2f} mrad"
         low, high = (end + more for end in (band.low or 0.0, band.high or 0.0))
         run.check(ROLLED, leans, "kN*m/rad", low=low, high=high, note=told)

@@ -22,7 +22,7 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.fittings import leave_connected
-from test_plans.steps.of_the_bench import unlike
+from test_plans.steps.of_the_bench import bench_mismatch
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 from test_plans.steps.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
 
@@ -192,10 +192,10 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     place = float(np.clip(y.max(), min(places), max(places)))
     low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")
     run.check(STIFF, stiffness, "kN/m", low=low, high=high)
-    settling = settling.beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
+    settling = settling.with_uncertainty(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
     judged = {**JUDGED, "settling": (SETTLES, "s")}
-    if other := unlike(run):
-        run.lack([name for name, _ in judged.values()], other)
+    if other := bench_mismatch(run):
+        run.not_available([name for name, _ in judged.values()], other)
     else:
         for (limit, (name, unit)), value in zip(judged.items(), (*found, settling), strict=True):
             check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))

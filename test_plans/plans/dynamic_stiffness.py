@@ -100,7 +100,7 @@ def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Sti
     """Return the stiffness, and its parts with their uncertainties."""
     what = f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"
     if run.hold_point(f"before the {what}"):
-        steps.stand_again(run, case, go_home, COOL)
+        steps.restore_state(run, case, go_home, COOL)
     with run.phase(what):
         times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench_protocol.units import NS, Hz, kN, mm, s
 from bench_protocol.words import SIDES
-from bench_records.twin import Parting
+from bench_records.twin import Deviation
 from drivers.errors import BenchTimeout
 from drivers.generator import MARGIN
 from test_plans import steps
@@ -243,12 +243,12 @@ def endurance(
                     _cycle(run, axis, amplitude, frequency, run_in, Looks())
                     _look(run, case, axis, home, Looks())  # as before any other interval
             with run.phase(f"cycles to {until}"):
-                parted = _cycle(
+                deviation = _cycle(
                     run, axis, amplitude, frequency, until - looks.made, looks, ends=parting == "ends"
                 )
-            with _reason(run, parted):
+            with _reason(run, deviation):
                 _look(run, case, axis, home, looks)
-            if parted is not None:
+            if deviation is not None:
                 break
     finally:
         run.check(MADE, counted(looks.made), "1", low=cycles)
@@ -257,13 +257,13 @@ def endurance(
 
 
 @contextmanager
-def _reason(run: Run, parted: Parting | None) -> Iterator[None]:
-    """Say at the end of the block why the cycles were ended, if rig and model have ``parted``: more is known then."""
+def _reason(run: Run, deviation: Deviation | None) -> Iterator[None]:
+    """Report at the end of the block why a ``deviation`` ended the cycles: its causes may be known by then."""
     try:
         yield
     finally:
-        if parted is not None:
-            why = (run.twin.parted or parted).sentence
+        if deviation is not None:
+            why = (run.twin.deviation or deviation).sentence
             run.warn(f"the cycles were ended, as rig and model part. {why}")
 
 
@@ -276,7 +276,7 @@ def _cycle(
     looks: Looks,
     *,
     ends: bool = False,
-) -> Parting | None:
+) -> Deviation | None:
     """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
 
     With ``ends`` they end where rig and model part: return what is said of that, or None if all were made.
@@ -286,22 +286,22 @@ def _cycle(
         # A program that does not begin has made no cycles, whatever the one before has made.
         run.bench.generator.start(axis, amplitude=amplitude, frequency=frequency, cycles=some)
         try:
-            parted = _wait_done(run, some / frequency + MARGIN, ends)
+            deviation = _wait_done(run, some / frequency + MARGIN, ends)
         finally:
             looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
-        if parted is not None:
+        if deviation is not None:
             run.bench.generator.stop()
-            return parted
+            return deviation
         count -= some
     return None
 
 
-def _wait_done(run: Run, within: float, ends: bool) -> Parting | None:
+def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
     """Wait until the cycles are done; with ``ends``, or until rig and model part: return what is said of it."""
     last = run.now + round(within * NS)
     while ends:
-        if (parted := run.twin.parted) is not None:
-            return parted
+        if (deviation := run.twin.deviation) is not None:
+            return deviation
         if last - run.now <= ASKED_EVERY * NS:
             break
         with suppress(BenchTimeout):

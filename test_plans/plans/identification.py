@@ -6,7 +6,7 @@ from typing import Final
 
 from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.loads import AW0, AW3
-from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
 #: Orifice, volumes and friction by amplitude and frequency; heat and area by height; membrane and shell up to before
@@ -16,9 +16,9 @@ WIDE: Final = Stretch(
         Wave("vertical", 2 * mm, 3.125 * Hz, 9),
         Wave("vertical", 5 * mm, 1.25 * Hz, 5),
         Wave("vertical", 10 * mm, 0.5 * Hz, 3),
-        Stand(12 * mm, rest=6 * s),
-        Stand(-12 * mm, rest=6 * s),
-        Stand(),
+        RestPose(12 * mm, rest=6 * s),
+        RestPose(-12 * mm, rest=6 * s),
+        RestPose(),
         Wave("lateral", 5 * mm, 1 * Hz, 4),
         Wave("lateral", 20 * mm, 0.5 * Hz, 3),
         Wave("roll", 12 * mrad, 0.5 * Hz, 3),
@@ -32,7 +32,7 @@ ASIDE: Final = Stretch(
         Wave("lateral", 8 * mm, 0.5 * Hz, 3),
         Wave("roll", 8 * mrad, 0.75 * Hz, 3),
     ),
-    Stand(height=5 * mm, shear=12 * mm),
+    RestPose(height=5 * mm, shear=12 * mm),
 )
 #: The bellows alone, which no auxiliary volume hides.
 ALONE: Final = Stretch(

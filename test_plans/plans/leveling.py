@@ -196,7 +196,7 @@ def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> 
     if len(around) < 2:
         return Measured(STAIRS[-1] + 1 * mm, unknown=NOT_OPENED)
     height = run.measured(lambda *read: way * _middle(side, read), *around, averaged=STAIR_SAMPLES)
-    return height.beside(STAIR, _half(side, around), even=True)
+    return height.with_uncertainty(STAIR, _half(side, around), even=True)
 
 
 def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
@@ -207,7 +207,7 @@ def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
         lambda *read: _middle(side, read[:2]) - _middle(side, read[2:]), *around, averaged=STAIR_SAMPLES
     )
     for two in (around[:2], around[2:]):
-        width = width.beside(STAIR, _half(side, two), even=True)
+        width = width.with_uncertainty(STAIR, _half(side, two), even=True)
     return width
 
 
@@ -241,7 +241,7 @@ def _took(
         level, slope = straight_line(times[last], pressure)
         return float(times[last].mean() + (target - level) / slope)
 
-    return run.measured(when, values).beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
+    return run.measured(when, values).with_uncertainty(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
 
 
 def _step(

@@ -95,7 +95,7 @@ def roll_coupling(
         check_roll_stiffness(run, STIFF, storage, stiffness, note=lost)
         take_pose(run, home)
     if run.hold_point("before the coupling"):
-        home = steps.stand_again(run, run.specimen.load(load), go_home, COOL)
+        home = steps.restore_state(run, run.specimen.load(load), go_home, COOL)
     with run.phase("coupling"):
         seen = RollAngle()
         seen.measure(run, home, (0.5 * roll, roll))  # half way the gas gives its heat off

@@ -122,16 +122,16 @@ def roll_torque(
     def motions(rig: Rig, *read: Values) -> list[Motion]:
         return [_motion(times, rig, values) for (times, _), values in zip(captured, read, strict=True)]
 
-    def told(rig: Rig, *read: Values) -> tuple[float, ...]:
+    def evaluate(rig: Rig, *read: Values) -> tuple[float, ...]:
         return _law(rig, *motions(rig, *read))
 
     read = [values for _, values in captured]
     before, rolled, _, after = motions(run.rig, *read)
-    found = [*run.measure(told, run.rig, *read, rate=RATE)]
+    found = [*run.measure(evaluate, run.rig, *read, rate=RATE)]
     # How much of the cooling between them the mean of both motions does not undo, nobody knows.
     b = run.rig["spring_half_spacing"]
     cooled = 0.5 * b**2 * abs(_upright(before) - _upright(after))
-    found[3] = found[3].beside(COOLED, EVEN * 0.5 * cooled, even=True)
+    found[3] = found[3].with_uncertainty(COOLED, EVEN * 0.5 * cooled, even=True)
     note = f"rolled by {abs(rolled.roll) / mrad:.2f} mrad, sheared by {abs(rolled.shear) / mm:.2f} mm"
     for name, value, limit, unit in zip(
         (BY_ROLL, BY_SHEAR, RECIPROCAL, TORSION),

@@ -207,14 +207,16 @@ def _supervised(run: Run, names: Iterable[str]) -> bool:
     """Return whether the rig is known to notice silence; if not, the checks ``names`` are not available."""
     known = run.bench.wiring.capabilities.watchdog
     if not known:
-        run.lack(names, f"{run.bench.wiring.rig} is not known to notice that its commander is silent")
+        run.not_available(
+            names, f"{run.bench.wiring.rig} is not known to notice that its commander is silent"
+        )
     return known
 
 
 def _check_safe(run: Run, name: str, course: Course) -> None:
     """Check the way into the safe position."""
     for what, names, limit in ((SAFE[0], BELLOWS, RESIDUAL_PRESSURE), (SAFE[1], FORCES, LET_GO)):
-        took = course.measured(run, partial(course.until_small, names, limit)).beside(
+        took = course.measured(run, partial(course.until_small, names, limit)).with_uncertainty(
             SAMPLING, OF_A_CYCLE, even=True
         )
         run.check(what.of(after=name), took, "s", high=SAFE_AFTER)

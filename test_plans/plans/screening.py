@@ -6,7 +6,7 @@ from typing import Final
 
 from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.loads import AW0, AW3
-from test_plans.programmes.motions import Part, Programme, Segment, Stand, Stretch, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Segment, Stretch, Wave
 from test_plans.programmes.perform import programme_plan
 
 #: Five cycles at full amplitude, each a whole number of samples: what differs between them is noise.
@@ -15,7 +15,7 @@ REPEATED: Final = (1.25 * Hz, 7)
 
 def medley(
     *,
-    start: Stand,
+    start: RestPose,
     slow: float,
     large: float,
     middle: float,
@@ -33,7 +33,7 @@ def medley(
         Wave("vertical", middle, *REPEATED),
         Wave("vertical", quick, 3.125 * Hz, 9),
         Wave("vertical", fast, 8 * Hz, 18),
-        Stand(start.height + step, start.shear, start.roll, rest=8 * s),
+        RestPose(start.height + step, start.shear, start.roll, rest=8 * s),
         start,
         Wave("lateral", wide, 0.25 * Hz, 3, "triangle"),
         Wave("lateral", shear, 1 * Hz, 4),
@@ -44,7 +44,7 @@ def medley(
 
 STRETCHES: Final = (
     medley(
-        start=Stand(),
+        start=RestPose(),
         slow=5 * mm,
         large=8 * mm,
         middle=4 * mm,
@@ -56,7 +56,7 @@ STRETCHES: Final = (
         roll=8 * mrad,
     ),
     medley(
-        start=Stand(height=8 * mm, roll=-4 * mrad),
+        start=RestPose(height=8 * mm, roll=-4 * mrad),
         slow=8 * mm,
         large=4 * mm,
         middle=6 * mm,
@@ -68,7 +68,7 @@ STRETCHES: Final = (
         roll=5 * mrad,
     ),
     medley(
-        start=Stand(height=-8 * mm, shear=5 * mm, roll=3 * mrad),
+        start=RestPose(height=-8 * mm, shear=5 * mm, roll=3 * mrad),
         slow=3 * mm,
         large=10 * mm,
         middle=2 * mm,

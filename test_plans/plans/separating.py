@@ -6,7 +6,7 @@ from typing import Final
 
 from bench_protocol.units import Hz, minutes, mm, mrad, s
 from test_plans.loads import AW0, AW3
-from test_plans.programmes.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Segment, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
 LEVELING: Final = Valves(air="level", reservoirs="on", dpv="off")
@@ -18,7 +18,9 @@ def _programme(name: str, title: str, purpose: str, *parts: tuple[str, tuple[Str
     return Programme(name, title, tuple(Part(load, stretches) for load, stretches in parts), purpose)
 
 
-def _one(*segments: Segment, start: Stand | None = None, valves: Valves | None = None) -> tuple[Stretch, ...]:
+def _one(
+    *segments: Segment, start: RestPose | None = None, valves: Valves | None = None
+) -> tuple[Stretch, ...]:
     plain = Stretch(segments)
     return (Stretch(segments, start or plain.start, valves=valves or plain.valves),)
 
@@ -48,8 +50,8 @@ _PROGRAMMES: Final = (
         "holds_at_heights",
         "Holds at two heights under both loads: leak, heat or drift.",
         "Heat exchange ends, a leak goes on with the pressure, and a transducer drifts independently of both.",
-        (AW0, _one(Stand(-15 * mm, rest=40 * s), Stand(15 * mm, rest=40 * s))),
-        (AW3, _one(Stand(-15 * mm, rest=40 * s), Stand(15 * mm, rest=40 * s))),
+        (AW0, _one(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
+        (AW3, _one(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
     ),
     _programme(
         "small_fast_sines",
@@ -115,7 +117,7 @@ _PROGRAMMES: Final = (
         "Steps of 10 mm, each held for two minutes: heat, and rubber that relaxes.",
         "The gas gives its heat off with one time constant and shows it in the pressure; rubber relaxes over decades "
         "of time, and only the force shows it.",
-        (AW0, _one(Stand(10 * mm, rest=2 * minutes), Stand(-10 * mm, rest=2 * minutes))),
+        (AW0, _one(RestPose(10 * mm, rest=2 * minutes), RestPose(-10 * mm, rest=2 * minutes))),
     ),
     _programme(
         "lateral_at_roll",
@@ -129,7 +131,7 @@ _PROGRAMMES: Final = (
                 for stretch in _one(
                     Wave("lateral", 12 * mm, 0.25 * Hz, 3, "triangle"),
                     Wave("lateral", 6 * mm, 1 * Hz, 5),
-                    start=Stand(roll=roll),
+                    start=RestPose(roll=roll),
                 )
             ),
         ),
@@ -182,7 +184,7 @@ _PROGRAMMES: Final = (
                 *(
                     segment
                     for shear in (15 * mm, 30 * mm, 45 * mm, -30 * mm)
-                    for segment in (Stand(shear=shear), Wave("lateral", 1 * mm, 1 * Hz, 5))
+                    for segment in (RestPose(shear=shear), Wave("lateral", 1 * mm, 1 * Hz, 5))
                 )
             ),
         ),
@@ -191,7 +193,7 @@ _PROGRAMMES: Final = (
         "locked_hold",
         "Ten minutes without motion under the full car: slow leaks and drifting transducers.",
         "The mass of the air, m = pV/(RT), falls only where air is lost.",
-        (AW3, _one(Stand(rest=10 * minutes))),
+        (AW3, _one(RestPose(rest=10 * minutes))),
     ),
     _programme(
         "isolated_reservoirs",

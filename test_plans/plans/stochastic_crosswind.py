@@ -227,14 +227,14 @@ def _check_stiffness(
     stiffness, angle = run.measure(numbers, run.rig, values, rate=RATE)
     band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
     note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"
-    one = stiffness.beside(INCOHERENT, K.uncertainty)
+    one = stiffness.with_uncertainty(INCOHERENT, K.uncertainty)
     run.check(STIFF[direction], one, "kN/m", low=band.low, high=band.high, note=note)
     if direction == "vertical":
         lost = limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
         check_band(
             run,
             LOST,
-            angle.beside(INCOHERENT, K.uncertainty / abs(K.value)),
+            angle.with_uncertainty(INCOHERENT, K.uncertainty / abs(K.value)),
             "deg",
             lost,
         )

@@ -194,7 +194,7 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
     shown = name.partition(".")[2]
     if asked < LEAST:
         few = f"{asked / mm:.2g} {'mrad' if shown == 'roll' else 'mm'} rms"
-        run.lack([BESIDE.of(way=shown)], f"it moves by {few}, as little as its transducer tells")
+        run.not_available([BESIDE.of(way=shown)], f"it moves by {few}, as little as its transducer tells")
         return
 
     def left(late: float, read: Samples) -> Samples:
@@ -204,13 +204,13 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
     delays = np.arange(0.0, LATEST, 0.1 / RATE)
     late = min(delays.tolist(), key=lambda one: float(left(one, values[name]).std()))
 
-    def beside(_: Rig, read: Values) -> float:
+    def deviation_share(_: Rig, read: Values) -> float:
         return float(left(late, read[name]).std()) / asked
 
     note = f"{late / ms:.0f} ms late; asked for {asked / mm:.3g} {'mrad' if shown == 'roll' else 'mm'} rms"
     run.check(
         BESIDE.of(way=shown),
-        run.measured(beside, run.rig, values, rate=RATE),
+        run.measured(deviation_share, run.rig, values, rate=RATE),
         "%",
         high=BESIDE_MOST,
         note=note,

@@ -43,7 +43,7 @@ class Wave:
 
 
 @dataclass(frozen=True, slots=True)
-class Stand:
+class RestPose:
     """A place of the springs, seen from design height, centred and level; the bench goes there and rests."""
 
     height: float = 0.0  #: m
@@ -99,7 +99,7 @@ class Valves:
         return ", ".join(f"{what} {to}" for what, to in parts if to is not None)
 
 
-Segment = Wave | Stand | Valves
+Segment = Wave | RestPose | Valves
 
 #: Large enough to wipe out what friction remembers of earlier motions, as far as the following ones reach: of a
 #: difference in Berg's state, 4e-4 is left (after three cycles 1e-2, which load cells still see).
@@ -118,7 +118,7 @@ class Stretch:
     """One run to be replayed: its first ``segments`` begin at ``start``, after rest, conditioning and rest again."""
 
     segments: tuple[Segment, ...]
-    start: Stand = Stand()
+    start: RestPose = RestPose()
     condition: tuple[Wave, ...] = WIPE
     valves: Valves = Valves(air="hold", reservoirs="on", dpv="off")  #: from its beginning
 

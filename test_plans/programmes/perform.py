@@ -30,8 +30,8 @@ from test_plans.programmes.motions import (
     REST_BETWEEN,
     Part,
     Programme,
+    RestPose,
     Segment,
-    Stand,
     Stretch,
     Valves,
     Wave,
@@ -126,7 +126,7 @@ def perform(run: Run, programme: Programme) -> None:
                     _stretch(run, home, stretch)
                 _check(run, name, stretch, capture)
         with run.phase("back"):  # the next load is taken up level and centred
-            _go(run, home, Stand())
+            _go(run, home, RestPose())
 
 
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
@@ -145,7 +145,7 @@ def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
         missing = [
             SAMPLES.of(name=f"{programme.name} {k} {load}") for k, load in enumerate(names, number + 1)
         ]
-        run.lack(missing, f"{part.load} is not taken up: {refused}; {off}")
+        run.not_available(missing, f"{part.load} is not taken up: {refused}; {off}")
         return False
     return True
 
@@ -208,11 +208,11 @@ def _segment(run: Run, home: Home, segment: Segment) -> None:
         match segment:
             case Wave():
                 _shake(run, segment)
-            case Stand():
+            case RestPose():
                 _go(run, home, segment)
             case Valves():
                 _turn(run, segment)
-    if isinstance(segment, Stand) and segment.rest:
+    if isinstance(segment, RestPose) and segment.rest:
         _rest(run, segment.rest)
 
 
@@ -239,14 +239,14 @@ def _turn(run: Run, valves: Valves) -> None:
             actions[value]()
 
 
-def _go(run: Run, home: Home, stand: Stand) -> None:
+def _go(run: Run, home: Home, pose: RestPose) -> None:
     """Bring all axes there at the same time: the one with the longest way has the stand's rate."""
     commander = run.bench.commander
     offsets = {"vertical_left": home.left, "vertical_right": home.right}
-    targets = {axis: to + offsets.get(axis, 0.0) for axis, to in stand.targets(run.rig).items()}
+    targets = {axis: to + offsets.get(axis, 0.0) for axis, to in pose.targets(run.rig).items()}
     setpoints = {axis: _setpoint(axis) for axis in targets}
     present = {axis: commander.value(name) for axis, name in setpoints.items()}
-    duration = stand.duration_from(
+    duration = pose.duration_from(
         {axis: at - offsets.get(axis, 0.0) for axis, at in present.items()}, run.rig
     )
     for axis, to in targets.items():

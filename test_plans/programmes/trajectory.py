@@ -16,8 +16,8 @@ from test_plans.programmes.motions import (
     REST_AFTER,
     REST_BEFORE,
     REST_BETWEEN,
+    RestPose,
     Segment,
-    Stand,
     Stretch,
     Valves,
     Wave,
@@ -107,7 +107,7 @@ def unit_wave(wave: Wave, time: Samples) -> Samples:
 class _Walk:
     """Goes through a stretch, piece by piece, and remembers where everything stands."""
 
-    def __init__(self, rate: float, rig: Rig, start: Stand, valves: Valves) -> None:
+    def __init__(self, rate: float, rig: Rig, start: RestPose, valves: Valves) -> None:
         self.rate, self.rig = rate, rig
         place = start.targets(rig)
         self.place = np.array([place[axis] for axis in AXES])
@@ -123,7 +123,7 @@ class _Walk:
         match segment:
             case Wave():
                 self._wave(segment)
-            case Stand():
+            case RestPose():
                 self._go(segment)
             case Valves():
                 given = {
@@ -146,15 +146,15 @@ class _Walk:
         self._append(self.place[:, None] + np.outer(share[wave.axis], value))
         self.rest(GENERATOR_LATE)
 
-    def _go(self, stand: Stand) -> None:
-        targets = stand.targets(self.rig)
+    def _go(self, pose: RestPose) -> None:
+        targets = pose.targets(self.rig)
         end = np.array([targets[axis] for axis in AXES])
-        duration = stand.duration_from(dict(zip(AXES, self.place.tolist(), strict=True)), self.rig)
+        duration = pose.duration_from(dict(zip(AXES, self.place.tolist(), strict=True)), self.rig)
         count = ceil(duration * self.rate)
         way = np.arange(count) / max(count, 1)
         self._append(self.place[:, None] + np.outer(end - self.place, way))
         self.place = end
-        self.rest(POSE_SETTLE + stand.rest)
+        self.rest(POSE_SETTLE + pose.rest)
 
     def _append(self, piece: Samples) -> None:
         count = piece.shape[1]

@@ -14,8 +14,8 @@ from test_plans.steps.carrying import (
     once_let_go,
     power_up,
     raise_the_air,
+    restore_state,
     shim,
-    stand_again,
 )
 from test_plans.steps.stiffness import (
     STIFFNESS,
@@ -55,6 +55,7 @@ __all__ = [
     "once_let_go",
     "power_up",
     "raise_the_air",
+    "restore_state",
     "roll_by_unequal_preload",
     "shim",
     "stand_again",
@@ -63,3 +64,5 @@ __all__ = [
     "vertical_sweep",
     "weigh_the_air",
 ]
+
+stand_again = restore_state  # the old name, for one release

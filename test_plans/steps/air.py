@@ -88,7 +88,7 @@ def check_air(run: Run, load: Load) -> None:
             name = LOAD.of(side=side)
             if run.can(name, needs=(*cells_under(run.rig, side), *CELLS)):
                 carried = run.measured(partial(load_on, side=side), mean, run.rig, averaged=AVERAGED)
-                carried = carried.beside(
+                carried = carried.with_uncertainty(
                     "force sideways that no load cell sees", _unseen(run, mean), even=True
                 )
                 check_band(run, name, carried, "kN", load.limits.band("carried"))

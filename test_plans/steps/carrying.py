@@ -270,7 +270,7 @@ def hold_the_height(run: Run) -> None:
             bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
 
 
-def stand_again(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
+def restore_state(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
     """Restore the state of the springs after a hold: leveled, settled, and shut in if they were shut in before.
 
     ``hold`` is the function by which the plan holds the height afterwards; its result is returned. ``cool`` is the time

@@ -21,7 +21,7 @@ ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
 def stated(run: Run, name: str, *checks: str) -> bool:
     """Return whether specimen and rig both state a dimension; if not, the ``checks`` are *not available*, and why."""
     if name not in run.specimen.bench:
-        run.lack(
+        run.not_available(
             checks,
             f"specimen {run.specimen.file} does not state for which bench.{name} its limits hold",
         )
@@ -40,7 +40,7 @@ def check_roll_stiffness(run: Run, name: str, value: Measured, band: Band, note:
     b, known = run.rig[SPACING], run.rig.stated(SPACING)
     wide = band.times((b / run.specimen.bench[SPACING]) ** 2)
     off = known.uncertainty if known else 0.0
-    found = value.beside(SPACING.replace("_", " "), 2 * abs(float(value)) * EVEN * off / b)
+    found = value.with_uncertainty(SPACING.replace("_", " "), 2 * abs(float(value)) * EVEN * off / b)
     run.check(name, found, "kN*m/rad", low=wide.low, high=wide.high, note=note)
 
 
@@ -52,13 +52,13 @@ def of_the_stated_mass(ratio: complex, rig: Rig, mass: float) -> complex:
     return 1 / (1 - mass / rig[MASS] * (1 - 1 / ratio))
 
 
-def unlike(run: Run) -> str:
+def bench_mismatch(run: Run) -> str:
     """Return in words how the rig differs from the bench that limits are stated for, "" if it hardly does."""
-    told = []
+    differences = []
     for name, within in ALIKE.items():
         here, there = run.rig[name], run.specimen.bench.get(name)
         if there is None or abs(here / there - 1) > within:
             unit = DIMENSIONS[name]
             of = "what nobody states" if there is None else f"{there:g} {unit}"
-            told.append(f"{name.replace('_', ' ')} {here:g} {unit} instead of {of}")
-    return f"its limit holds for another bench: {', '.join(told)}" if told else ""
+            differences.append(f"{name.replace('_', ' ')} {here:g} {unit} instead of {of}")
+    return f"its limit holds for another bench: {', '.join(differences)}" if differences else ""

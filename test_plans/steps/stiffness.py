@@ -19,7 +19,7 @@ from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, h
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.loads import Band, Load
-from test_plans.steps.carrying import hold_the_height, stand_again
+from test_plans.steps.carrying import hold_the_height, restore_state
 from test_plans.steps.shaking import (
     LATERAL,
     LATERAL_NEEDS,
@@ -137,7 +137,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
     found: dict[str, list[MeasuredStiffness]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the vertical sine of {frequency:g} Hz"):
-            stand_again(run, load, hold_the_height)
+            restore_state(run, load, hold_the_height)
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
@@ -209,7 +209,7 @@ def lateral_sweep(run: Run, load: Load) -> None:
     found: list[MeasuredStiffness] = []
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the lateral sine of {frequency:g} Hz"):
-            stand_again(run, load, hold_the_height)
+            restore_state(run, load, hold_the_height)
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)

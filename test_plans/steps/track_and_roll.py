@@ -133,7 +133,7 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
         stiffness, swing = run.measure(_between, run.rig, *rolled, averaged=AVERAGED)
         if contradiction := description_contradicted(run, rolled[0], rolled[1], float(stiffness)):
             run.warn(contradiction)
-            run.lack((ROLL_STIFFNESS,), contradiction)
+            run.not_available((ROLL_STIFFNESS,), contradiction)
         else:
             check_roll_stiffness(run, ROLL_STIFFNESS, stiffness, load.limits.band("roll_stiffness"))
         limit = run.specimen.limits.band("roll_pressure_difference")

@@ -171,11 +171,11 @@ def know(
 ) -> Known:
     """Return what the samples of a sine say of a ``stiffness``, for its curves."""
 
-    def told(rig: Rig, read: Values) -> tuple[float, float, float]:
+    def evaluate(rig: Rig, read: Values) -> tuple[float, float, float]:
         K = stiffness(times, rig, read, frequency)
         return abs(K.value), K.storage, K.damping
 
-    return Known(*run.measure(told, run.rig, values))
+    return Known(*run.measure(evaluate, run.rig, values))
 
 
 def measure_sines(

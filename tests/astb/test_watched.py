@@ -9,17 +9,20 @@ from types import SimpleNamespace
 import pytest
 
 from astb import watched
-from astb.watched import TwinBeside
+from astb.watched import RunTwin
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.units import NS
-from bench_records.twin import Parting, Said, TwinStory, write_twin
-from test_plans.beside import Alone
+from bench_records.twin import Deviation, DeviationState, TwinStory, write_twin
 from test_plans.plans.endurance import ASKED_EVERY, _wait_done
+from test_plans.twin_state import NoTwin
 
 
-def story(until, *partings):
+def story(until, *all_deviations):
     return TwinStory(
-        "astb", until, (), tuple(Parting(told, told, "left.height", 0.0, 0.0, 0.0) for told in partings)
+        "astb",
+        until,
+        (),
+        tuple(Deviation(told, told, "left.height", 0.0, 0.0, 0.0) for told in all_deviations),
     )
 
 
@@ -28,17 +31,17 @@ def process(alive=True):
 
 
 def test_in_real_time_it_says_what_is_known_and_what_is_withdrawn(tmp_path):
-    twin = TwinBeside(process(), tmp_path, RealClock())
-    assert twin.watching and twin.parted is None
+    twin = RunTwin(process(), tmp_path, RealClock())
+    assert twin.watching and twin.deviation is None
     write_twin(tmp_path, story(10.0, 4.0, 9.0))
-    assert twin.parted.told == 9.0
+    assert twin.deviation.detected == 9.0
     write_twin(tmp_path, story(12.0))
-    assert twin.parted is None
+    assert twin.deviation is None
 
 
 def test_in_virtual_time_it_waits_until_the_twin_has_come(tmp_path, monkeypatch):
     clock = VirtualClock()
-    twin = TwinBeside(process(), tmp_path, clock)
+    twin = RunTwin(process(), tmp_path, clock)
     clock.sleep_until(60 * NS)
     write_twin(tmp_path, story(30.0))
 
@@ -47,16 +50,16 @@ def test_in_virtual_time_it_waits_until_the_twin_has_come(tmp_path, monkeypatch)
             write_twin(tmp_path, story(59.0, 55.0))
 
     monkeypatch.setattr(watched, "RealClock", Waits)
-    assert twin.parted.told == 55.0
+    assert twin.deviation.detected == 55.0
 
 
 def test_in_virtual_time_it_does_not_wait_for_a_twin_that_is_gone(tmp_path):
     clock = VirtualClock()
-    twin = TwinBeside(process(alive=False), tmp_path, clock)
+    twin = RunTwin(process(alive=False), tmp_path, clock)
     clock.sleep_until(60 * NS)
     write_twin(tmp_path, story(30.0, 20.0))
     assert not twin.watching
-    assert twin.parted.told == 20.0
+    assert twin.deviation.detected == 20.0
 
 
 @pytest.mark.slow
@@ -74,7 +77,7 @@ def test_a_twin_that_stands_still_does_not_hold_up_the_end_of_a_run(tmp_path, mo
     monkeypatch.setattr(watched, "_QUIET", 0.5)
     clock, told = RealClock(), []
     with subprocess.Popen([sys.executable, "-c", does], stderr=subprocess.PIPE, text=True) as twin:
-        news = watched._News(TwinBeside(twin, tmp_path, clock), told.append)
+        news = watched._News(RunTwin(twin, tmp_path, clock), told.append)
         news.end()
         watched._conclude(twin, tmp_path, news, told.append)
         assert clock.now() < 60 * NS
@@ -86,10 +89,12 @@ def test_a_twin_that_stands_still_does_not_hold_up_the_end_of_a_run(tmp_path, mo
 def test_a_deviation_is_reported_while_the_run_lasts_and_again_when_its_kind_changes(tmp_path, monkeypatch):
     monkeypatch.setattr(watched, "_NEWS", 0.01)
     lines: queue.Queue[str] = queue.Queue()
-    news = watched._News(TwinBeside(process(), tmp_path, RealClock()), lines.put)
+    news = watched._News(RunTwin(process(), tmp_path, RealClock()), lines.put)
 
     def kept(word, sentence):
-        found = Parting(4.0, 3.0, "left.height", 0.0, 0.0, 0.0, sentence=sentence, course=(Said(4.0, word),))
+        found = Deviation(
+            4.0, 3.0, "left.height", 0.0, 0.0, 0.0, sentence=sentence, course=(DeviationState(4.0, word),)
+        )
         write_twin(tmp_path, TwinStory("astb", 10.0, (), (found,)))
 
     kept("told", "93 N below the model")
@@ -97,10 +102,10 @@ def test_a_deviation_is_reported_while_the_run_lasts_and_again_when_its_kind_cha
     kept("explained", "a leak of 0.5 mm²")
     assert lines.get(timeout=30) == "a leak of 0.5 mm²"
     news.end()
-    news.report(TwinBeside(process(), tmp_path, RealClock()).story(), final=True)
+    news.report(RunTwin(process(), tmp_path, RealClock()).story(), final=True)
     assert lines.empty(), "nothing is reported twice"
     kept("explained", "a leak of 0.6 mm²")
-    news.report(TwinBeside(process(), tmp_path, RealClock()).story(), final=True)
+    news.report(RunTwin(process(), tmp_path, RealClock()).story(), final=True)
     assert lines.get_nowait() == "a leak of 0.6 mm²"
 
 
@@ -123,9 +128,9 @@ def test_cycles_end_at_a_deviation_only_if_requested(ends, parts_at):
     generator = Generator(100.0)
     parting = object()
 
-    class Twin(Alone):
+    class Twin(NoTwin):
         @property
-        def parted(self):
+        def deviation(self):
             return parting if generator.now >= parts_at else None
 
     class Run:

@@ -161,7 +161,7 @@ def test_where_every_case_failed_no_row_has_a_verdict():
 
 def test_a_killed_attempt_does_not_block_the_next(tmp_path, monkeypatch):
     used = []
-    monkeypatch.setattr(plan_case, "_told", lambda result: {})
+    monkeypatch.setattr(plan_case, "_row", lambda result: {})
     monkeypatch.setattr(plan_case, "_run", lambda case, directory: used.append(directory))
     case = PlanCase(plan="leak_down")
     run_plan_case(case, str(tmp_path))

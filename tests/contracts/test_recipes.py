@@ -137,7 +137,7 @@ from bench_sim.rig.rig import Rig
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
 from test_plans.plan import plan
-from test_plans.run import Nobody
+from test_plans.run import NullWatcher
 
 @plan(setup=lambda run: None, teardown=lambda run: None)
 def look(run):
@@ -154,7 +154,7 @@ memory = RigInMemory(Rig(load(), seed=1))
 bench = memory.bench()
 bench.instruments = ordinary()
 with bench:
-    result = execute(look, bench, Path(sys.argv[1]), watcher=Nobody())
+    result = execute(look, bench, Path(sys.argv[1]), watcher=NullWatcher())
     assert result.verdict == "pass", result
     shown = "speed" in repr(bench.platform)
 assert "platform.speed" in bench.instruments.pieces

@@ -23,7 +23,7 @@ from diagnosis.systems.air_spring.parameters import SOUND
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.records import read_records
-from test_plans.programmes.motions import Stand, Stretch, Wave
+from test_plans.programmes.motions import RestPose, Stretch, Wave
 
 MEDLEY = (
     Stretch(
@@ -31,8 +31,8 @@ MEDLEY = (
             Wave("vertical", 5 * mm, 0.5 * Hz, 3, "triangle"),
             Wave("vertical", 5 * mm, 1.2 * Hz, 4),
             Wave("vertical", 1 * mm, 5.0 * Hz, 10),
-            Stand(height=6 * mm, rest=6.0),
-            Stand(),
+            RestPose(height=6 * mm, rest=6.0),
+            RestPose(),
             Wave("lateral", 6 * mm, 0.5 * Hz, 3, "triangle"),
             Wave("roll", 4 * mrad, 0.7 * Hz, 3),
         )

@@ -21,7 +21,7 @@ from diagnosis.systems.records import read_records
 from drivers.memory import Faults
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.programmes.motions import Stand, Stretch, Wave
+from test_plans.programmes.motions import RestPose, Stretch, Wave
 
 MEDLEY = (
     Stretch(
@@ -29,8 +29,8 @@ MEDLEY = (
             Wave("vertical", 5 * mm, 0.5 * Hz, 3, "triangle"),
             Wave("vertical", 5 * mm, 1.2 * Hz, 4),
             Wave("vertical", 2 * mm, 4.0 * Hz, 8),
-            Stand(height=6 * mm, rest=6.0),
-            Stand(),
+            RestPose(height=6 * mm, rest=6.0),
+            RestPose(),
         )
     ),
 )

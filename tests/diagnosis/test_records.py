@@ -25,11 +25,13 @@ from diagnosis.systems.records import (
 )
 from drivers.memory import Faults
 from test_plans.loads import AW0
-from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Valves, Wave
 
 SHORT = (
     Stretch((Wave("vertical", 3 * mm, 1.0 * Hz, 4), Wave("lateral", 3 * mm, 1.0 * Hz, 3))),
-    Stretch((Stand(height=2 * mm, rest=2.0), Stand()), valves=Valves(air="level", reservoirs="on", dpv="on")),
+    Stretch(
+        (RestPose(height=2 * mm, rest=2.0), RestPose()), valves=Valves(air="level", reservoirs="on", dpv="on")
+    ),
 )
 
 

@@ -4,11 +4,11 @@ from astb.diagnose import read_data
 from bench_protocol.units import Hz, mm, s
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from test_plans.programmes.motions import Stand, Stretch, Wave
+from test_plans.programmes.motions import RestPose, Stretch, Wave
 
 #: A screening of a quarter of a minute. Its conditioning is short because nothing is asked of friction.
 SHORT = Stretch(
-    (Wave("vertical", 4 * mm, 1.25 * Hz, 4), Stand(8 * mm, rest=3 * s)),
+    (Wave("vertical", 4 * mm, 1.25 * Hz, 4), RestPose(8 * mm, rest=3 * s)),
     condition=(Wave("vertical", 10 * mm, 1 * Hz, 3),),
 )
 BLOCKED = 0.1

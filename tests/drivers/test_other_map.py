@@ -25,7 +25,7 @@ from drivers.errors import MapMismatch, NotAvailable
 from drivers.wiring.own import own_wiring
 from test_plans.execution import execute
 from test_plans.plan import plan
-from test_plans.run import Nobody
+from test_plans.run import NullWatcher
 
 #: What no rig of ours has.
 FURTHER = {signal.name for signal in TABLE.of_kind(Kind.FURTHER)}
@@ -249,7 +249,7 @@ def test_a_bench_on_another_map_arms_moves_and_says_what_it_lacks():
 def test_a_plan_says_with_what_it_goes_on(tmp_path):
     said = []
 
-    class Watcher(Nobody):
+    class Watcher(NullWatcher):
         def say(self, text):
             said.append(text)
 

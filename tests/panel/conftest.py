@@ -212,7 +212,11 @@ RIG = RigFile("test", simulation=Simulation())
 TOKEN = "a token"
 
 
+<<<<<<< HEAD
 class FakeDoor:
+=======
+class DeviationState:
+>>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     """In the place of a run's door: what it was told, and what it answers."""
 
     def __init__(self):
@@ -226,8 +230,13 @@ class FakeDoor:
 
 
 @pytest.fixture
+<<<<<<< HEAD
 def door(monkeypatch) -> FakeDoor:
     said = FakeDoor()
+=======
+def door(monkeypatch) -> DeviationState:
+    said = DeviationState()
+>>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     monkeypatch.setattr(runs_module, "knock", said)
     return said
 

@@ -16,7 +16,7 @@ from starlette.routing import Route
 from websockets.sync.client import connect
 
 from astb.panel.access import _ALL, _EACH, _LONGEST, NotAllowed, Patience
-from astb.panel.cli import _tell
+from astb.panel.cli import _print_addresses
 from astb.panel.connections import Server
 from astb.panel.server import application
 from bench_protocol.clock import VirtualClock
@@ -252,7 +252,7 @@ def test_the_printed_address_is_one_that_works(parts, capsys):
     from starlette.testclient import TestClient
 
     for names in ((), ("hall.example.org", "Bench")):
-        _tell("0.0.0.0", 8137, "token", names)
+        _print_addresses("0.0.0.0", 8137, "token", names)
         printed = capsys.readouterr().out.split("to watch:")[1].split()[0]
         assert not names or "hall.example.org" in printed
         app = application(parts, host="0.0.0.0", names=names)

@@ -28,7 +28,7 @@ def test_a_run_is_renamed_archived_and_restored_unchanged(client, parts, keep):
         == "spring 7 new"
     )
     assert names(page) == ["spring 7 new", "two"]
-    assert parts.runs.told()["last"]["record"] == "spring 7 new", "its report is found under the new name"
+    assert parts.runs.state()["last"]["record"] == "spring 7 new", "its report is found under the new name"
     assert page.post("/api/kept/archive", json={"run": "spring 7 new"}).status_code == 200
     assert names(page) == ["archive/spring 7 new", "two"]
     assert page.get("/kept/report", params={"run": "archive/spring 7 new"}).status_code == 200

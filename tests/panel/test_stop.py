@@ -56,17 +56,17 @@ def test_a_stop_tells_who_when_and_since_when_the_springs_are_empty(client, door
     page = client()
     assert page.post("/api/estop", json={"by": "A. Tester"}).status_code == 200
     assert door.orders[-1] == {"do": "safe", "by": "A. Tester"}
-    told = parts.runs.told()["stopped"]
+    told = parts.runs.state()["stopped"]
     assert (told["by"], told["empty"]) == ("A. Tester", None)
     air["left"] = 0.0
-    assert parts.runs.told()["stopped"]["empty"] is None, "one of both still holds air"
+    assert parts.runs.state()["stopped"]["empty"] is None, "one of both still holds air"
     air["right"] = math.nan
-    assert parts.runs.told()["stopped"]["empty"] is None, "what nobody reads is not empty"
+    assert parts.runs.state()["stopped"]["empty"] is None, "what nobody reads is not empty"
     air["right"] = 0.1e5
-    told = parts.runs.told()["stopped"]
+    told = parts.runs.state()["stopped"]
     assert time.time() - 5 < told["at"] / 1000 <= told["empty"] / 1000 <= time.time()
     assert page.post("/api/estop").status_code == 200
-    assert parts.runs.told()["stopped"]["by"] == "somebody at the panel"
+    assert parts.runs.state()["stopped"]["by"] == "somebody at the panel"
 
 
 def test_a_stop_ends_a_run_that_receives_no_data(parts, monkeypatch):

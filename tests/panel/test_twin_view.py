@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bench_records.record import read
-from bench_records.twin import Judged, Parting, PossibleCause, Said, TwinStory, write_twin
+from bench_records.twin import Deviation, DeviationState, Judged, PossibleCause, TwinStory, write_twin
 from bench_sim.parameters import load
 from bench_sim.rig.faults.panel import PlannedFault
 from diagnosis.twin.twin import Twin
@@ -37,7 +37,7 @@ STORY = TwinStory(
         Judged(200.0, 300.0, False),
     ),
     (
-        Parting(
+        Deviation(
             222.0,
             214.0,
             "left.bellows_pressure",
@@ -48,7 +48,7 @@ STORY = TwinStory(
             sentence="From 214 s on the left bellows lost air like a hole of 0.20 mm² (0.17 to 0.23).",
             earliest=212.0,
             latest=215.5,
-            course=(Said(222.0, "told", (HOLE,)), Said(250.0, "surer", (HOLE,))),
+            course=(DeviationState(222.0, "told", (HOLE,)), DeviationState(250.0, "surer", (HOLE,))),
         ),
     ),
 )
@@ -141,7 +141,7 @@ def test_readings_are_shown_with_the_bands_of_a_running_twin(open_page, bench_pa
         }
 
     sound = seen(72.0)
-    assert len(sound) == len(twin.story.lately.channels) > 12
+    assert len(sound) == len(twin.story.last_minute.channels) > 12
     assert page.locator(".lately .card.parted").count() == 0
     assert (
         "bar, expected" in sound["left bellows pressure"] and "kN, expected" in sound["vertical left force"]

@@ -43,7 +43,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary as ordinary_instruments
 from test_plans.plans.separating import MENU
-from test_plans.programmes.motions import Stand, Stretch
+from test_plans.programmes.motions import RestPose, Stretch
 from test_plans.programmes.trajectory import trajectory
 from test_plans.steps.track_and_roll import CONTRADICTED
 
@@ -371,7 +371,7 @@ def test_further_runs_are_predicted_for_the_measured_rig():
     for one, other in zip(ours_, again, strict=True):
         for name, series in one.inputs.items():
             np.testing.assert_array_equal(series, other.inputs[name])
-    rolls = Stretch((), Stand(roll=0.02), condition=())
+    rolls = Stretch((), RestPose(roll=0.02), condition=())
     (at,) = {float(np.ptp([one[0] for one in trajectory(rolls, wide).heights.values()]))}
     assert at == pytest.approx(2 * 1.23 * 0.02)
 

@@ -68,13 +68,13 @@ def test_a_signal_during_the_writing_of_the_result_is_handled_afterwards(stop, t
 def test_a_signal_between_two_parts_stops_the_next_one(stop):
     ran = []
     with Interruptions() as stops:
-        with stops.heard():
+        with stops.interruptible():
             ran.append("first")
         stop()
         stop()
-        with pytest.raises(KeyboardInterrupt), stops.heard():
+        with pytest.raises(KeyboardInterrupt), stops.interruptible():
             ran.append("second")
-        with stops.heard():  # both were one
+        with stops.interruptible():  # both were one
             ran.append("third")
     assert ran == ["first", "third"]
     with pytest.raises(KeyboardInterrupt):
@@ -83,7 +83,7 @@ def test_a_signal_between_two_parts_stops_the_next_one(stop):
 
 def test_in_another_thread_signals_are_as_they_were(stop):
     def look():
-        with Interruptions() as stops, stops.heard():
+        with Interruptions() as stops, stops.interruptible():
             found.append([signal.getsignal(number) for number in STOPPING])
 
     found, before = [], [signal.getsignal(number) for number in STOPPING]

@@ -23,7 +23,7 @@ from test_plans.analysis import NotMeasured
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.plan import Plan, plan
-from test_plans.run import Nobody, PlanError, Run
+from test_plans.run import NullWatcher, PlanError, Run
 
 SPRINGS = [f"{side}.{chamber}_pressure" for side in ("left", "right") for chamber in ("bellows", "auxiliary")]
 
@@ -268,7 +268,7 @@ def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monke
     assert result.reason == "the rig: gone"
 
 
-class Deaf(Nobody):
+class Deaf(NullWatcher):
     """A watcher that raises once it is told of something."""
 
     def __init__(self, error, at):

@@ -19,7 +19,7 @@ from test_plans.loads import AW0, AW3
 from test_plans.plans.screening import REPEATED, SCREENING, STRETCHES
 from test_plans.plans.separating import MENU
 from test_plans.programmes import perform
-from test_plans.programmes.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import REPLAY, Part, Programme, RestPose, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 from test_plans.programmes.trajectory import RATE, trajectory, unit_wave
 from test_plans.specimen import ordinary
@@ -43,11 +43,11 @@ SHORT = Programme(
                     (
                         Wave("vertical", 4 * mm, 1 * Hz, 3, "triangle"),
                         Valves(dpv="on"),
-                        Stand(5 * mm, shear=-4 * mm, roll=6 * mrad, rest=1 * s),
+                        RestPose(5 * mm, shear=-4 * mm, roll=6 * mrad, rest=1 * s),
                         Wave("roll", 5 * mrad, 1 * Hz, 3),
                         Wave("lateral", 6 * mm, 2 * Hz, 4),
                     ),
-                    start=Stand(-3 * mm, roll=-2 * mrad),
+                    start=RestPose(-3 * mm, roll=-2 * mrad),
                 ),
             ),
         ),
@@ -56,7 +56,7 @@ SHORT = Programme(
 )
 #: Under the full load a wrong gain is beyond what a force may differ by.
 FULL = Programme(
-    "full", "A full one", (Part(AW3, (Stretch((Wave("vertical", 4 * mm, 1 * Hz, 3),), Stand()),)),), "-"
+    "full", "A full one", (Part(AW3, (Stretch((Wave("vertical", 4 * mm, 1 * Hz, 3),), RestPose()),)),), "-"
 )
 
 
@@ -124,7 +124,7 @@ def test_the_predicted_wave_is_the_generators(form, frequency, cycles, places):
 
 @given(st.floats(-0.03, 0.03), st.floats(-0.04, 0.04), st.floats(-0.05, 0.05))
 def test_standing_somewhere_shears_and_rolls_the_springs_as_asked(height, shear, roll):
-    stretch = Stretch((), Stand(height, shear, roll), condition=())
+    stretch = Stretch((), RestPose(height, shear, roll), condition=())
     asked = trajectory(stretch, OURS)
     assert np.allclose(asked.shear, shear, atol=1e-12)
     assert np.allclose(asked.heights["left"] - asked.heights["right"], 2 * roll, atol=1e-12)
@@ -132,8 +132,13 @@ def test_standing_somewhere_shears_and_rolls_the_springs_as_asked(height, shear,
     assert pose(OURS, shear, roll).platform_roll == pytest.approx(asked.platform_roll[0])
 
 
+<<<<<<< HEAD
 def test_a_segment_ends_at_its_last_position_after_a_rest():
     stretch = Stretch((Stand(7 * mm, rest=2 * s),), Stand(-2 * mm))
+=======
+def test_a_stretch_ends_where_its_last_stand_was_and_rests_first():
+    stretch = Stretch((RestPose(7 * mm, rest=2 * s),), RestPose(-2 * mm))
+>>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     asked = trajectory(stretch, OURS)
     left = asked.heights["left"]
     assert left[0] == pytest.approx(-2 * mm)

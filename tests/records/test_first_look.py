@@ -16,7 +16,7 @@ from bench_records.curves import Axis, curve
 from bench_records.layout import SignalInfo
 from bench_records.plot_data import Plot, PlotData
 from bench_records.report import CLOSE_ROWS, FAILED_ROWS, least_sure, notable, write_report
-from bench_records.report_plots import CURVE, NUMBER_WIDTH, curve_panel, curve_traces, told_frequencies
+from bench_records.report_plots import CURVE, NUMBER_WIDTH, curve_panel, curve_traces, labelled_frequencies
 from bench_records.result import check, unavailable
 from bench_records.run_drawings import curve_plots, curve_tables
 from bench_records.signing import instruments_of
@@ -58,7 +58,7 @@ def test_where_all_conform_the_least_sure_is_named() -> None:
 @given(st.lists(st.floats(0.05, 60.0).map(lambda f: round(f, 2)), min_size=2, max_size=40, unique=True))
 def test_every_frequency_has_its_number_unless_two_would_touch(frequencies: list[float]) -> None:
     places = sorted(frequencies)
-    told = told_frequencies([sweep("K", places, places)])
+    told = labelled_frequencies([sweep("K", places, places)])
     assert set(told) <= set(places) and (told[0], told[-1]) == (places[0], places[-1])
     points = 72 * (CURVE.width - CURVE.left - CURVE.right) / (1.1 * math.log(places[-1] / places[0]))
     half = lambda f: NUMBER_WIDTH * (len(f"{f:g}") + 1) / 2  # noqa: E731
@@ -112,7 +112,7 @@ def test_uncertainties_of_points_are_drawn_and_passed_to_the_script() -> None:
     assert len(curve_panel("a", "K", [known])) > len(curve_panel("a", "K", [bare]))
     data = PlotData()
     data.add(Plot("sweep", "K", "x", "y", [trace, *curve_traces([bare])]))
-    ((one, other),) = (plot["traces"] for plot in json.loads(data.told))
+    ((one, other),) = (plot["traces"] for plot in json.loads(data.json))
     assert one["expanded"][2:] == [0.1, 0.3] and other["expanded"] is None
     with pytest.raises(ValueError, match="2 uncertainties for 3 points"):
         sweep("K", [1.0, 2.0, 4.0], [1.0, 2.0, 3.0], expanded=[1.0, 2.0])

@@ -32,7 +32,7 @@ def test_numbers_come_back(values: list[float], copies: int) -> None:
     data = PlotData()
     for _ in range(copies):
         data.add(Plot("time", "t", "s", "m", [Trace("a", "#000", (), xs, ys)]))
-    (trace,) = json.loads(data.told)[copies - 1]["traces"]
+    (trace,) = json.loads(data.json)[copies - 1]["traces"]
     swing = np.nanmax(ys) - np.nanmin(ys) if np.isfinite(ys).any() else 0.0
     np.testing.assert_allclose(unpacked(data, trace["y"]), ys, rtol=1e-12, atol=0.51 * swing / STEPS)
     np.testing.assert_allclose(
@@ -46,5 +46,5 @@ def test_no_text_ends_its_element() -> None:
     data = PlotData()
     evil = "</script><script>alert(1)</script>"
     data.add(Plot("sweep", evil, evil, evil, [Trace(evil, evil, (), np.ones(1), np.ones(1))]))
-    assert "<" not in data.told
-    assert json.loads(data.told)[0]["title"] == evil
+    assert "<" not in data.json
+    assert json.loads(data.json)[0]["title"] == evil

@@ -23,7 +23,7 @@ from bench_records.recorder import Recorder
 from bench_records.report import report_page, write_report
 from bench_records.report_plots import envelope
 from bench_records.result import Timing, check, conclude, read_result
-from bench_records.twin import Parting, TwinStory, write_twin
+from bench_records.twin import Deviation, TwinStory, write_twin
 
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "input", "link"}
@@ -282,7 +282,9 @@ def test_a_pass_with_a_deviation_from_the_model_is_not_green(
         small_run
     )
     if withdrawn is not None:
-        found = Parting(9.0, 7.0, "left.height", 1.0, 2.0, 0.1, sentence="LEAK OF 1 mm²", withdrawn=withdrawn)
+        found = Deviation(
+            9.0, 7.0, "left.height", 1.0, 2.0, 0.1, sentence="LEAK OF 1 mm²", withdrawn=withdrawn
+        )
         write_twin(small_run, TwinStory("astb", 20.0, partings=(found,)))
     page = report_page(small_run)
     assert f'<div class="banner {banner}">' in page

@@ -26,7 +26,7 @@ from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Shif
 from diagnosis.systems.air_spring.simulator import AirSpring
 from test_plans.execution import execute
 from test_plans.loads import AW0
-from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Wave
 from test_plans.programmes.perform import programme_plan
 
 ROOT = Path(__file__).parents[2]
@@ -244,8 +244,8 @@ def leaking(tmp_path_factory):
             (
                 Wave("vertical", size, 0.5 * Hz, 3, "triangle"),
                 Wave("vertical", size, 1.25 * Hz, 7),
-                Stand(height=6 * mm, rest=8.0),
-                Stand(),
+                RestPose(height=6 * mm, rest=8.0),
+                RestPose(),
             )
         )
         for size in (5 * mm, 3 * mm)

@@ -28,7 +28,7 @@ from diagnosis.report.page import write_report
 from test_plans.loads import AW0
 from test_plans.plans.screening import SCREENING
 from test_plans.plans.separating import MENU
-from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Wave
 from test_plans.programmes.perform import lasts
 
 
@@ -38,7 +38,7 @@ def programme(name, *stretches):
 
 LOOK = programme("look", Stretch((Wave("vertical", 4 * mm, 1.0, 3),)))
 QUICK = programme("quick", Stretch((Wave("vertical", 2 * mm, 5.0, 10),)))
-TWICE = programme("twice", *(Stretch((Stand(h * mm, rest=2 * s),)) for h in (3, -3)))
+TWICE = programme("twice", *(Stretch((RestPose(h * mm, rest=2 * s),)) for h in (3, -3)))
 SMALL_MENU = {one.name: one for one in (QUICK, TWICE)}
 
 
@@ -337,7 +337,7 @@ def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
     fast = programme(
         "fast", Stretch((Wave("vertical", 0.5 * mm, 12.5, 50), Wave("lateral", 0.5 * mm, 10.0, 40)))
     )
-    hold = programme("hold", Stretch((Stand(5 * mm, rest=4 * s),)))
+    hold = programme("hold", Stretch((RestPose(5 * mm, rest=4 * s),)))
     menu = {one.name: one for one in (hold, fast)}
     said = []
 

@@ -31,7 +31,7 @@ def test_what_one_side_or_one_cell_has_is_named(tmp_path, plan, began, fault, va
     folder = run(plan, tmp_path, 31, PlannedFault(fault, values, began, None))
     growing = Growing(read(folder))
     growing.until = began + 40.0
-    first, *_ = Twin(growing, load("astb"), "astb").look().partings
+    first, *_ = Twin(growing, load("astb"), "astb").look().all_deviations
     assert {one.name for one in first.causes} == {cause}
     (found,) = first.causes
     assert found.low <= size <= found.high

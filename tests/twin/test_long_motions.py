@@ -63,7 +63,7 @@ def test_a_long_motion_is_judged_in_stretches_that_go_on_from_one_another(tmp_pa
     twin = Remembering(record, load("astb"), "astb")
     twin.seen = []
     story = twin.look()
-    assert not story.partings
+    assert not story.all_deviations
     assert story.judged_for == pytest.approx(sum(one.end - one.start for one in cut))
     moving = [one for one in twin.seen if one.gas]
     assert moving
@@ -82,10 +82,10 @@ def test_what_begins_in_a_stretch_that_began_in_a_motion_is_named(tmp_path):
     record = Growing(cycled(tmp_path / "run", 32, 200, leak))
     twin = Twin(record, load("astb"), "astb")
     record.until = 160.0
-    assert not twin.look(ended=False).partings
+    assert not twin.look(ended=False).all_deviations
     record.until = 185.0
     assert any(one.moving and one.start < 160.0 and one.open for one in stretches(record, ended=False))
-    (parting,) = twin.look(ended=False).partings
+    (parting,) = twin.look(ended=False).all_deviations
     found = next(one for one in parting.causes if one.name == "leak.right")
     assert found.low < 0.3e-6 < found.high
     assert parting.since == pytest.approx(165.0, abs=1.0)

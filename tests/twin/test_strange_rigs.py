@@ -29,13 +29,13 @@ def live_and_replayed(made, folder: Path) -> TwinStory:
 @pytest.mark.parametrize("made", [VirtualHall, VirtualYard])
 def test_a_sound_rig_goes_along(made, tmp_path):
     story = live_and_replayed(made(seed=3), tmp_path / "run")
-    assert not story.partings
+    assert not story.all_deviations
     assert story.judged_for > 30.0
 
 
 def test_a_rig_that_never_rests_is_not_judged_with_a_reason(tmp_path):
     story = live_and_replayed(VirtualPlc(seed=3), tmp_path / "run")
-    assert not story.partings and not story.judged_for
+    assert not story.all_deviations and not story.judged_for
     assert "the bench did not rest, so the model did not know where to begin" in {
         one.why for one in story.judged
     }
@@ -46,7 +46,7 @@ def test_a_leak_is_detected(tmp_path):
     hole = sonic_conductance(0.5e-6, float(par.gas_constant))
     (parting,) = live_and_replayed(
         VirtualHall(seed=4, leak_conductance=(hole, 0.0)), tmp_path / "run"
-    ).partings
+    ).all_deviations
     cause = next(one for one in parting.causes if one.name == "leak.left")
     assert cause.low < 0.5e-6 < cause.high
     assert {one.name for one in parting.causes} <= {"leak.left", "leak_laminar.left"}
@@ -58,5 +58,5 @@ def test_sensors_with_more_noise_than_their_data_sheets_say_are_no_fault(tmp_pat
         for k in (1, 4)
     ]
     story = watched(run("aw0", tmp_path, 21, *noisy))
-    assert not story.partings
+    assert not story.all_deviations
     assert story.judged_for > 30.0

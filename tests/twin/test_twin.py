@@ -73,7 +73,7 @@ class Growing(Record):
 @pytest.mark.parametrize("plan", ["aw0", "aw3", "leak_down", "tightness"])
 def test_a_sound_rig_goes_along(plan, tmp_path):
     story = watched(run(plan, tmp_path, 4711))
-    assert not story.partings
+    assert not story.all_deviations
     assert story.judged_for > 25.0
     assert all(one.why for one in story.judged if one.along is None)
     edges = [(one.start, one.end) for one in story.judged]
@@ -84,8 +84,8 @@ def test_a_sound_rig_goes_along(plan, tmp_path):
 def test_a_leak_is_detected_with_its_size_and_start(tmp_path):
     began = 70.0
     folder = run("aw0", tmp_path, 12, PlannedFault("leak", {"side": "right", "area": "0.5mm2"}, began, None))
-    (parting,) = watched(folder).partings
-    assert began < parting.told < began + 8.0
+    (parting,) = watched(folder).all_deviations
+    assert began < parting.detected < began + 8.0
     assert abs(parting.since - began) < 2.0
     cause = next(one for one in parting.causes if one.name == "leak.right")
     assert cause.low < 0.5e-6 < cause.high
@@ -95,9 +95,9 @@ def test_a_leak_is_detected_with_its_size_and_start(tmp_path):
 
 def is_what_was_read(story: TwinStory, record: Record) -> None:
     """The last minute has the means of what the record holds, in blocks of half a second one after the other."""
-    times = np.array(story.lately.times)
+    times = np.array(story.last_minute.times)
     assert np.all(np.diff(times) > 0.4) and times[-1] - times[0] <= 60.0 and times[-1] < record.duration
-    for one in story.lately.channels:
+    for one in story.last_minute.channels:
         clock, values = record.series(one.channel)
         for time, measured in zip(times[::7], one.measured[::7], strict=True):
             if measured is not None:
@@ -109,8 +109,8 @@ def is_what_was_read(story: TwinStory, record: Record) -> None:
 
 def found_by(story: TwinStory) -> TwinStory:
     """A story without how it went and what was read last: both depend on how often a twin looked meanwhile."""
-    partings = tuple(replace(one, course=()) for one in story.partings)
-    return replace(story, partings=partings, lately=None)
+    all_deviations = tuple(replace(one, course=()) for one in story.all_deviations)
+    return replace(story, all_deviations=all_deviations, last_minute=None)
 
 
 @pytest.mark.slow
@@ -123,19 +123,19 @@ def test_during_the_run_the_report_agrees_and_has_no_earlier_deviation(tmp_path)
         assert not twin.look(ended=False).judged_for, "nothing can be said so early, and nothing breaks"
     for growing.until in np.arange(54.0, 98.0, 4.0):
         story = twin.look(ended=False)
-        told += [(growing.until, one) for one in story.partings[len(told) :]]
+        told += [(growing.until, one) for one in story.all_deviations[len(told) :]]
         if story.judged_for:
             is_what_was_read(story, growing)
     (first,) = told
     assert began < first[0] < began + 10.0
     assert {"leak.left"} <= {one.name for one in first[1].causes}
     growing.until = 1e6
-    (last,) = twin.look().partings
-    assert last.told == first[1].told
+    (last,) = twin.look().all_deviations
+    assert last.detected == first[1].detected
     assert abs(last.since - began) < 2.0
     story = twin.story
     is_what_was_read(story, growing)
-    (leaking,) = (one for one in story.lately.channels if one.channel == "left.bellows_pressure")
+    (leaking,) = (one for one in story.last_minute.channels if one.channel == "left.bellows_pressure")
     assert leaking.measured[-1] < leaking.expected[-1] - leaking.band[-1], "what leaks is beyond its band"
 
 
@@ -153,7 +153,7 @@ def test_what_no_two_causes_explain_is_given_none(tmp_path):
     )
     growing = Growing(read(folder))
     growing.until = 85.0
-    (parting,) = Twin(growing, load("astb"), "astb").look().partings
+    (parting,) = Twin(growing, load("astb"), "astb").look().all_deviations
     assert parting.causes == parting.pairs == ()
     assert "No single cause" in parting.sentence and "two together" not in parting.sentence
 
@@ -175,10 +175,10 @@ def test_the_command_keeps_what_it_found_and_the_report_tells_it(tmp_path):
     assert "leak of a bellows (orifice), left" in " ".join(started.output.split())
     folder = tmp_path / "leak_down"
     story = read_twin(folder)
-    assert story is not None and story.partings[0].causes[0].name.startswith("leak")
+    assert story is not None and story.all_deviations[0].causes[0].name.startswith("leak")
     page = (folder / "report.html").read_text()
     assert "Beside the model" in page and all(
-        getattr(story.partings[0].summary, name) in page for name in PARTS
+        getattr(story.all_deviations[0].summary, name) in page for name in PARTS
     )
     again = CliRunner().invoke(commands, ["watch", str(folder)])
     assert again.exit_code == 1

@@ -58,7 +58,7 @@ class _Examination:
         with Capture(self._receiver, [one.name for one in coming]) as capture:
             self.clock.sleep_until(self.clock.now() + round(LISTEN * NS))
             now = self.clock.now()
-        lines = {one.name: self._heard(one, capture, now) for one in coming}
+        lines = {one.name: self._signal_line(one, capture, now) for one in coming}
         asked = [one for one in told if one.name not in lines] + [
             one for one in self.table.of_kind(Kind.SETTING) if one.name not in (*wiring.absent, *played)
         ]
@@ -97,7 +97,7 @@ class _Examination:
 
     # -- signals -------------------------------------------------------------------------------------------------
 
-    def _heard(self, signal: Signal, capture: Capture, now: int) -> SignalLine:
+    def _signal_line(self, signal: Signal, capture: Capture, now: int) -> SignalLine:
         times, values = capture.times(signal.name), capture.values(signal.name)
         good = values[~np.isnan(values)]
         source = self.wiring.source(signal.name)

@@ -140,7 +140,7 @@ class Measuring:
             times, values = self._shake(axis, amplitude, frequency)
             if (axis, frequency) == ("vertical", SLOW):
                 self._ahead(times, values)
-        self._tell_unseen()
+        self._report_undetermined()
 
     def compare(self) -> None:
         """Fit all dimensions at once, and note each beside what is stated."""
@@ -290,7 +290,7 @@ class Measuring:
             )
         )
 
-    def _tell_unseen(self) -> None:
+    def _report_undetermined(self) -> None:
         """Say which forces and moments the load cells do not tell, as they stand: loads and roll are needed."""
         if self._rig.lacks(*CELLS):
             return

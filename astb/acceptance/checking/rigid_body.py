@@ -100,7 +100,7 @@ class Motion:
     rough: float = 0.0  #: how far, relatively, the motion is from a sine
 
 
-class _Alone(NamedTuple):
+class _Estimate(NamedTuple):
     """Value and standard deviation of an unknown by the motions and by what is stated of all others."""
 
     value: float
@@ -316,7 +316,7 @@ class RigidBody:
             name: UNKNOWN * one.scale if name in freed else one.sigma for name, one in self._unknowns.items()
         }
 
-    def _alone(self, sigmas: Mapping[str, float]) -> tuple[dict[str, _Alone], float]:
+    def _estimates_without_prior(self, sigmas: Mapping[str, float]) -> tuple[dict[str, _Estimate], float]:
         """Return value and standard deviation of each unknown without its own prior, and χ²."""
         q, covariance, chi = self._solve(sigmas)
         found = {}
@@ -324,18 +324,18 @@ class RigidBody:
             information = 1.0 / covariance[k, k] - 1.0
             u = inf if information < 1e-9 else 1.0 / sqrt(information)
             shift = 0.0 if u == inf else q[k] / covariance[k, k] * u**2
-            found[name] = _Alone(one.start + sigmas[name] * shift, sigmas[name] * u)
+            found[name] = _Estimate(one.start + sigmas[name] * shift, sigmas[name] * u)
         return found, chi
 
     def estimates(self) -> list[Estimate]:
         """Return what the motions say of each dimension; what they contradict is freed first, the worst of it first."""
         freed, rivals = set[str](), dict[str, tuple[str, ...]]()
         exact = {name: EXACT * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
-        noise = {name: one.u for name, one in self._alone(exact)[0].items()}
-        alone, chi = self._alone(self._sigmas(freed))
-        values = dict(alone)
-        while worst := self._contradicted(alone, noise, freed):
-            tried = {name: self._alone(self._sigmas(freed | {name})) for name in worst}
+        noise = {name: one.u for name, one in self._estimates_without_prior(exact)[0].items()}
+        estimates, chi = self._estimates_without_prior(self._sigmas(freed))
+        values = dict(estimates)
+        while worst := self._contradicted(estimates, noise, freed):
+            tried = {name: self._estimates_without_prior(self._sigmas(freed | {name})) for name in worst}
             best = min(tried, key=lambda name: tried[name][1])
             least = tried[best][1]
             if chi - least < SURE**2:
@@ -343,10 +343,10 @@ class RigidBody:
             bound = least + min(ALIKE, 0.25 * (chi - least))
             alike = [name for name, (_, one) in tried.items() if one <= bound]
             freed.add(best)
-            alone, chi = tried[best]
+            estimates, chi = tried[best]
             rivals |= {name: tuple(one for one in alike if one != name) for name in alike}
             values |= {name: tried[name][0][name] for name in alike}
-            values |= {name: one for name, one in alone.items() if name in freed or name not in rivals}
+            values |= {name: one for name, one in estimates.items() if name in freed or name not in rivals}
         surplus = max(1.0, sqrt(chi / self._count()))
         entangled = self._entangled(noise)
         found = []
@@ -364,7 +364,7 @@ class RigidBody:
         return len(self._residuals({name: np.array([one.start]) for name, one in self._unknowns.items()}))
 
     def _contradicted(
-        self, alone: Mapping[str, _Alone], noise: Mapping[str, float], freed: set[str]
+        self, estimates: Mapping[str, _Estimate], noise: Mapping[str, float], freed: set[str]
     ) -> list[str]:
         """Return the dimensions whose statement is contradicted, the worst first.
 
@@ -375,7 +375,7 @@ class RigidBody:
         for name, one in self._unknowns.items():
             if not one.known or name in freed or (one.stated is None and name != CELLS_ACROSS):
                 continue
-            value, u = alone[name]
+            value, u = estimates[name]
             if u == inf:
                 continue
             off, random = abs(value - one.start), min(noise[name], u)

@@ -167,7 +167,7 @@ def _lease(access: RawAccess, book: Notebook, token: int) -> None:
     hidden = other.words(LEASE_ADDRESS, 1, function=3)[0] != token
     found = "another number" if hidden else "the token"
     book.note("somebody else reads, before the first command", hidden, found, "another number")
-    before = _told(access, "rig.strangers")
+    before = _reported(access, "rig.strangers")
     book.refusal("somebody else asks for it", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
     setting = TABLE["generator.cycles"]
     book.refusal(
@@ -177,7 +177,7 @@ def _lease(access: RawAccess, book: Notebook, token: int) -> None:
         "somebody else triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
     )
     book.refusal("somebody else feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
-    counted = _told(access, "rig.strangers") - before
+    counted = _reported(access, "rig.strangers") - before
     book.note("strangers are counted", counted == 4, f"{counted:g}", "4")
 
 
@@ -213,11 +213,11 @@ def _commands(access: RawAccess, token: int, book: Notebook) -> None:
     def counted(
         counter: str, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None
     ) -> float:
-        before = _told(access, counter)
+        before = _reported(access, counter)
         for _ in range(WRONG):
             stream.send(change, port)
             access.wait(_CYCLE)
-        return _told(access, counter) - before
+        return _reported(access, counter) - before
 
     def note(
         what: str,
@@ -261,7 +261,7 @@ def _spoil(block: Block) -> None:
     block["data"][:, 0] ^= 0x5A
 
 
-def _told(access: RawAccess, counter: str) -> float:
+def _reported(access: RawAccess, counter: str) -> float:
     access.wait(TOLD)
     return access.listener.latest(counter)
 

@@ -108,9 +108,9 @@ class Listener:
         self._stamps = None if isinstance(clock, VirtualClock) else StampClock()
         self._blocks: list[Block] = []
         self._decoder = Decoder(TABLE, from_rig=True)
-        port.subscribe(self._hear)
+        port.subscribe(self._receive)
 
-    def _hear(self, block: Block) -> None:
+    def _receive(self, block: Block) -> None:
         self._blocks.append(self._stamps.times(block, self._clock) if self._stamps else block.copy())
         self._decoder.decode(block)
 

@@ -23,7 +23,7 @@ def during_and_after(folder, until: float, *looks: float):
     for growing.until in looks:
         twin.look(ended=False)
     growing.until = until
-    (parting,) = twin.look().partings
+    (parting,) = twin.look().all_deviations
     return parting
 
 
@@ -101,7 +101,7 @@ def test_a_growing_deviation_in_the_nonlinear_range_is_reported_with_size(tmp_pa
     folder = tmp_path / "run"
     with bench_of(case) as bench:
         execute(plans()["screening"], bench, folder, rig="virtual", seed=case.seed)
-    first, *_ = Twin(read(folder), load("astb"), "astb").look().partings
+    first, *_ = Twin(read(folder), load("astb"), "astb").look().all_deviations
     (found,) = first.causes
     assert found.name == effect and found.form == "growing"
     assert found.size == pytest.approx(size, rel=share)
@@ -135,14 +135,14 @@ def test_updates_do_not_wait_for_the_search_and_end_equal(tmp_path):
     for growing.until in np.arange(61.0, 72.0, 1.0):
         story = twin.look(ended=False, later=True)
         twin.search(0.7)
-        said += [(growing.until, one) for one in story.partings[-1:]]
+        said += [(growing.until, one) for one in story.all_deviations[-1:]]
     first, *_, last = said
     assert first[0] < 65.0 and words(first[1]) == ["told"] and not first[1].searched
     assert "search" in first[1].sentence
     assert [one.word for one in last[1].course][:2] == ["told", "explained"]
     assert {"leak.left"} <= {one.name for one in last[1].course[1].causes}
     growing.until = 78.0
-    (parting,) = twin.look().partings
+    (parting,) = twin.look().all_deviations
     assert parting.searched and not twin.searches
     assert ("leak.left", "cell_offset.2") in {tuple(one.name for one in pair) for pair in parting.pairs}
     assert words(parting)[:2] == ["told", "explained"] and words(parting)[-1] == "otherwise"

@@ -12,7 +12,7 @@ from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.loads import AW0, AW3
 from test_plans.plan import Plan
 from test_plans.plans.screening import SCREENING
-from test_plans.programmes.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import Part, Programme, RestPose, Segment, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
 #: As many cycles as those of the plan, quicker. With four, load cells saw 3 N of what friction remembered, and causes
@@ -23,7 +23,7 @@ _ISOLATED: Final = Valves(air="hold", reservoirs="on", dpv="off")
 
 
 def _medley(
-    start: Stand,
+    start: RestPose,
     step: float,
     sizes: tuple[float, float, float],
     shear: tuple[float, float],
@@ -36,7 +36,7 @@ def _medley(
         Wave("vertical", slow, 1 * Hz, 3, "triangle"),
         Wave("vertical", middle, 2 * Hz, 5),
         Wave("vertical", quick, 8 * Hz, 12),
-        Stand(start.height + step, start.shear, start.roll, rest=1.5 * s),
+        RestPose(start.height + step, start.shear, start.roll, rest=1.5 * s),
         start,
         Wave("lateral", *shear, 3),
         Wave("roll", roll, 1.5 * Hz, 3),
@@ -44,8 +44,8 @@ def _medley(
     return Stretch(segments, start, _WIPE, valves)
 
 
-_LOW: Final = Stand(height=-8 * mm, shear=5 * mm, roll=3 * mrad)
-_HIGH: Final = Stand(height=8 * mm, roll=-4 * mrad)
+_LOW: Final = RestPose(height=-8 * mm, shear=5 * mm, roll=3 * mrad)
+_HIGH: Final = RestPose(height=8 * mm, roll=-4 * mrad)
 
 PROGRAMME: Final = Programme(
     SCREENING.name,
@@ -55,7 +55,9 @@ PROGRAMME: Final = Programme(
             AW0,
             (
                 _medley(_LOW, -6 * mm, (5 * mm, 6 * mm, 0.5 * mm), (20 * mm, 0.75 * Hz), 4 * mrad, _ISOLATED),
-                _medley(Stand(), 8 * mm, (6 * mm, 4 * mm, 0.6 * mm), (8 * mm, 1.5 * Hz), 8 * mrad, _ISOLATED),
+                _medley(
+                    RestPose(), 8 * mm, (6 * mm, 4 * mm, 0.6 * mm), (8 * mm, 1.5 * Hz), 8 * mrad, _ISOLATED
+                ),
                 _medley(
                     _HIGH, -10 * mm, (8 * mm, 3 * mm, 0.8 * mm), (28 * mm, 0.75 * Hz), 6 * mrad, _CONNECTED
                 ),
@@ -64,7 +66,9 @@ PROGRAMME: Final = Programme(
         Part(
             AW3,
             (
-                _medley(Stand(), 8 * mm, (6 * mm, 4 * mm, 0.6 * mm), (8 * mm, 1.5 * Hz), 8 * mrad, _ISOLATED),
+                _medley(
+                    RestPose(), 8 * mm, (6 * mm, 4 * mm, 0.6 * mm), (8 * mm, 1.5 * Hz), 8 * mrad, _ISOLATED
+                ),
                 _medley(
                     _HIGH, -10 * mm, (8 * mm, 3 * mm, 0.8 * mm), (28 * mm, 0.75 * Hz), 6 * mrad, _CONNECTED
                 ),

@@ -59,7 +59,7 @@ def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
             now = time.monotonic()
             if story := follower.look():
                 since = at - (_ahead(follower.record) if follower.record else 0.0)
-                late = [one for one in story.partings if one.told >= since]
+                late = [one for one in story.all_deviations if one.detected >= since]
                 told = min(told, now if late else math.inf)
                 explained = min(explained, now if any(one.searched for one in late) else math.inf)
             time.sleep(_LOOK)

@@ -9,56 +9,58 @@ from scipy.stats import gamma
 
 from astb_studies.benchmarks.diagnosis.statistics import Rate
 from astb_studies.benchmarks.twin.cases import SIZES, Case
-from bench_records.twin import Parting, PossibleCause, TwinStory
+from bench_records.twin import Deviation, PossibleCause, TwinStory
 from bench_sim.parameters.effects import find_effect
 
 
-class Live(msgspec.Struct, frozen=True):
-    """What a case in real time was like: times by the clock behind the beginning of the effect (s), and its rig.
+class Live(msgspec.Struct, frozen=True, rename={"detected": "told"}):
+    """Results of a case in real time: times (s) after the beginning of the effect, and late ticks of the rig.
 
-    None of what was not told.
+    A time is None if the event did not happen.
     """
 
-    told: float | None  #: that rig and model part
-    explained: float | None  #: and why, or that nothing explains it
+    detected: float | None  #: deviation detected
+    explained: float | None  #: deviation explained, or found to have no explanation
     late: int  #: ticks of the rig that were late by 1 ms or more
     tail: float  #: of 1000 ticks, late by 250 µs or more
 
 
-class Counted(msgspec.Struct, frozen=True):
-    """What the twin said of a case: seconds judged, its partings, and when the best test would have told (s)."""
+class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}):
+    """Results of the twin for a case: seconds judged, deviations, and the time of detection by the best test (s)."""
 
     case: Case
     judged: float
-    partings: tuple[Parting, ...]
+    all_deviations: tuple[Deviation, ...]
     best: float | None
     live: Live | None = None
 
     @property
-    def told(self) -> Parting | None:
-        """The first parting since the effect began."""
-        return next((one for one in self.partings if one.told >= self.case.at), None)
+    def first_deviation(self) -> Deviation | None:
+        """The first deviation since the effect began."""
+        return next((one for one in self.all_deviations if one.detected >= self.case.at), None)
 
     @property
     def early(self) -> bool:
         """Whether rig and model were said to part before anything had begun."""
-        return any(one.told < self.case.at for one in self.partings)
+        return any(one.detected < self.case.at for one in self.all_deviations)
 
     @property
     def named(self) -> bool:
         """Whether an effect, or another law of the same phenomenon at its place, is among the causes."""
-        return self.told is not None and any(self._true(one) for one in self.told.causes)
+        return self.first_deviation is not None and any(
+            self._true(one) for one in self.first_deviation.causes
+        )
 
     @property
     def one_of_two(self) -> bool:
         """Whether an effect is one of two causes that are told only together, and the other one is not there."""
-        pairs = self.told.pairs if self.told else ()
+        pairs = self.first_deviation.pairs if self.first_deviation else ()
         return not self.both and any(self._true(one) for pair in pairs for one in pair)
 
     @property
     def both(self) -> bool:
         """Whether two causes are told together that both are there."""
-        case, pairs = self.case, self.told.pairs if self.told else ()
+        case, pairs = self.case, self.first_deviation.pairs if self.first_deviation else ()
         return bool(case.second) and any(
             alike(a.name, one) and alike(b.name, two)
             for a, b in pairs
@@ -68,7 +70,7 @@ class Counted(msgspec.Struct, frozen=True):
     @property
     def over(self) -> bool:
         """Whether it is said that it is over."""
-        return self.told is not None and self.told.over is not None
+        return self.first_deviation is not None and self.first_deviation.over is not None
 
     def _true(self, cause: PossibleCause) -> bool:
         return any(alike(cause.name, one) for one in (self.case.effect, self.case.second) if one)
@@ -76,12 +78,18 @@ class Counted(msgspec.Struct, frozen=True):
     @property
     def unknown(self) -> bool:
         """Whether it was told without any cause."""
-        return self.told is not None and not self.told.causes and not self.told.pairs
+        return (
+            self.first_deviation is not None
+            and not self.first_deviation.causes
+            and not self.first_deviation.pairs
+        )
 
     @property
     def wrong(self) -> bool:
         """Whether there are causes, and the effect is in none of them."""
-        return self.told is not None and not (self.unknown or self.named or self.one_of_two or self.both)
+        return self.first_deviation is not None and not (
+            self.unknown or self.named or self.one_of_two or self.both
+        )
 
 
 def alike(name: str, other: str) -> bool:
@@ -91,15 +99,15 @@ def alike(name: str, other: str) -> bool:
     return name == other or same
 
 
-def shortened(story: TwinStory, case: Case) -> tuple[Parting, ...]:
+def shortened(story: TwinStory, case: Case) -> tuple[Deviation, ...]:
     """Return the partings of a story that count for a case, without their courses and sentences."""
     until = case.until if case.effect else float("inf")
     return tuple(
         msgspec.structs.replace(
-            one, told=round(one.told, 2), since=round(one.since, 2), course=(), sentence=""
+            one, detected=round(one.detected, 2), since=round(one.since, 2), course=(), sentence=""
         )
-        for one in story.partings
-        if one.told <= until
+        for one in story.all_deviations
+        if one.detected <= until
     )
 
 
@@ -127,8 +135,15 @@ def _live(counted: Sequence[Counted]) -> list[str]:
         assert one.live
         grows = " creeping" if one.case.creeps else ""
         what = f"`{one.case.effect}` {SIZES[one.case.step]:g} ×{grows}, {one.case.plan}"
+<<<<<<< HEAD
         times = (f"{time:.1f}" if time is not None else "–" for time in (one.live.told, one.live.explained))
         word = next((name for name, of in _ROWS[2:] if of(one)), "not detected")
+=======
+        times = (
+            f"{time:.1f}" if time is not None else "–" for time in (one.live.detected, one.live.explained)
+        )
+        word = next((name for name, of in _ROWS[2:] if of(one)), "not told")
+>>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
         lines.append(
             f"| {what} | {one.case.at:.0f} | {' | '.join(times)} | {word} | {one.live.late} | {one.live.tail:.2f} |"
         )
@@ -146,7 +161,7 @@ def _sound(sound: Sequence[Counted]) -> list[str]:
         "| --- | ---: | ---: | ---: | ---: |",
     ]
     for name, some in kinds.items():
-        hours, false = sum(one.judged for one in some) / 3600.0, sum(len(one.partings) for one in some)
+        hours, false = sum(one.judged for one in some) / 3600.0, sum(len(one.all_deviations) for one in some)
         lines.append(f"| {name} | {len(some)} | {hours:.2f} | {false} | {_in_a_hundred(false, hours)} |")
     return lines
 
@@ -161,8 +176,13 @@ def _in_a_hundred(count: int, hours: float) -> str:
 
 
 _ROWS: Final[tuple[tuple[str, Callable[[Counted], bool]], ...]] = (
+<<<<<<< HEAD
     ("detected before it began", lambda one: one.early),
     ("detected", lambda one: one.told is not None),
+=======
+    ("told before it began", lambda one: one.early),
+    ("told", lambda one: one.first_deviation is not None),
+>>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     ("named", lambda one: one.named),
     ("as one of two", lambda one: one.one_of_two),
     ("unknown", lambda one: one.unknown),
@@ -219,8 +239,8 @@ def _kind(one: Counted) -> str:
 
 def _line(name: str, some: Sequence[Counted]) -> str:
     rates = [str(Rate.of([of(one) for one in some])) if some else "–" for _, of in _ROWS]
-    both = [one for one in some if one.told and one.best is not None]
-    delay = _middle(one.told.told - one.case.at for one in both if one.told)
+    both = [one for one in some if one.first_deviation and one.best is not None]
+    delay = _middle(one.first_deviation.detected - one.case.at for one in both if one.first_deviation)
     best = _middle(one.best - one.case.at for one in both if one.best is not None)
     return f"| {name} | {len(some)} | " + " | ".join(rates) + f" | {delay} | {best} |"
 

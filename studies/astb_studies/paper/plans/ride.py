@@ -256,7 +256,7 @@ def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
         )
         if longest := longest_delay(load, run.rig, delay):
             reason += f". It would with {1e3 * longest:.0f} ms"
-        run.lack((PHASE, GAIN, *JUDGED_OF), reason)
+        run.not_available((PHASE, GAIN, *JUDGED_OF), reason)
         return False
     phase, gain = (Exact(one, unknown=COMPUTED) for one in (found.phase, found.gain))
     run.check(PHASE, phase, "deg", low=LEAST_PHASE, note=told)
@@ -322,7 +322,7 @@ def hold_against_the_simulation(
     names = [AGREES.of(what=what) for what, check in COMPARED.items() if check in found]
     values, specimen = run.values, run.specimen
     if not specimen.model:
-        run.lack(
+        run.not_available(
             names,
             f'specimen {specimen.file} names no model of its springs; model = "identified.toml", as `astb identify` '
             "writes it, would",
@@ -343,7 +343,7 @@ def hold_against_the_simulation(
             WARM: ridden(on(warmer=WARM_U), *times),
         }
     except NoModel as reason:
-        run.lack(names, f"the car cannot ride on the model {specimen.model}: {reason}")
+        run.not_available(names, f"the car cannot ride on the model {specimen.model}: {reason}")
         return
     simulated = ridden(alone, *times)
     scattered = scatter((course, alone), ridden, times)
@@ -393,7 +393,9 @@ def _compare(run: Run, what: str, check: str, both: Agreement) -> None:
         f"U of the difference {both.expanded / factor:.2g}{shown}"
     )
     if both.expanded > TELLS * both.alone:
-        run.lack([AGREES.of(what=what)], f"{told}: so much uncertainty would hide what is looked for")
+        run.not_available(
+            [AGREES.of(what=what)], f"{told}: so much uncertainty would hide what is looked for"
+        )
         return
     run.check(
         AGREES.of(what=what), Exact(both.normalised, unknown=A_COMPARISON), "1", low=-1.0, high=1.0, note=told

@@ -285,7 +285,7 @@ def _peak(run: Run, plain: FrequencySweep, damping: Mapping[float, float]) -> Me
     found = measure_sines(run, sines, vertical_stiffness, lambda found: max(found, key=_damping).frequency)
     place = list(damping).index(found.value)
     around = list(damping)[max(place - 1, 0) : place + 2]
-    return found.beside("step of frequencies", 0.5 * EVEN * (around[-1] - around[0]), even=True)
+    return found.with_uncertainty("step of frequencies", 0.5 * EVEN * (around[-1] - around[0]), even=True)
 
 
 def _damping(one: Stiffness) -> float:

@@ -59,7 +59,7 @@ def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -
     steps.lock_the_air(run)
     for valve, change in (("isolated", run.bench.air.isolate_dpv), ("open", run.bench.air.connect_dpv)):
         if run.hold_point(f"before the angles with the valve {valve}"):
-            home = steps.stand_again(run, load, go_home, COOL)
+            home = steps.restore_state(run, load, go_home, COOL)
         change()
         found = RollAngle()
         with run.phase(f"valve {valve}"):

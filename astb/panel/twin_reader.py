@@ -7,14 +7,14 @@ from bench_records.layout import RecordError
 from bench_records.twin import TWIN, read_twin
 
 
-class Beside:
+class TwinReader:
     """Reads what the twin of the present run has written, and reads it again when it has written more."""
 
     def __init__(self) -> None:
         self._read: tuple[Path, int] | None = None
-        self._said: dict[str, Any] | None = None
+        self._story: dict[str, Any] | None = None
 
-    def said(self, record: str) -> dict[str, Any] | None:
+    def story(self, record: str) -> dict[str, Any] | None:
         """Return what is said of the run in the directory ``record``; None where no twin has said anything."""
         path = Path(record) / TWIN
         try:
@@ -27,14 +27,14 @@ class Beside:
             except RecordError:
                 story = None
             self._read = now
-            self._said = (
+            self._story = (
                 None
                 if story is None
                 else {
-                    "partings": [one.sentence for one in story.partings],
+                    "partings": [one.sentence for one in story.all_deviations],
                     "judged": story.judged_for,
                     "until": story.until,
                     "why": story.judged[-1].why if story.judged else "",
                 }
             )
-        return self._said
+        return self._story

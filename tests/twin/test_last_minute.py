@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from astb.watch.screen import beside
+from astb.watch.screen import comparison_table
 from bench_records.twin import Compared, LastMinute, TwinStory
 from diagnosis.contracts import Channel
 from diagnosis.twin.innovations import BLOCK, Belief, Innovations
-from diagnosis.twin.lately import joined
+from diagnosis.twin.last_minute import joined
 
 CHANNELS = (Channel("left.bellows_pressure", "Pa"), Channel("load_cell.1", "N"))
 
@@ -61,7 +61,7 @@ def test_a_terminal_shows_what_is_beyond_its_band_and_what_was_not_received():
         ),
     )
     console = Console(width=100, record=True, force_terminal=True)
-    console.print(beside(minute, TwinStory("astb", 88.0, lately=minute)))
+    console.print(comparison_table(minute, TwinStory("astb", 88.0, last_minute=minute)))
     text = console.export_text(clear=False).splitlines()
     assert "agrees" in text[0] and "around 87.8 s" in text[0]
     pressure, lost, cell = (line.split() for line in text if line.lstrip().startswith(("left", "load")))

@@ -2,10 +2,10 @@
 
 from typing import Protocol
 
-from bench_records.twin import Parting
+from bench_records.twin import Deviation
 
 
-class Beside(Protocol):
+class TwinState(Protocol):
     """State of the twin for a plan. Reads return the present state; in real time they never wait for the model."""
 
     @property
@@ -13,12 +13,13 @@ class Beside(Protocol):
         """Whether a twin watches this run."""
 
     @property
-    def parted(self) -> Parting | None:
+    def deviation(self) -> Deviation | None:
         """The present deviation of rig and model; None if they agree or there is no twin."""
 
 
-class Alone:
+class NoTwin:
     """Stand-in for a run without a twin."""
 
     watching = False
-    parted: Parting | None = None
+    deviation: Deviation | None = None
+    parted = deviation  # the old name, for one release
