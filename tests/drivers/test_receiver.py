@@ -24,11 +24,7 @@ HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressur
 MS = 1_000_000
 
 
-<<<<<<< HEAD
 class WiredReceiver(Receiver):
-=======
-class SafeWatcher(Receiver):
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     """A receiver of our wiring, with the listener that hears frames for it."""
 
     def __init__(self, clock, stamps=None):
@@ -45,11 +41,7 @@ def spring(encoder, time, height=0.0, pressure=0.0):
 
 
 def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
-<<<<<<< HEAD
     receiver, encoder = WiredReceiver(RealClock()), Encoder(TABLE)
-=======
-    receiver, encoder = SafeWatcher(RealClock()), Encoder(TABLE)
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     heard = []
     receiver.sink = lambda times, rows, values: heard.append((times.copy(), rows.copy()))
     frames = [join(spring(encoder, (20 * k + j) * MS) for j in range(20)) for k in range(500)]
@@ -67,11 +59,7 @@ def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
 
 
 def test_echoed_commands_are_not_readings():
-<<<<<<< HEAD
     receiver, encoder = WiredReceiver(VirtualClock()), Encoder(TABLE)
-=======
-    receiver, encoder = SafeWatcher(VirtualClock()), Encoder(TABLE)
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     values = np.full(len(TABLE.signals), 1.0)
     commands = [message.name for message in TABLE.messages if not message.from_rig and message.rate]
     heard = []
@@ -85,11 +73,7 @@ def test_echoed_commands_are_not_readings():
 def test_stamps_of_another_clock_are_converted_and_the_block_stays():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     epoch = 1_700_000_000_000_000_000
-<<<<<<< HEAD
     receiver = WiredReceiver(clock, StampClock())
-=======
-    receiver = SafeWatcher(clock, StampClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     clock.sleep_until(50 * MS)
     block = join([spring(encoder, epoch + at * MS, 3 * mm) for at in (10, 20)])
     with Capture(receiver, ["left.height"]) as capture:
@@ -115,11 +99,7 @@ def test_every_capture_has_its_samples_however_the_clock_of_the_rig_is_set(stori
     @given(epoch=st.integers(0, 100 * YEAR), steps=st.dictionaries(st.integers(0, 100), STEPS, max_size=4))
     def follow(epoch, steps):
         clock, encoder = VirtualClock(), Encoder(TABLE)
-<<<<<<< HEAD
         receiver = WiredReceiver(clock, StampClock())
-=======
-        receiver = SafeWatcher(clock, StampClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
         # What looks like stamps out of order: these readings are early by as much.
         undetected = sum(-step for step in steps.values() if -25 * MS <= step < 0)
         for k in range(1, 101):
@@ -143,21 +123,13 @@ def test_every_capture_has_its_samples_however_the_clock_of_the_rig_is_set(stori
 def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     for offset in (-(3600 * 1000) * MS, 3600 * 1000 * MS):  # the other machine's clock is an hour off
-<<<<<<< HEAD
         receiver = WiredReceiver(clock, StampClock())
-=======
-        receiver = SafeWatcher(clock, StampClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
         receiver.accept(spring(encoder, 10**18 + offset))
         assert receiver.latest(HEIGHT)[1] == clock.now()
 
 
 def test_a_sink_that_fails_does_not_stop_the_receiver():
-<<<<<<< HEAD
     receiver, encoder = WiredReceiver(VirtualClock()), Encoder(TABLE)
-=======
-    receiver, encoder = SafeWatcher(VirtualClock()), Encoder(TABLE)
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
 
     def full(*arrays):
         raise OSError("no space left on device")
@@ -178,11 +150,7 @@ def fill(capture, receiver, times, values):
 
 def test_a_capture_that_is_full_says_so(monkeypatch):
     monkeypatch.setattr("drivers.receiver.CAPTURE_SAMPLES_MAX", 5)
-<<<<<<< HEAD
     receiver = WiredReceiver(VirtualClock())
-=======
-    receiver = SafeWatcher(VirtualClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     capture = Capture(receiver, ["left.height"])
     fill(capture, receiver, [5 * MS * k for k in range(3)], [1.0 * mm] * 3)
     with pytest.raises(Misuse, match="a capture holds 5 samples of all signals"):
@@ -191,11 +159,7 @@ def test_a_capture_that_is_full_says_so(monkeypatch):
 
 def test_a_capture_holds_exactly_what_came_meanwhile():
     clock = VirtualClock()
-<<<<<<< HEAD
     receiver, encoder = WiredReceiver(clock), Encoder(TABLE)
-=======
-    receiver, encoder = SafeWatcher(clock), Encoder(TABLE)
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     receiver.accept(spring(encoder, 0, 1 * mm))
     clock.sleep_until(10 * MS)
     with Capture(receiver, ["left.height", "left.bellows_pressure"]) as capture:
@@ -213,32 +177,19 @@ def test_a_capture_holds_exactly_what_came_meanwhile():
 )
 def test_a_capture_refuses_what_it_could_never_fill(name, words):
     with pytest.raises((Misuse, KeyError), match=words):
-<<<<<<< HEAD
         Capture(WiredReceiver(VirtualClock()), [name])
 
 
 def test_a_capture_answers_only_for_its_own_signals():
     capture = Capture(WiredReceiver(VirtualClock()), ["left.height"])
-=======
-        Capture(SafeWatcher(VirtualClock()), [name])
-
-
-def test_a_capture_answers_only_for_its_own_signals():
-    capture = Capture(SafeWatcher(VirtualClock()), ["left.height"])
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     with pytest.raises(Misuse, match=r"right\.height is not in this capture, which has left\.height"):
         capture.values("right.height")
     with pytest.raises(Misuse, match="no samples"):
         capture.aligned()
 
 
-<<<<<<< HEAD
 def test_a_missing_signal_is_not_a_failure_of_the_plan():
     receiver = WiredReceiver(VirtualClock())
-=======
-def test_a_signal_of_which_nothing_came_is_not_the_plans_fault():
-    receiver = SafeWatcher(VirtualClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     capture = Capture(receiver, ["left.height", "load_cell.1"])
     fill(capture, receiver, [5 * MS * k for k in range(10)], [0.0] * 10)
     with pytest.raises(Stale, match=r"^load_cell\.1: no samples"):
@@ -246,11 +197,7 @@ def test_a_signal_of_which_nothing_came_is_not_the_plans_fault():
 
 
 def test_aligned_on_the_samples_own_grid_returns_the_samples():
-<<<<<<< HEAD
     receiver = WiredReceiver(VirtualClock())
-=======
-    receiver = SafeWatcher(VirtualClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     capture = Capture(receiver, ["left.height", "left.bellows_pressure"])
     values = np.round(10 * np.sin(np.arange(100)), 2) * mm
     fill(capture, receiver, [5 * MS * k for k in range(100)], values)
@@ -267,11 +214,7 @@ def test_aligned_on_the_samples_own_grid_returns_the_samples():
     slope=st.floats(-50, 50),
 )
 def test_aligned_interpolates_a_straight_line_exactly_whatever_the_jitter(jitter, rate, slope):
-<<<<<<< HEAD
     receiver = WiredReceiver(VirtualClock())
-=======
-    receiver = SafeWatcher(VirtualClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     capture = Capture(receiver, ["left.height"])
     at = [5 * MS * k + wobble for k, wobble in enumerate(jitter)]
     fill(capture, receiver, at, [slope * mm * t / 1e9 for t in at])
@@ -281,11 +224,7 @@ def test_aligned_interpolates_a_straight_line_exactly_whatever_the_jitter(jitter
 
 
 def test_aligned_says_nan_in_a_gap_instead_of_drawing_a_line():
-<<<<<<< HEAD
     receiver = WiredReceiver(VirtualClock())
-=======
-    receiver = SafeWatcher(VirtualClock())
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     capture = Capture(receiver, ["left.height"])
     at = [5 * MS * k for k in range(100) if not 40 <= k < 70]  # 150 ms without frames
     fill(capture, receiver, at, [0.0] * len(at))

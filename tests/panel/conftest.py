@@ -212,11 +212,7 @@ RIG = RigFile("test", simulation=Simulation())
 TOKEN = "a token"
 
 
-<<<<<<< HEAD
 class FakeDoor:
-=======
-class DeviationState:
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     """In the place of a run's door: what it was told, and what it answers."""
 
     def __init__(self):
@@ -230,13 +226,8 @@ class DeviationState:
 
 
 @pytest.fixture
-<<<<<<< HEAD
 def door(monkeypatch) -> FakeDoor:
     said = FakeDoor()
-=======
-def door(monkeypatch) -> DeviationState:
-    said = DeviationState()
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     monkeypatch.setattr(runs_module, "knock", said)
     return said
 

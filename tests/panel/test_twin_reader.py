@@ -16,21 +16,15 @@ PARTED = TwinStory(
 )
 
 
-<<<<<<< HEAD:tests/panel/test_beside.py
 def test_the_last_written_value_is_reported(tmp_path):
-    beside = Beside()
-    assert beside.said(str(tmp_path)) is None
-=======
-def test_what_it_wrote_last_is_told(tmp_path):
-    beside = TwinReader()
-    assert beside.story(str(tmp_path)) is None
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin):tests/panel/test_twin_reader.py
+    twin = TwinReader()
+    assert twin.story(str(tmp_path)) is None
     write_twin(tmp_path, SOUND)
-    assert beside.story(str(tmp_path)) == {"partings": [], "judged": 40.0, "until": 80.0, "why": ""}
+    assert twin.story(str(tmp_path)) == {"partings": [], "judged": 40.0, "until": 80.0, "why": ""}
     write_twin(tmp_path, PARTED)
     os.utime(tmp_path / TWIN, ns=(1, 1))  # as if the clock of the disk were coarse
-    assert beside.story(str(tmp_path))["partings"] == ["From 80 s on …"]
-    assert beside.story(str(tmp_path / "another")) is None
+    assert twin.story(str(tmp_path))["partings"] == ["From 80 s on …"]
+    assert twin.story(str(tmp_path / "another")) is None
 
 
 def test_a_damaged_entry_is_ignored(tmp_path):

@@ -132,13 +132,8 @@ def test_standing_somewhere_shears_and_rolls_the_springs_as_asked(height, shear,
     assert pose(OURS, shear, roll).platform_roll == pytest.approx(asked.platform_roll[0])
 
 
-<<<<<<< HEAD
 def test_a_segment_ends_at_its_last_position_after_a_rest():
-    stretch = Stretch((Stand(7 * mm, rest=2 * s),), Stand(-2 * mm))
-=======
-def test_a_stretch_ends_where_its_last_stand_was_and_rests_first():
     stretch = Stretch((RestPose(7 * mm, rest=2 * s),), RestPose(-2 * mm))
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
     asked = trajectory(stretch, OURS)
     left = asked.heights["left"]
     assert left[0] == pytest.approx(-2 * mm)

@@ -285,7 +285,7 @@ def test_a_pass_with_a_deviation_from_the_model_is_not_green(
         found = Deviation(
             9.0, 7.0, "left.height", 1.0, 2.0, 0.1, sentence="LEAK OF 1 mm²", withdrawn=withdrawn
         )
-        write_twin(small_run, TwinStory("astb", 20.0, partings=(found,)))
+        write_twin(small_run, TwinStory("astb", 20.0, all_deviations=(found,)))
     page = report_page(small_run)
     assert f'<div class="banner {banner}">' in page
     assert ("LEAK OF 1 mm²" in page.split("<h2>")[0]) == ("deviates" in banner)

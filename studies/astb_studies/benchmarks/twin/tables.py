@@ -135,15 +135,10 @@ def _live(counted: Sequence[Counted]) -> list[str]:
         assert one.live
         grows = " creeping" if one.case.creeps else ""
         what = f"`{one.case.effect}` {SIZES[one.case.step]:g} ×{grows}, {one.case.plan}"
-<<<<<<< HEAD
-        times = (f"{time:.1f}" if time is not None else "–" for time in (one.live.told, one.live.explained))
-        word = next((name for name, of in _ROWS[2:] if of(one)), "not detected")
-=======
         times = (
             f"{time:.1f}" if time is not None else "–" for time in (one.live.detected, one.live.explained)
         )
-        word = next((name for name, of in _ROWS[2:] if of(one)), "not told")
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
+        word = next((name for name, of in _ROWS[2:] if of(one)), "not detected")
         lines.append(
             f"| {what} | {one.case.at:.0f} | {' | '.join(times)} | {word} | {one.live.late} | {one.live.tail:.2f} |"
         )
@@ -176,13 +171,8 @@ def _in_a_hundred(count: int, hours: float) -> str:
 
 
 _ROWS: Final[tuple[tuple[str, Callable[[Counted], bool]], ...]] = (
-<<<<<<< HEAD
     ("detected before it began", lambda one: one.early),
-    ("detected", lambda one: one.told is not None),
-=======
-    ("told before it began", lambda one: one.early),
-    ("told", lambda one: one.first_deviation is not None),
->>>>>>> 4e3461c1 (names: use standard terms in plans, records, panel and twin)
+    ("detected", lambda one: one.first_deviation is not None),
     ("named", lambda one: one.named),
     ("as one of two", lambda one: one.one_of_two),
     ("unknown", lambda one: one.unknown),
