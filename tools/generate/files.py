@@ -103,15 +103,16 @@ def signals_page() -> str:
     print(_NOTE, file=out)
     print("# The signals of the bench\n", file=out)
     print(
-        "Every value that crosses the wires, once. Pressures are gauge. Displacements are positive upward and to the\n"
-        "left, vertical actuator forces positive downward (a preload is positive), lateral forces to the left.\n"
-        "`astb rig signals --dbc FILE --csv FILE` writes the CAN part as a DBC and the Modbus part as a CSV file.\n",
+        "This page lists every value on CAN and Modbus. Pressures are gauge pressures. Displacements are positive\n"
+        "upward and to the left, vertical actuator forces positive downward (a preload is positive), lateral\n"
+        "forces to the left. `astb rig signals --dbc FILE --csv FILE` writes the CAN part as a DBC and the Modbus\n"
+        "part as a CSV file.\n",
         file=out,
     )
     print(
-        f"Map hash `{TABLE.map_hash:08x}`: the rig publishes it (CAN message `Identity`, input registers 1 and 2),\n"
-        "and drivers with another one compare the maps. They command the rig only if\n"
-        "[what matters agrees](../decisions/03-signal-table-and-map-check.md).\n",
+        f"The rig publishes the map hash `{TABLE.map_hash:08x}` (CAN message `Identity`, input registers 1 and 2).\n"
+        "Drivers with another hash compare the maps, and command the rig only if\n"
+        "[all used signals agree](../decisions/03-signal-table-and-map-check.md).\n",
         file=out,
     )
     _print_signals(out)
@@ -173,19 +174,16 @@ def _print_can_messages(out: TextIO) -> None:
 def _print_modbus_map(out: TextIO) -> None:
     print("\n## Modbus map\n", file=out)
     print(
-        "Unit 1, TCP. 32-bit values are IEEE 754 singles in SI units, high word first; probe registers carry 3.14159\n"
-        "and 0x12345678. The scaled twins are signed 16-bit multiples of the resolution, 0x8000 where not\n"
-        "available or too large. "
-        "A block, which one request reads, begins and ends with the same sequence number; it changes with every\n"
-        "sampling instant. Discrete inputs from 100 on say in the order of the readings whether each is available. A\n"
-        f"holding register has what is staged, the input register {ACTIVE_BLOCK} behind it what is in force. Numbers\n"
-        "count from 1 with the classic prefixes (30001 is input register 0). The next reading that the table gets\n"
-        f"takes input register {free_address(TABLE.signals)}.\n",
+        "Unit 1, TCP. 32-bit values are IEEE 754 singles in SI units, high word first. Probe registers carry\n"
+        "3.14159 and 0x12345678. Each reading also has a signed 16-bit register in multiples of its resolution;\n"
+        "0x8000 means not available or out of range. A block is read by one request. It begins and ends with the\n"
+        "same sequence number, which changes with every sample. Discrete inputs from 100 on state, in the order\n"
+        "of the readings, whether each is available. A holding register has the staged value, and the input\n"
+        f"register {ACTIVE_BLOCK} higher the value in force. `astb rig signals --csv FILE` writes all addresses,\n"
+        "also with classic numbers from 1 (30001 is input register 0). The next new reading gets input register\n"
+        f"{free_address(TABLE.signals)}.\n",
         file=out,
     )
-    print("| space | address | number | encoding | what |\n|---|---|---|---|---|", file=out)
-    for r in TABLE.registers:
-        print(f"| {r.space} | {r.address} | {r.number} | {r.encoding} | `{r.signal}` |", file=out)
 
 
 def _places() -> dict[str, tuple[str, str]]:
@@ -204,9 +202,9 @@ def states_page() -> str:
     """Return the reference page of the states, with the diagram and every transition."""
     out = io.StringIO()
     print(_NOTE.replace("signals", "states"), file=out)
-    print("# The states of the bench\n", file=out)
+    print("# States of the bench\n", file=out)
     print(
-        "A transition that is not in this table does not exist: the event is refused and nothing changes.\n",
+        "The rig refuses an event that has no row for its state, and nothing changes.\n",
         file=out,
     )
     print("```mermaid\nstateDiagram-v2\n    [*] --> OFF", file=out)
@@ -227,12 +225,11 @@ def parameters_page() -> str:
     """Return the reference page of the plant's parameters, section by section."""
     out = io.StringIO()
     print(_NOTE.replace("table of signals", "parameter file"), file=out)
-    print("# The parameters of the plant\n", file=out)
+    print("# Parameters of the plant\n", file=out)
     print(
         "The set `astb` (`bench_sim/parameters/astb.toml`; its sensors in `bench_protocol/table_groups.py`).\n"
-        "*Assumed* means: chosen by us within published ranges,\n"
-        "not identified from a spring; *data sheet* and *measured* mean what they say. A value outside its range is\n"
-        "refused. One value serves both sides unless there are two.\n",
+        "*Assumed* values are within published ranges, but not identified from a spring. A value outside its range is\n"
+        "refused. A single value is used for both sides.\n",
         file=out,
     )
     for title, rows in _parameter_tables(tomllib.loads(PARAMETER_FILE.read_text(encoding="utf-8"))):
@@ -244,10 +241,10 @@ def parameters_page() -> str:
             cells = (_shown(row["value"]), row["unit"], f"{_shown(row['min'])} to {_shown(row['max'])}")
             print(f"| `{name}` | {' | '.join(cells)} | {row['provenance']} | {row['source']} |", file=out)
         print(file=out)
-    print("## What a healthy bench does not have\n", file=out)
+    print("## Parameters that are zero on a fault-free bench\n", file=out)
     print(
-        "Left out of the file, where each has the value that makes its term vanish; [effects](effects.md) and unnamed\n"
-        "surfaces set them. SI units.\n",
+        "The file does not contain these parameters. Their default removes the term from the equations.\n"
+        "[Effects](effects.md) and unnamed surfaces set them. SI units.\n",
         file=out,
     )
     print("| parameter | value | unit | range |\n|---|---|---|---|", file=out)
@@ -262,13 +259,12 @@ def effects_page() -> str:
     """Return the reference page of the effects, family by family."""
     out = io.StringIO()
     print(_NOTE.replace("table of signals", "catalogue of effects"), file=out)
-    print("# The catalogue of effects\n", file=out)
+    print("# Catalogue of effects\n", file=out)
     print(
-        "What a simulated rig can have and a diagnosis can name. The first quantity of each is its amplitude: at 0\n"
-        "the effect is absent to the last bit, and the bench is smooth in it from there. *Usual* is the size of an\n"
-        "ordinary fault, and of a shape its middle; both are chosen by us unless the source says otherwise. The terms\n"
-        "of the equations, assumptions and literature stand in `bench_sim/model/effects`, a file each; what sensors\n"
-        "do alike is one.\n",
+        "These effects can be set on a simulated rig, and a diagnosis can name them. The first quantity of each\n"
+        "effect is its amplitude. With amplitude 0 the simulation is the same to the last bit as without the\n"
+        "effect. *Usual* is the size of a typical fault; it is assumed if the source does not state it. The files\n"
+        "of `bench_sim/model/effects` explain equations and assumptions.\n",
         file=out,
     )
     for family in dict.fromkeys(effect.family for effect in CATALOGUE.values()):
@@ -284,14 +280,14 @@ def effects_page() -> str:
                 print(f"| `{one.name}` | {one.display} | {low} to {high} | {usual} |", file=out)
             print(file=out)
             if effect.confusers:
-                print(f"Mistaken for {_listed(effect.confusers)}.", end=" ", file=out)
+                print(f"Similar effects: {_listed(effect.confusers)}.", end=" ", file=out)
             if effect.richer:
-                print(f"Contained in {_listed(effect.richer)}.", end=" ", file=out)
+                print(f"Special case of {_listed(effect.richer)}.", end=" ", file=out)
             if effect.phenomenon:
-                print(f"One law of: {effect.phenomenon.format(side='left or right')}.", end=" ", file=out)
+                print(f"Phenomenon: {effect.phenomenon.format(side='left or right')}.", end=" ", file=out)
             if not effect.diagnosable:
-                print("No replay of a measured motion can tell it.", end=" ", file=out)
-            print(f"Told by: {effect.separated_by}. Source: {effect.source}.\n", file=out)
+                print("A replay of a measured motion cannot show it.", end=" ", file=out)
+            print(f"Distinguished by: {effect.separated_by}. Source: {effect.source}.\n", file=out)
     return out.getvalue()
 
 

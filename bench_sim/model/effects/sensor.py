@@ -79,7 +79,7 @@ EFFECTS: Final = (
         confusers=("pressure_gain",),
         equation="F_m = (1+g) F",
         source="calibration of a strain-gauge chain",
-        separated_by="a known mass: without a reference it is not told from a wrong effective area",
+        separated_by="a known mass: without a reference it looks like a wrong effective area",
     ),
     Effect(
         name="pressure_gain",
@@ -92,7 +92,7 @@ EFFECTS: Final = (
         confusers=("force_gain", "area_slope"),
         equation="p_m = (1+g) p",
         source="span error of a transmitter",
-        separated_by="a reference gauge, or a known mass: without one it is not told from a wrong effective area",
+        separated_by="a reference gauge or a known mass: without it, it looks like a wrong effective area",
     ),
     # Sensor offset: what one spring is measured with is off zero, s_m = s + b.
     #
@@ -109,7 +109,7 @@ EFFECTS: Final = (
         confusers=("pressure_offset",),
         equation="F_m = F + b",
         source="zero of a strain-gauge bridge, tare not taken",
-        separated_by="the empty, vented bench: what is read there is the offset",
+        separated_by="the empty, vented bench: its reading is the offset",
     ),
     Effect(
         name="cell_offset",
@@ -123,7 +123,7 @@ EFFECTS: Final = (
         confusers=("force_offset", "twisted_seat", "soft_support"),
         equation="F_m = F + b at one cell",
         source="zero of a strain-gauge bridge, tare not taken",
-        separated_by="the empty, vented bench: what is read there is the offset",
+        separated_by="the empty, vented bench: its reading is the offset",
     ),
     Effect(
         name="pressure_offset",

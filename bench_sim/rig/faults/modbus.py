@@ -93,7 +93,7 @@ FAULTS: Final = (
     Fault(
         "plc_restart",
         Place.MODBUS,
-        "The PLC falls over and boots, for 3 s unless it is told otherwise; valves and actuators lose their power.",
+        "The PLC restarts, for 3 s if no duration is given; valves and actuators lose their power.",
         "All Modbus connections close and new ones are closed at once (`LinkLost`), the lease is gone; CAN says OFF, "
         "and BOOT, INIT, DISABLED afterwards.",
         _restart,

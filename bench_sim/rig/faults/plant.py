@@ -172,7 +172,7 @@ FAULTS: Final = (
     Fault(
         "seized_actuator",
         Place.PLANT,
-        "An actuator does not move, whatever it is told, below the force of its relief valves.",
+        "An actuator does not move below the force of its relief valves.",
         "The displacement stays where it is, set-points or not; the force is what it takes.",
         _seized,
         (FaultChoice("actuator", ACTUATORS, "which one"),),

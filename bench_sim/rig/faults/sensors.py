@@ -109,7 +109,7 @@ FAULTS: Final = (
         Place.SENSORS,
         "The wire of a sensor is broken: its amplifier reads the end of the range, or says that there is nothing.",
         "The reading sits at its rail, beyond limits perhaps; or it is NaN, with the quality bit of Modbus cleared. "
-        "A pressure that nobody can read keeps the actuators shut in.",
+        "Without a pressure reading the actuators stay blocked.",
         _broken_wire,
         (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "what the amplifier makes of it", LOW)),
         "sensor",

@@ -48,7 +48,7 @@ FAULTS: Final = (
     Fault(
         "hung_plc",
         Place.RIG,
-        "The program of the PLC hangs: its sockets are open, and nobody is at home.",
+        "The program of the PLC hangs: its sockets are open, but it does not answer.",
         "Connections are taken and requests never answered (`LinkLost` after the time-out); the function generator "
         "stands still. CAN, the watchdog and the interlocks are not the PLC's and go on.",
         _hung,

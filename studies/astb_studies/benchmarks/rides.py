@@ -17,14 +17,14 @@ from astb_studies.paper.experiments import WIND_SPEEDS
 from astb_studies.paper.hybrid.floor import COMFORT, COMFORT_OF_BOTH, COMFORT_UPWARD, RISES, SHAKES
 from astb_studies.paper.plans.ride import AGREES
 from astb_studies.paper.subject import LOADS
-from astb_studies.places import DOCS
+from astb_studies.places import PAGES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
 
-PAGE: Final = DOCS / "explanation" / "the-paper.md"
+PAGE: Final = PAGES / "the-paper.md"
 #: The table stands between these two lines of the page.
 BEGIN, END = "<!-- benchmarks.rides -->", "<!-- end of benchmarks.rides -->"
 HEAD: Final = (

@@ -10,21 +10,19 @@ HEAD: Final = """<!-- Written by `make gallery`; do not edit. -->
 
 # Gallery
 
-What this project does, in ten pictures, all made by the program. `make gallery` makes them anew,
-`make gallery ARGS=rig` one of them.
+Ten pictures of the main functions. `make gallery` draws them again, `make gallery ARGS=rig` one of them.
 """
 TAIL: Final = """## More
 
-The [panel in a browser](how-to/watch-and-command-in-a-browser.md), as its tests saw it: [a run that is
-held](gallery/panel-held-dark.png), [one that asks](gallery/panel-question.png), [after the
-stop](gallery/panel-stopped.png), [without its server](gallery/panel-lost.png).
+Screenshots of the [panel in a browser](how-to/watch-and-command-in-a-browser.md): [a held
+run](gallery/panel-held-dark.png), [a question to the operator](gallery/panel-question.png), [after a
+stop](gallery/panel-stopped.png), [without connection](gallery/panel-lost.png).
 
-Other figures of the paper are made by the same [command](how-to/reproduce-the-paper.md) and explained [beside its
-text](explanation/the-paper.md): [areas and volumes](gallery/figure-07.svg), [stiffness over the roll
-angle](gallery/figure-10.svg), [comfort in the crosswind](gallery/comfort.svg). How the diagnosis comes to a
-name is drawn on [its own page](explanation/how-the-diagnosis-works.md), which
-`python -m astb_studies.benchmarks.diagnosis.explanation_drawings` illustrates anew, and how often it is right in [its
-benchmark](../studies/docs/diagnosis-benchmark.md). Or see it happen: [a notebook](tutorials/bench.ipynb).
+The same [command](how-to/reproduce-the-paper.md) makes other figures of the [paper](../studies/docs/the-paper.md):
+[areas and volumes](gallery/figure-07.svg), [stiffness over the roll angle](gallery/figure-10.svg), [comfort in the
+crosswind](gallery/comfort.svg). [How the diagnosis works](explanation/how-the-diagnosis-works.md) has more drawings
+(`python -m astb_studies.benchmarks.diagnosis.explanation_drawings`), and its error rates are
+[counted](../studies/docs/diagnosis-benchmark.md). A [notebook](tutorials/bench.ipynb) shows a whole diagnosis.
 """
 
 

@@ -50,71 +50,71 @@ def _run(plan: str) -> str:
 RECIPES: Final = (
     Recipe(
         "rig.svg",
-        "The bench and its wires",
-        "Two air springs carry a bolster over a platform that moves. What is fast travels on CAN, what a PLC would do "
-        "on Modbus/TCP. Plans see nothing else, so the same plan runs on steel.",
+        "Bench and interfaces",
+        "Two air springs carry a bolster over a moving platform. Measurements and set-points are on CAN, the functions "
+        "of a PLC on Modbus/TCP. Plans use only these interfaces, so the same plan runs on a real rig.",
         sketch,
     ),
     Recipe(
         "stiffness.svg",
         "Stiffness and loss of a spring",
-        "Loops of force over displacement at three amplitudes; K' and K'' over frequency as the plan measured them, "
-        "with their limits. K'' has a peak where the air just fails to follow through the orifice.",
+        "Loops of force over displacement at three amplitudes; measured K' and K'' over frequency, with their limits. "
+        "K'' has a peak at the frequency at which the air flow through the orifice has the largest loss.",
         stiffness,
         (_run("dynamic_stiffness"),),
     ),
     Recipe(
         "leveling.svg",
-        "From the empty to the full car and back",
-        "The leveling valves fill both springs from the pressure of AW0 to that of AW3 and let it out again, at held "
-        "height. The shaded strips are the times that the specimen's file allows.",
+        "Leveling from the empty to the full car and back",
+        "The leveling valves fill both springs from the pressure of AW0 to that of AW3 and exhaust them again, at "
+        "constant height. The shaded strips are the times that the specimen file allows.",
         leveling,
         (_run("leveling"),),
     ),
     Recipe(
         "gust.svg",
-        "A gust of side wind, and the valve that must not open",
-        "Left, a gust pushes and rolls the bolster: the pressures of the springs part, and the differential pressure "
-        "valve between them stays shut, as it must. Right, another plan rolls the bolster until that valve opens and "
+        "A gust of side wind, and the differential pressure valve",
+        "Left: a gust pushes and rolls the bolster. The pressures of the springs differ, and the differential pressure "
+        "valve between them stays closed, as required. Right: another plan rolls the bolster until the valve opens and "
         "closes again.",
         gust,
         (_run("crosswind_gust differential_pressure_valve"),),
     ),
     Recipe(
         "figure-08.svg",
-        "The paper's figure, measured anew",
-        "Lateral stiffness and damping. Points are measurements on the virtual bench with the errors of its sensors, "
-        "solid lines the plant's model with parameters identified on that rig, dashed lines the paper's closed forms.",
+        "A figure of the paper, measured on the bench",
+        "Lateral stiffness and damping. Points: measurements on the simulated rig with sensor errors. Solid lines: the "
+        "model with parameters that were identified on this rig. Dashed lines: the closed forms of the paper.",
         _paper,
         (f"astb paper --out {RUNS}/paper",),
     ),
     Recipe(
         "figure-11.svg",
-        "Another one: stiffness and damping over frequency",
-        "With and without a pipe between bellows and auxiliary chamber. Same signs as above: points are measured, "
-        "solid lines are the plant's model, dashed lines the paper's.",
+        "A second figure: stiffness and damping over frequency",
+        "With and without a pipe between bellows and auxiliary chamber. Points: measurements. Solid lines: the model. "
+        "Dashed lines: the paper.",
         _paper,
         (f"astb paper --out {RUNS}/paper",),
     ),
     Recipe(
         "safe.svg",
-        "How long until it is safe",
-        "Nine ways to lose the commander, each at the same instants, drawn by chance. A point is one cut: no air "
-        "in the springs, actuators let go. The red mark is what the table of states promises.",
+        "Time to the safe position",
+        "Nine ways to lose the commander, each at the same random instants. Each point is one loss: the time until the "
+        "springs have no air and the actuators no force. The red mark is the limit in the table of states.",
         time_to_safe,
     ),
     Recipe(
         "matrix.svg",
-        "What the plans catch",
-        "Faults that a workshop meets, each alone on an otherwise sound bench, under the plans. Blue: caught by a "
-        "check that is meant for the fault. Grey: missed, the darker the nearer to a limit. Empty: not tried.",
+        "Faults that the plans detect",
+        "Realistic faults, each alone on a simulated rig, under all plans. Blue: detected by the intended check. "
+        "Grey: missed; the darker, the nearer to a limit. Empty: not tried.",
         matrix,
     ),
     Recipe(
         "found.svg",
-        "A hole that nobody told of",
-        "The model of a sound spring cannot follow the pressure of a bellows that leaks. The diagnosis names the hole "
-        "among its suspects; with it, the model follows within the noise.",
+        "A hidden leak",
+        "The model without a leak does not fit the pressure of a leaking bellows. The diagnosis finds the leak. "
+        "With it, the model fits within the noise.",
         before_and_after,
         (
             f"astb run large_sines --virtual --seed 7 --effect leak.left=0.2mm2 --out {RUNS}",
@@ -123,9 +123,9 @@ RECIPES: Final = (
     ),
     Recipe(
         "certainty.svg",
-        "A verdict is a probability",
-        "A value passes if it conforms to its limits with 97.5 % at least. In the guard bands beside them it is "
-        "marginal: inside, but not surely so. Below, values of a run with their expanded uncertainties.",
+        "Verdict and probability of conformity",
+        "A value passes if the probability of conformity is at least 97.5 %. In the guard bands next to the "
+        "limits it is marginal. Below: values of a run with their expanded uncertainties.",
         certainty,
         (_run("dynamic_stiffness"),),
     ),
