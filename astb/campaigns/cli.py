@@ -1,17 +1,20 @@
 """The command `astb campaign`, which `astb` finds by its entry point."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from astb.campaigns.kept import KeptError, KeptFailed
+from astb.campaigns.kept import KeptError, KeptFailed, read_rows
 from astb.campaigns.page import write_page, write_workbook
 from astb.campaigns.plan_case import run_plan_cases
 from astb.campaigns.workers import ClusterError
 from astb.exit_codes import blocked, misuse
 from astb.tables import plain_console
 from bench_protocol.extras import installed, lacking
+from bench_protocol.runtime import processors
 from bench_records.layout import RecordError
 
 if TYPE_CHECKING:
@@ -43,7 +46,7 @@ if TYPE_CHECKING:
     "--records", type=click.Path(path_type=Path), help="Keep the records of all runs in this folder."
 )
 @click.option("--again", is_flag=True, help="Repeat failed cases.")
-@click.option("--list", "only_list", is_flag=True, help="List the cases without running them.")
+@click.option("--list", "only_list", is_flag=True, help="List the cases and their cost without running them.")
 def campaign_command(
     file: Path,
     out: Path | None,
@@ -61,17 +64,19 @@ def campaign_command(
 
     Exit codes: 0 if every case has a verdict, 2 for wrong usage, 3 if a case failed or the cluster does not answer.
     """
-    from astb.campaigns.display import CampaignDisplay, failed_checks, verdicts
+    from astb.campaigns.display import CampaignDisplay, cost, failed_checks, verdicts
 
     if not only_list and not installed("campaign"):
         misuse(lacking("campaign", "campaigns"))
     console = plain_console()
     out = out or Path("runs", file.stem)
     cases, seconds = _asked_for(file, limit)
-    if only_list:
-        click.echo("\n".join(cases))
-        return
     try:
+        processes = None if scheduler else workers or processors()
+        click.echo(cost(cases, read_rows(out) if out.is_dir() else [], processes, again=again), err=True)
+        if only_list:
+            click.echo("\n".join(cases))
+            return
         with CampaignDisplay(console) as display:
             rows = run_plan_cases(
                 cases,
@@ -86,16 +91,28 @@ def campaign_command(
     except KeptError as error:
         (blocked if isinstance(error, KeptFailed) else misuse)(error)
     except ClusterError as error:
-        blocked(f"{error}; what has ended is kept in {out}")
+        blocked(f"{error}; completed cases are kept in {out}. Continue with: {_command_line()}")
     except KeyboardInterrupt:
-        blocked(f"stopped; what has ended is kept in {out}, and the same command continues")
+        blocked(f"stopped; completed cases are kept in {out}. Continue with: {_command_line()}")
     console.print(verdicts(rows))
     if failed_table := failed_checks(rows):
         console.print(failed_table)
     click.echo(f"rows: {out}")
     _write_page_and_workbook(rows, out)
     if failed := sum(bool(row["error"]) for row in rows):
-        blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")
+        blocked(f"{failed} of {len(rows)} cases failed. Repeat them with: {_command_line()} --again")
+
+
+def _command_line() -> str:
+    """Return this command as it was typed, without --again."""
+    context = click.get_current_context()
+    words = ["astb", "campaign"]
+    for one in context.command.params:
+        name = str(one.name)
+        if name != "again" and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            words += [] if isinstance(one, click.Argument) else [one.opts[0]]
+            words.append(str(context.params[name]))
+    return shlex.join(words)
 
 
 def _write_page_and_workbook(rows: list[dict[str, Any]], out: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Any, Final, Self
 
 from rich.console import Console
@@ -10,11 +11,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 
 from astb.campaigns.findings import Kind, distributions, kind_of, verdict_of
+from astb.campaigns.plan_case import PlanCase
 from astb.campaigns.run import Standing
 from bench_protocol.units import hours, minutes, s
+from test_plans.discovery import plans
 
 #: Through a pipe there is a line so often.
 BETWEEN: Final = 10 * s
+#: Test time over computing time of one processor until a case is kept. 20 to 40 were measured, with the report's share.
+SPEED: Final = 25.0
 
 
 class CampaignDisplay:
@@ -74,6 +79,40 @@ def duration(seconds: float) -> str:
     if seconds < 1.5 * minutes:
         return f"{seconds:.0f} s"
     return f"{seconds / minutes:.0f} min" if seconds < 1.5 * hours else f"{seconds / hours:.1f} h"
+
+
+def cost(
+    cases: Mapping[str, PlanCase],
+    rows: Sequence[Mapping[str, Any]],
+    processes: int | None,
+    *,
+    again: bool = False,
+) -> str:
+    """Return a sentence about the ``cases`` that ``rows`` lack, on so many ``processes`` (None: unknown).
+
+    A case costs the median of the rows of its plan. For a plan without rows, its test time (s of the bench) is divided
+    by the speed of all rows, or by `SPEED`. With ``again``, failed cases run, too.
+    """
+    kept = {row["key"] for row in rows if not (again and row["error"])}
+    left = [case.plan for key, case in cases.items() if key not in kept]
+    total = f"{len(cases)} cases: {len(cases) - len(left)} are kept, {len(left)} run"
+    if not left:
+        return total
+    lasts = {name: plans()[name].lasts for name in set(left)}
+    good = [row for row in rows if not row["error"] and row["seconds"]]
+    speed = median([row["lasted"] / row["seconds"] for row in good]) if good else SPEED
+    each = {
+        name: median([row["seconds"] for row in good if row["plan"] == name] or [lasts[name] / speed])
+        for name in lasts
+    }
+    used = min(processes or 1, len(left))
+    computing = sum(each[name] for name in left) / used
+    return (
+        f"{total}; test time {duration(sum(lasts[name] for name in left))}, "
+        f"{'computing' if processes else 'processor'} time about {duration(computing)}"
+        f"{f' on {used} processes' * (used > 1)}"
+        f"{'' if good else ' (a guess until the first case is kept)'}"
+    )
 
 
 def verdicts(rows: Sequence[Mapping[str, Any]]) -> Table:

@@ -4,22 +4,27 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import msgspec
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
 from astb.api import run_plan
 from astb.campaigns import plan_case
 from astb.campaigns.campaign_file import CampaignError, read_campaign
-from astb.campaigns.display import CampaignDisplay, duration, verdicts
+from astb.campaigns.display import CampaignDisplay, cost, duration, verdicts
 from astb.campaigns.kept import read_rows
 from astb.campaigns.plan_case import PlanCase, run_plan_case
 from astb.campaigns.run import Standing
+from astb.cli import commands
+from astb.exit_codes import BLOCKED
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/run-a-campaign.md").read_text()
@@ -89,6 +94,28 @@ def test_a_rig_may_be_named(tmp_path):
     assert case.simulation == without.simulation
     with pytest.raises(CampaignError, match="there is no rig 'locl'"):
         cases_of(tmp_path, 'plans = ["leak_down"]\nrig = "locl"')
+
+
+def test_the_cost_counts_the_cases_that_are_not_kept(tmp_path):
+    cases = cases_of(tmp_path, 'plans = ["leak_down", "tightness"]\nseeds = 4\n')
+    assert "8 cases: 0 are kept, 8 run; test time 14 min" in cost(cases, [], 2)  # 4 × 70 s and 4 × 140 s
+    first, *others = [key for key, case in cases.items() if case.plan == "leak_down"]
+    row = {"key": first, "plan": "leak_down", "error": "", "seconds": 7.0, "lasted": 70.0}
+    # Three cases of 7 s, and four of a plan without rows at the same speed: 14 s each.
+    assert cost(cases, [row], 1) == "8 cases: 1 are kept, 7 run; test time 13 min, computing time about 77 s"
+    assert cost(cases, [row], 7).endswith("computing time about 11 s on 7 processes")
+    bad = row | {"key": others[0], "error": "it crashed"}
+    assert cost(cases, [row, bad], 1).startswith("8 cases: 2 are kept, 6 run")
+    assert cost(cases, [row, bad], 1, again=True) == cost(cases, [row], 1)
+
+
+def test_an_interrupted_campaign_prints_the_command_that_continues_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("astb.campaigns.cli.run_plan_cases", Mock(side_effect=KeyboardInterrupt))
+    (tmp_path / "my runs.toml").write_text('plans = ["leak_down"]\n')
+    words = ["campaign", str(tmp_path / "my runs.toml"), "--out", str(tmp_path / "out"), "--workers", "1"]
+    stopped = CliRunner().invoke(commands, [*words, "--again"])
+    assert stopped.exit_code == BLOCKED
+    assert shlex.split(stopped.output.partition("Continue with: astb ")[2]) == words
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ OF_THE_TABLE = {
         f"bench_protocol/generated/{name}"
         for name in ("astb.dbc", "astb.eds", "kept_map.csv", "modbus_map.csv")
     ),
-    *(f"docs/reference/{name}.md" for name in ("signals",)),
+    *(f"docs/reference/{name}.md" for name in ("signals", "canopen")),
     "astb/data/rigs/local/instruments.toml",
 }
 OF_THE_EFFECTS = {
