@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 
 from bench_protocol.clock import RealClock, hurry
-from bench_protocol.extras import EXTRAS, mend
+from bench_protocol.extras import EXTRAS, install_command
 from bench_protocol.runtime import LINUX, processors
 from bench_protocol.units import NS, ms, s, us
 from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
@@ -143,7 +143,7 @@ def _packages() -> Iterator[MachineCheck]:
             "missing" if extra in lacking else "fine",
             f"no {lacking[extra]}" if extra in lacking else "there",
             purpose,
-            mend(extra) if extra in lacking else "",
+            install_command(extra) if extra in lacking else "",
         )
 
 

@@ -160,7 +160,7 @@ class _Wire:
         self._memory.shut.add(self._wire)
         self._memory.disconnect(self._wire)
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Let clients in again."""
         self._memory.shut.discard(self._wire)
 

@@ -207,7 +207,7 @@ def virtual_session(
     is to do without, with the reasons.
     """
     from astb.rig_in_memory import RigInMemory
-    from bench_sim.rig.faults.orders import obey
+    from bench_sim.rig.faults.orders import execute_order
 
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
@@ -216,7 +216,9 @@ def virtual_session(
         memory.bus.add(stage)
     bench = memory.bench(absent=absent)
     bench.instruments = ordinary()
-    bench.hand = SimulatedHand(lambda order: json.decode(obey(rig.faults, json.encode(order), nullcontext())))
+    bench.hand = SimulatedHand(
+        lambda order: json.decode(execute_order(rig.faults, json.encode(order), nullcontext()))
+    )
     try:
         yield Session(bench, memory.clock, True, told, known, listen=memory.can)
     finally:

@@ -26,7 +26,7 @@ class Decoding:
         self.message = message
         self.signals = {signal.name: signal for signal in message.coding.signals}
         # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
-        self._parts = list(_alone(message.coding)) if message.unsound else [message.coding]
+        self._parts = list(_single_signal_codings(message.coding)) if message.unsound else [message.coding]
         #: The raw values of each signal that the DBC names as no value, with their names; may be changed.
         self.no_value = {name: codes for name, one in self.signals.items() if (codes := no_value_codes(one))}
         found = {signal.name for part in self._parts for signal in part.signals}
@@ -69,7 +69,7 @@ class Decoding:
         return float(signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
 
 
-def _alone(coding: Coding) -> Iterator[Coding]:
+def _single_signal_codings(coding: Coding) -> Iterator[Coding]:
     """Yield, for each signal that fits into a message, a message with nothing else."""
     for signal in coding.signals:
         selectors: list[Signal] = []

@@ -29,10 +29,10 @@ def lacking(extra: str, who: str) -> str:
     """Return a sentence with the missing extra of ``who`` (a plural) and the command to install it."""
     libraries = EXTRAS[extra].libraries
     verb = "is" if len(libraries) == 1 else "are"
-    return f"{who} need {' and '.join(libraries)}, which {verb} not installed: {mend(extra)}"
+    return f"{who} need {' and '.join(libraries)}, which {verb} not installed: {install_command(extra)}"
 
 
-def mend(extra: str) -> str:
+def install_command(extra: str) -> str:
     """Return the command that installs an extra: its libraries by name, as it works for any installation."""
     return " ".join(("pip install", *(f"'{one}'" for one in requirements(extra))))
 

@@ -123,7 +123,7 @@ def read_unit(text: str) -> ReadUnit:
         plain = plain.replace(one, other)
     plain = _WORDS.get(plain.casefold(), plain)
     try:
-        return ReadUnit(_alone(plain) or _product(plain))
+        return ReadUnit(_single_unit(plain) or _product(plain))
     except UnknownUnit as error:
         raise UnknownUnit(f'"{text}" is no known unit{error}') from None
 
@@ -173,7 +173,7 @@ def _by_lower() -> dict[str, dict[tuple[str, float], str]]:
     return found
 
 
-def _alone(text: str) -> Unit | None:
+def _single_unit(text: str) -> Unit | None:
     """Return the unit of a single word; None for others."""
     return _names().get(text) or _by_any_case(text)
 
@@ -196,7 +196,7 @@ def _product(text: str) -> Unit:
         for side, sign in ((above, 1), *((one, -1) for one in below))
         for part in re.split(r"[*\s.]+", side.strip().removeprefix("(").removesuffix(")"))
     ]
-    read = _alone if all(name in _names() for name, *_ in parts) else _by_any_case
+    read = _single_unit if all(name in _names() for name, *_ in parts) else _by_any_case
     exponents, factor = dict.fromkeys(BASES, 0), 1.0
     for name, power, sign in parts:
         unit = read(name)

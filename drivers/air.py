@@ -80,7 +80,10 @@ class Air(Device):
                     lowest[side], fell[side] = pressure, self._link.now
             return all(
                 self._pressure(side) <= target + tolerance
-                or (self._link.now - fell[side] > STUCK and self._beside(side) <= target + tolerance)
+                or (
+                    self._link.now - fell[side] > STUCK
+                    and self._auxiliary_pressure(side) <= target + tolerance
+                )
                 for side, target in targets.items()
             )
 
@@ -146,7 +149,7 @@ class Air(Device):
     def _pressure(self, side: str) -> float:
         return self._link.readings.value(f"{side}.bellows_pressure")
 
-    def _beside(self, side: str) -> float:
+    def _auxiliary_pressure(self, side: str) -> float:
         """Return the pressure in the auxiliary chamber of a spring (Pa gauge); infinite without a transducer."""
         name = f"{side}.auxiliary_pressure"
         return self._link.readings.value(name) if self._link.has(name) else math.inf

@@ -25,15 +25,15 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 class CanLog:
     """Writes every frame that ``port`` receives into ``path`` until it is closed, in its own thread.
 
-    The port must not be used for sending, as a port does not receive its own frames. ``tell`` is called at once, in
+    The port must not be used for sending, as a port does not receive its own frames. ``report`` is called at once, in
     that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file that cannot be
     created.
     """
 
     def __init__(
-        self, port: CanPort, path: Path, tell: Callable[[CanLogError], object] = lambda error: None
+        self, port: CanPort, path: Path, report: Callable[[CanLogError], object] = lambda error: None
     ) -> None:
-        self._tell = tell
+        self._report = report
         self._writer = _open_writer(path)
         self._path = path
         self._waiting: queue.SimpleQueue[Block | None] = queue.SimpleQueue()
@@ -61,7 +61,7 @@ class CanLog:
             self._writer.stop()
         except Exception as error:  # writers have their own exceptions; the caller of close gets each of them
             self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
-            self._tell(self._error())
+            self._report(self._error())
             while self._waiting.get() is not None:
                 pass  # frames that cannot be written must not fill the memory
 

@@ -41,7 +41,7 @@ REJECTED_SOME: Final = 20
 AVERAGE_OVER: Final = 200 * ms
 STREAM_CYCLES: Final = 3
 #: Longest time between two samples of a status signal on any rig.
-TOLD_WITHIN: Final = 5 * s
+SAMPLE_WITHIN: Final = 5 * s
 
 
 class Link:
@@ -108,7 +108,7 @@ class Link:
             text += f", reason: {self.readings.choice('rig.reason')}"
         if self.state == "OFF":
             text += ", the power of valves and actuators was lost or switched off"
-        tripped = self.table.tripped(self.readings.told("rig.tripped"))
+        tripped = self.table.tripped(self.readings.value_or_nan("rig.tripped"))
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
             if self.readings.sample(tripped.name).quality is Quality.UNAVAILABLE:
@@ -118,7 +118,7 @@ class Link:
     def rejected(self) -> str:
         """Return as text how many of this commander's frames the bench rejected since connecting, "" if few or none."""
         leased = self.wiring.capabilities.lease
-        count = self.readings.told("rig.rejected_commands") - self._rejected if leased else 0.0
+        count = self.readings.value_or_nan("rig.rejected_commands") - self._rejected if leased else 0.0
         if not count > REJECTED_SOME:
             return ""
         return (
@@ -131,17 +131,17 @@ class Link:
 
         They come from another client, unless their sender is this commander. Then this commander has lost the bench.
         """
-        count = self.readings.told("rig.strangers") - self._strangers
+        count = self.readings.value_or_nan("rig.strangers") - self._strangers
         if not count > 0:
             return ""
-        port = self.readings.told("rig.stranger")
-        token = self.readings.told("rig.lease")
+        port = self.readings.value_or_nan("rig.stranger")
+        token = self.readings.value_or_nan("rig.lease")
         if self.wiring.is_own(int(port) if port > 0 else 0, token):
             return (
                 "the bench no longer accepts this commander's commands, because it regards it as lost: connect "
                 f"again ({count:.0f} frames or requests refused)"
             )
-        identifier = self.readings.told("rig.stranger_identifier")
+        identifier = self.readings.value_or_nan("rig.stranger_identifier")
         what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
         where = f"from TCP port {port:.0f} (`ss -tnp` shows its program)" if port > 0 else "from the bus"
         return (
@@ -164,17 +164,17 @@ class Link:
             self.clock.sleep_until(min(deadline, now + self._to_cycle(now)))
             self.check()
 
-    def wait_cycles(self, cycles: int, *told: str) -> None:
+    def wait_cycles(self, cycles: int, *signals: str) -> None:
         """Wait until the last ``cycles`` cycles have carried the present set-points and the readings show their effect.
 
-        Then wait for each signal in ``told`` until a sample is at most two cycles old, as frames may
+        Then wait for each signal in ``signals`` until a sample is at most two cycles old, as frames may
         be lost.
         """
         latency = self.wiring.capabilities.latency
         since = self.now + (cycles - 1) * CYCLE / NS + latency
         self.wait((cycles + 1) * CYCLE / NS + latency)
-        for name in told:
-            self._until(partial(self._told_since, name, since), TOLD_WITHIN, f"a new sample of {name}")
+        for name in signals:
+            self._until(partial(self._sampled_after, name, since), SAMPLE_WITHIN, f"a new sample of {name}")
 
     def wait_for(
         self,
@@ -235,12 +235,12 @@ class Link:
         state = self.state
         self._silent = self._silent + 1 if state == UNKNOWN else 0
         if self._silent > SILENT_CYCLES:
-            told = self.readings.sample("rig.state")
+            signals = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
-            if told.quality is Quality.UNAVAILABLE:
+            if signals.quality is Quality.UNAVAILABLE:
                 raise LinkLost("the rig reports no known state")
             raise LinkLost(
-                f"the rig is silent: its state came {told.age:.2g} s ago, and is stale after {limit:g} s"
+                f"the rig is silent: its state came {signals.age:.2g} s ago, and is stale after {limit:g} s"
             )
         if state in DOWN_STATES:
             reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN
@@ -305,7 +305,7 @@ class Link:
     def _on_lost(self, reason: str) -> None:
         self._lost = reason or f"the connection to {self.wiring.rig} is closed"
 
-    def _told_since(self, name: str, since: float) -> bool:
+    def _sampled_after(self, name: str, since: float) -> bool:
         return self.now - self.readings.sample(name).age > since
 
     def _to_cycle(self, now: int) -> int:

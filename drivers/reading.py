@@ -77,7 +77,7 @@ class Readings:
         value, time = self._receiver.latest(row)
         return value if time >= 0 and self._clock.now() - time <= self._limits[row] else math.nan
 
-    def told(self, name: str) -> float:
+    def value_or_nan(self, name: str) -> float:
         """Return the value of ``name`` (SI) as :meth:`value` does, but NaN if the rig does not have it."""
         return math.nan if name in self._wiring.absent else self.value(name)
 

@@ -147,7 +147,7 @@ def _know(bench: Bench) -> _Known:
 
 def _came(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
     every = ["rig.state", *(name for of_side in names.values() for name in of_side)]
-    return {name: bench.readings.told(name) for name in every}, {
+    return {name: bench.readings.value_or_nan(name) for name in every}, {
         name: bench.readings.show(name) for name in every
     }
 

@@ -364,7 +364,7 @@ def _silent(bench: Bench) -> str:
     silent = [
         signal.name
         for signal in MEASUREMENTS
-        if not bench.lacks(signal.name) and isnan(bench.readings.told(signal.name))
+        if not bench.lacks(signal.name) and isnan(bench.readings.value_or_nan(signal.name))
     ]
     return f"; no samples arrive of {', '.join(silent)}" if silent else ""
 

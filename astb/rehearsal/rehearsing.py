@@ -180,7 +180,7 @@ def _conclude(
         limits=_margins(limits, watch.closest(), result, seconds),
         envelope=envelope(record, result.phases, seconds(over.tick) if over else float("inf")),
         indicated=[
-            f"{limits[trip.row].limit.told(trip.judged)} at {seconds(trip.tick):.2f} s"
+            f"{limits[trip.row].limit.trip_message(trip.judged)} at {seconds(trip.tick):.2f} s"
             for trip in watch.trips
             if limits[trip.row].limit.action is LimitAction.INDICATE
         ],
@@ -228,7 +228,7 @@ def _refusal(
     limit, time = limits[trip.row].limit, seconds(trip.tick)
     kind = limit.kind.name.lower()
     step = step_at(result.phases, time)
-    return Refusal(step, limit.signal, kind, trip.judged, limit.at, time, limit.told(trip.judged))
+    return Refusal(step, limit.signal, kind, trip.judged, limit.at, time, limit.trip_message(trip.judged))
 
 
 def _margins(

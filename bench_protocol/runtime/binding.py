@@ -49,7 +49,7 @@ def cached(function: Callable[..., Any], **options: Any) -> Any:
         warnings.warn(NOT_KEPT, RuntimeWarning, stacklevel=2)
         return numba.njit(**options)(function)
     if (cache_file := _cache_file(dispatcher)) is not None:
-        take_turns(cache_file)
+        lock_cache(cache_file)
         if (digest := digest_of(function.__module__)) is not None:
             cache_file._source_stamp = digest
             cache_file._index_name = _LINE.sub("", cache_file._index_name)
@@ -73,7 +73,7 @@ def _cache_file(dispatcher: Any) -> Any:
     return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
 
 
-def take_turns(cache_file: Any) -> None:
+def lock_cache(cache_file: Any) -> None:
     """Allow one process at a time to save or load compiled functions.
 
     numba first writes the place of a function into its index, and then the function. Without the lock, two processes

@@ -34,7 +34,7 @@ def _unlock(address: int) -> int:
     return 0
 
 
-def _nothing(*_: int) -> int:
+def _return_zero(*_: int) -> int:
     return 0
 
 
@@ -53,7 +53,7 @@ def c_function(name: str, result: Any, *arguments: Any) -> Any:
     and a function that returns 0 replaces any other.
     """
     if _C is None:
-        return ctypes.CFUNCTYPE(result, *arguments)(_STAND_INS.get(name, _nothing))
+        return ctypes.CFUNCTYPE(result, *arguments)(_STAND_INS.get(name, _return_zero))
     function = _C[name]  # a new object each time, so that the types of other users are not changed
     function.restype, function.argtypes = result, arguments
     return function

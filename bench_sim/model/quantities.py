@@ -30,7 +30,7 @@ class Lanes(Flag):
     SURFACE = auto()  #: of a surface, which stands beside the column
     FEEDS = auto()  #: of what fills and exhausts a spring, where anything does
     JOINS = auto()  #: of what joins both springs of a bench, where that opens or leaks
-    ELSEWHERE = auto()  #: an imposed motion leaves it out, or readings alone depend on it
+    NOT_IN_LANES = auto()  #: an imposed motion leaves it out, or readings alone depend on it
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,9 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("Pa", "atmospheric_pressure", lanes=Lanes.COLUMN),
     *_each("K", "ambient_temperature", "wall_temperature_offset", lanes=Lanes.COLUMN),
     *_each("K", "supply_temperature", lanes=Lanes.FEEDS),
-    *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high", lanes=Lanes.ELSEWHERE),
-    *_each("1", "supply_sawtooth", lanes=Lanes.ELSEWHERE),
-    *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag", lanes=Lanes.ELSEWHERE),
+    *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high", lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "supply_sawtooth", lanes=Lanes.NOT_IN_LANES),
+    *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag", lanes=Lanes.NOT_IN_LANES),
     # volumes and areas
     *_each("m2", "effective_area", shape=_SIDE, lanes=Lanes.COLUMN),
     *_each("m", "effective_area_slope", shape=_SIDE, lanes=Lanes.COLUMN),
@@ -107,8 +107,8 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("kg/(s*Pa2)", "leak_laminar", shape=_SIDE, lanes=Lanes.COLUMN),
     # connecting pipe
     *_each("m", "pipe_length", shape=_SIDE),
-    *_each("m", "pipe_diameter", shape=_SIDE, lanes=Lanes.ELSEWHERE),
-    *_each("1", "pipe_friction", shape=_SIDE, lanes=Lanes.ELSEWHERE),
+    *_each("m", "pipe_diameter", shape=_SIDE, lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "pipe_friction", shape=_SIDE, lanes=Lanes.NOT_IN_LANES),
     # valves
     *_each(
         "m",
@@ -147,50 +147,50 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     ),
     *_each("m", "contact_height", lanes=Lanes.COLUMN),
     *_each("N/m", "contact_stiffness", lanes=Lanes.COLUMN),
-    *_each("s/m", "contact_loss", lanes=Lanes.ELSEWHERE),
+    *_each("s/m", "contact_loss", lanes=Lanes.NOT_IN_LANES),
     # roll and coupling
-    *_each("N*m/rad", "torsional_stiffness", shape=_SIDE, lanes=Lanes.ELSEWHERE),
-    *_each("N*m/(rad*Pa)", "torsional_stiffness_slope", shape=_SIDE, lanes=Lanes.ELSEWHERE),
-    *_each("m", "column_height", lanes=Lanes.ELSEWHERE),
-    *_each("rad", "coupling_angle", lanes=Lanes.ELSEWHERE),
-    *_each("1", "coupling_sign", lanes=Lanes.ELSEWHERE),
+    *_each("N*m/rad", "torsional_stiffness", shape=_SIDE, lanes=Lanes.NOT_IN_LANES),
+    *_each("N*m/(rad*Pa)", "torsional_stiffness_slope", shape=_SIDE, lanes=Lanes.NOT_IN_LANES),
+    *_each("m", "column_height", lanes=Lanes.NOT_IN_LANES),
+    *_each("rad", "coupling_angle", lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "coupling_sign", lanes=Lanes.NOT_IN_LANES),
     # bolster and bump stop
-    *_each("kg", "bolster_mass", lanes=Lanes.ELSEWHERE),
-    *_each("kg*m2", "bolster_inertia", lanes=Lanes.ELSEWHERE),
-    *_each("m/s2", "gravity", lanes=Lanes.ELSEWHERE),
+    *_each("kg", "bolster_mass", lanes=Lanes.NOT_IN_LANES),
+    *_each("kg*m2", "bolster_inertia", lanes=Lanes.NOT_IN_LANES),
+    *_each("m/s2", "gravity", lanes=Lanes.NOT_IN_LANES),
     *_each(
         "m",
         "spring_half_spacing",
         "centre_height",
         "actuator_half_spacing",
         "lateral_actuator_height",
-        lanes=Lanes.ELSEWHERE,
+        lanes=Lanes.NOT_IN_LANES,
     ),
-    *_each("m", "accelerometer_height", lanes=Lanes.ELSEWHERE),
-    *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,), lanes=Lanes.ELSEWHERE),
-    *_each("N", "bump_stop_force", shape=(BUMP_POINTS,), lanes=Lanes.ELSEWHERE),
+    *_each("m", "accelerometer_height", lanes=Lanes.NOT_IN_LANES),
+    *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,), lanes=Lanes.NOT_IN_LANES),
+    *_each("N", "bump_stop_force", shape=(BUMP_POINTS,), lanes=Lanes.NOT_IN_LANES),
     # actuators and platform
-    *_each("Hz", "actuator_frequency", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("1", "actuator_damping", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("s", "actuator_delay", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("m", "actuator_stroke", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("N", "actuator_force_limit", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("N", "actuator_relief_force", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("m/(N*s)", "actuator_relief_flow", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("N/m", "frame_stiffness", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("N*s/m", "frame_damping", shape=_ACTUATOR, lanes=Lanes.ELSEWHERE),
-    *_each("Hz", "platform_frequency", lanes=Lanes.ELSEWHERE),
-    *_each("1", "platform_damping", lanes=Lanes.ELSEWHERE),
+    *_each("Hz", "actuator_frequency", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "actuator_damping", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("s", "actuator_delay", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("m", "actuator_stroke", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("N", "actuator_force_limit", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("N", "actuator_relief_force", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("m/(N*s)", "actuator_relief_flow", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("N/m", "frame_stiffness", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("N*s/m", "frame_damping", shape=_ACTUATOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("Hz", "platform_frequency", lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "platform_damping", lanes=Lanes.NOT_IN_LANES),
     # load cells
-    *_each("m", "load_cell_x", "load_cell_y", "load_cell_height", lanes=Lanes.ELSEWHERE),
-    *_each("1", "load_cell_crosstalk", shape=(6, 6), lanes=Lanes.ELSEWHERE),
-    *_off("kg", "platen_mass", low=0.0, high=1e4, lanes=Lanes.ELSEWHERE),
-    *_off("m", "seat_ahead", low=-0.5, high=0.5, shape=_SIDE, lanes=Lanes.ELSEWHERE),
-    *_off("m", "load_ahead", low=-0.5, high=0.5, lanes=Lanes.ELSEWHERE),
-    *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS, lanes=Lanes.ELSEWHERE),
-    *_off("N", "platform_twist", low=-5e4, high=5e4, lanes=Lanes.ELSEWHERE),
+    *_each("m", "load_cell_x", "load_cell_y", "load_cell_height", lanes=Lanes.NOT_IN_LANES),
+    *_each("1", "load_cell_crosstalk", shape=(6, 6), lanes=Lanes.NOT_IN_LANES),
+    *_off("kg", "platen_mass", low=0.0, high=1e4, lanes=Lanes.NOT_IN_LANES),
+    *_off("m", "seat_ahead", low=-0.5, high=0.5, shape=_SIDE, lanes=Lanes.NOT_IN_LANES),
+    *_off("m", "load_ahead", low=-0.5, high=0.5, lanes=Lanes.NOT_IN_LANES),
+    *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS, lanes=Lanes.NOT_IN_LANES),
+    *_off("N", "platform_twist", low=-5e4, high=5e4, lanes=Lanes.NOT_IN_LANES),
     # acquisition: how late the readings of a group of sensors arrive
     *_off(
         "s",
@@ -199,11 +199,11 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
         "displacement_latency",
         low=0.0,
         high=0.25,
-        lanes=Lanes.ELSEWHERE,
+        lanes=Lanes.NOT_IN_LANES,
     ),
-    *_off("1", "pressure_clock_skew", low=0.0, high=0.01, lanes=Lanes.ELSEWHERE),
-    *_off("1", "pressure_hold", low=0.0, high=1.0, lanes=Lanes.ELSEWHERE),
-    *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02, lanes=Lanes.ELSEWHERE),
+    *_off("1", "pressure_clock_skew", low=0.0, high=0.01, lanes=Lanes.NOT_IN_LANES),
+    *_off("1", "pressure_hold", low=0.0, high=1.0, lanes=Lanes.NOT_IN_LANES),
+    *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02, lanes=Lanes.NOT_IN_LANES),
     # what rubber may do beyond the above: lists that end at the first element of nothing
     *_off("1", "extra_branch_ratio", low=0.0, high=1e4, shape=(EXTRA_BRANCHES,), lanes=Lanes.COLUMN),
     *_off(
@@ -221,8 +221,8 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     ),
     *_off("1", "creep_ratio", low=0.0, high=10.0, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("s", "creep_time", default=300.0, low=1.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),
-    *_off("N/m", "extra_stop_stiffness", low=0.0, high=1e8, lanes=Lanes.ELSEWHERE),
-    *_off("m", "extra_stop_gap", low=0.0, high=0.5, lanes=Lanes.ELSEWHERE),
+    *_off("N/m", "extra_stop_stiffness", low=0.0, high=1e8, lanes=Lanes.NOT_IN_LANES),
+    *_off("m", "extra_stop_gap", low=0.0, high=0.5, lanes=Lanes.NOT_IN_LANES),
     # gas and flow beyond the above
     *_off("m3/Pa", "bellows_compliance", low=0.0, high=1e-7, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("1", "orifice_reynolds", low=0.0, high=1e3, shape=_SIDE, lanes=Lanes.COLUMN),
@@ -230,10 +230,10 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("m3/(s*Pa)", "dpv_leak", low=0.0, high=1e-6, lanes=Lanes.JOINS),
     # terms without a name, each over the span of its two coordinates; without a span there is none
-    *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE, lanes=Lanes.ELSEWHERE),
-    *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN, lanes=Lanes.ELSEWHERE),
-    *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN, lanes=Lanes.ELSEWHERE),
-    *_off("m/s", "force_surface_unit_speed", default=0.01, low=1e-6, high=10.0, lanes=Lanes.ELSEWHERE),
+    *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE, lanes=Lanes.NOT_IN_LANES),
+    *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN, lanes=Lanes.NOT_IN_LANES),
+    *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN, lanes=Lanes.NOT_IN_LANES),
+    *_off("m/s", "force_surface_unit_speed", default=0.01, low=1e-6, high=10.0, lanes=Lanes.NOT_IN_LANES),
     *_off("kg/s", "flow_surface", low=-10.0, high=10.0, shape=SURFACE, lanes=Lanes.SURFACE),
     *_off("Pa", "flow_surface_difference", low=-2e6, high=2e6, shape=_SPAN, lanes=Lanes.SURFACE),
     *_off("Pa", "flow_surface_pressure", low=0.0, high=2e6, shape=_SPAN, lanes=Lanes.SURFACE),
@@ -244,10 +244,10 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
 
 #: Properties of every sensor; the unit "signal" is that of the sensor itself.
 SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
-    *_each("1", "sensor_gain", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
-    *_each("signal", "sensor_bias", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
-    *_each("signal/s", "sensor_drift", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
-    *_each("s", "sensor_lag", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each("1", "sensor_gain", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("signal", "sensor_bias", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("signal/s", "sensor_drift", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
+    *_each("s", "sensor_lag", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
     *_each(
         "signal",
         "sensor_noise",
@@ -255,10 +255,10 @@ SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
         "sensor_low",
         "sensor_high",
         shape=_SENSOR,
-        lanes=Lanes.ELSEWHERE,
+        lanes=Lanes.NOT_IN_LANES,
     ),
     # The maker's bound on the bias: nothing reads it but whoever draws the bias of a rig as built.
-    *_each("signal", "sensor_accuracy", shape=_SENSOR, lanes=Lanes.ELSEWHERE),
+    *_each("signal", "sensor_accuracy", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
 )
 
 QUANTITIES: Final = PLANT_QUANTITIES + SENSOR_QUANTITIES

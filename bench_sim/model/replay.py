@@ -291,12 +291,12 @@ class Before(NamedTuple):
     behind: NDArray[np.float64]
 
     @classmethod
-    def nothing(cls) -> "Before":
+    def at_rest(cls) -> "Before":
         """Return that of rubber which has stood there for ever."""
         return cls(np.zeros(SIDES), np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS)))
 
 
-class Turns(NamedTuple):
+class ParameterChanges(NamedTuple):
     """What a replay becomes while it goes on: other parameters from some of its samples on."""
 
     samples: NDArray[np.intp]  #: (m,), each later than the one before, the first one after sample 0
@@ -314,7 +314,7 @@ def replay(
     start: float = 0.0,
     before: Before | None = None,
     rows: NDArray[np.float64] | None = None,
-    turns: Turns | None = None,
+    changes: ParameterChanges | None = None,
 ) -> NDArray[np.float64]:
     """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
 
@@ -322,7 +322,7 @@ def replay(
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
     relaxed rubber but for what that remembers of ``before``, ``start`` s after the bench was switched on: sensors drift
     from then on. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled
-    with what lies behind the readings. At its ``turns`` masses, energies and dash-pots stay, and what drifts does so
+    with what lies behind the readings. At its ``changes`` masses, energies and dash-pots stay, and what drifts does so
     from then on; what comes late must have done so from the start, by however little. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
@@ -337,8 +337,8 @@ def replay(
         )
     record = np.array([parameters], PARAMETERS)
     since = np.zeros(1, np.intp)
-    if turns is not None:
-        record, since = np.concatenate((record, turns.records)), np.concatenate((since, turns.samples))
+    if changes is not None:
+        record, since = np.concatenate((record, changes.records)), np.concatenate((since, changes.samples))
         _drift_from(np.asarray(start + motion.interval * since), record)
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
@@ -352,7 +352,7 @@ def replay(
         inputs,
         supply,
         gas,
-        before or Before.nothing(),
+        before or Before.at_rest(),
         ceil(motion.interval / step - 1e-9),
         readings,
         np.empty((0, ALGEBRAICS)) if rows is None else rows,

@@ -16,7 +16,7 @@ from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
 from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import Happened
-from bench_sim.rig.incident_story import EventTold, story
+from bench_sim.rig.incident_story import IncidentEvent, story
 
 BEFORE: Final = round(10.0 * FAST_RATE)
 AFTER: Final = round(10.0 * FAST_RATE)
@@ -71,17 +71,17 @@ class BlackBox:
         self._box: Any = self.tape.box[0]
         self._box["trigger"] = -1
         self._armed = True
-        self._events: deque[EventTold] = deque(maxlen=_EVENTS_MAX)
+        self._events: deque[IncidentEvent] = deque(maxlen=_EVENTS_MAX)
         self._cause = self._signal = ""
         self._tick = 0
         self._kept: Incident | None = None
-        self._told: tuple[EventTold, ...] = ()
+        self._reported_events: tuple[IncidentEvent, ...] = ()
         self._count = 0
         self._files: dict[int, list[int]] = {}
 
     def note(self, tick: int, text: str) -> None:
         """Remember that something happened at ``tick``."""
-        self._events.append(EventTold(tick, text))
+        self._events.append(IncidentEvent(tick, text))
 
     def trigger(self, tick: int, cause: str, signal: str = "") -> None:
         """Begin the record of an incident unless there was one since the last reset; ``signal``: whose limit it was."""
@@ -104,7 +104,7 @@ class BlackBox:
         self._kept = Incident(
             self._count, self._tick, trigger - first, tape.samples[order].T.copy(), "", CHANNELS
         )
-        self._told = tuple(self._events)
+        self._reported_events = tuple(self._events)
         self._files = {}
         box["trigger"] = -1
 
@@ -113,7 +113,9 @@ class BlackBox:
         if not self._files:
             incident = self._kept or Incident(0, 0, 0, np.zeros((len(CHANNELS), 0), np.int16), "", CHANNELS)
             if self._kept is not None:
-                incident = incident._replace(story=story(incident, self._cause, self._signal, self._told))
+                incident = incident._replace(
+                    story=story(incident, self._cause, self._signal, self._reported_events)
+                )
             self._files = files_of(incident)
         if number == 1:
             head = self._files[1]

@@ -266,10 +266,10 @@ class CanHub:
                 loop.call_soon_threadsafe(self._flush)
 
     def cut(self) -> None:
-        """Close all connections, and every new one at once, until `mend`; from any thread."""
+        """Close all connections, and every new one at once, until `restore`; from any thread."""
         self._soon(self.close)
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Let clients in again; from any thread."""
         if self._home is not None:
             self._soon(partial(self.open, self._home))

@@ -121,7 +121,7 @@ def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
 
 
 @compiled
-def tell_car(c: Any, values: Any) -> None:
+def publish_car(c: Any, values: Any) -> None:
     """Publish what the car does; nothing is available while none rides."""
     if c.riding == 0 or c.waits > 0:
         for row in _ROWS:

@@ -48,7 +48,7 @@ class Emergencies:
             return
         self._active.append((code, tripped))
         self.history.appendleft(code | reason << 16 | tripped << 24)
-        self._tell(reason)
+        self._publish(reason)
 
     def settle(self, reason: Reason) -> None:
         """Note that the error of ``reason`` is over."""
@@ -56,16 +56,16 @@ class Emergencies:
         if error in self._active:
             self._active.remove(error)
             if not self._active:
-                self._tell(Reason.NONE)
+                self._publish(Reason.NONE)
 
     def clear(self) -> None:
         """Note that all errors are over."""
         if self._active:
             self._active.clear()
-            self._tell(Reason.NONE)
+            self._publish(Reason.NONE)
 
-    def _tell(self, reason: Reason) -> None:
-        told = (EMERGENCY_CODES[reason], self.register, reason)
-        for part, value in zip(("code", "register", "reason"), told, strict=True):
+    def _publish(self, reason: Reason) -> None:
+        published = (EMERGENCY_CODES[reason], self.register, reason)
+        for part, value in zip(("code", "register", "reason"), published, strict=True):
             self._values[TABLE.index[f"emergency.{part}"]] = value
         self._on_message()

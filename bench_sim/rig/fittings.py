@@ -49,7 +49,7 @@ class Fittings:
         Shims want disengaged actuators (``engaged`` False), plates and pipes chambers without pressure as well.
         """
         ordered = Ordered.by(settings)
-        if not self._can_be_told(ordered, settings["rig.nominal_preload"]):
+        if not self._springs_accept(ordered, settings["rig.nominal_preload"]):
             return False
         if ordered != self._ordered and (engaged or self._under_pressure()):
             return False
@@ -63,7 +63,7 @@ class Fittings:
         gauge = self._springs.pressures() if self._springs else self._plant.ideal()[_CHAMBERS]
         return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
 
-    def _can_be_told(self, ordered: Ordered, preload: float) -> bool:
+    def _springs_accept(self, ordered: Ordered, preload: float) -> bool:
         """Return whether springs that an FMU computes have inputs for all that is to be changed."""
         if self._springs is None:
             return True

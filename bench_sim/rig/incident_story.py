@@ -22,14 +22,14 @@ _STUCK: Final = round(0.5 * FAST_RATE)
 _EVENTS_AFTER: Final = 12
 
 
-class EventTold(NamedTuple):
+class IncidentEvent(NamedTuple):
     """Something that happened to the bench, in words; ``tick`` in ms since the rig started."""
 
     tick: int
     text: str
 
 
-def story(incident: Incident, cause: str, signal: str, events: Sequence[EventTold]) -> str:
+def story(incident: Incident, cause: str, signal: str, events: Sequence[IncidentEvent]) -> str:
     """Return the story of ``cause``, for which ``signal`` tripped: one line a sentence, times since the start."""
     lines = [f"{clock(incident.tick)} {cause}"]
     lines += [f"  before: {line}" for line in _before(incident, signal)]
@@ -62,20 +62,20 @@ def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16
 
 def _before(incident: Incident, first: str) -> list[str]:
     """What readings had done before: gone, stuck, or moved; ``first`` that one, then those that moved most."""
-    told: list[tuple[float, str, str]] = []
+    sentences: list[tuple[float, str, str]] = []
     for signal, samples in _measured(incident):
         past = samples[: incident.trigger + 1]
         if past.size < 2 * _STUCK:
             continue
         if past[-1] == NO_SAMPLE:
-            told.append(
+            sentences.append(
                 (np.inf, signal.name, f"no reading of {named(signal.name)} for {_since(past != NO_SAMPLE)}")
             )
             continue
         past = past[past != NO_SAMPLE]
         if (past[-_STUCK:] == past[-1]).all() and (past != past[-1]).any():
             since = _since(past != past[-1])
-            told.append(
+            sentences.append(
                 (
                     np.inf,
                     signal.name,
@@ -89,11 +89,11 @@ def _before(incident: Incident, first: str) -> list[str]:
             moved = np.inf
         if moved >= _TOLD:
             left = np.abs(past - start) <= _NEAR * abs(end - start)
-            told.append((moved, signal.name, _course(signal, past, start, end, _since(left))))
-    told.sort(key=lambda one: -one[0])
+            sentences.append((moved, signal.name, _course(signal, past, start, end, _since(left))))
+    sentences.sort(key=lambda one: -one[0])
     # Of twins, left and right, the one that moved more stands for both.
     first_of: dict[str, str] = {}
-    for _, name, text in told:
+    for _, name, text in sentences:
         first_of.setdefault(name.replace("left", "").replace("right", ""), text)
     return list(first_of.values())[:_TOLD_MAX]
 

@@ -49,7 +49,7 @@ class Limit:
     within: float = 0.0  #: TIMEOUT
     level: float = 0.0  #: COUNT
 
-    def told(self, judged: float) -> str:
+    def trip_message(self, judged: float) -> str:
         """Return in words that this limit has tripped on ``judged``, and what happens now."""
         signal = TABLE[self.signal]
         name, at, was = (
@@ -125,7 +125,7 @@ DETECTOR: Final = np.dtype(
         ("count", "<i8"),
         ("outside", "<i8"),  # samples outside in a row
         ("tripped", "<i8"),
-        ("told", "<i8"),  # 1: the state machine knows that it has tripped
+        ("reported", "<i8"),  # 1: the state machine knows that it has tripped
         ("standing", "<i8"),  # 1: was outside when it was reset, and has not come back yet
         ("bar", "<f8"),  # where a standing detector trips instead
     ]
@@ -242,7 +242,7 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
         else:
             detector.outside = 0
             if detector.latch == 0 and judged <= bar - back:
-                detector.tripped = detector.told = 0
+                detector.tripped = detector.reported = 0
     return happened
 
 
@@ -251,7 +251,7 @@ def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
 
     What is still outside is standing from now on: it trips only if it goes farther out, so that the way back is open.
     """
-    for name in ("tripped", "told", "outside", "age", "count"):
+    for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0
     lasting = ~np.isin(detectors["kind"], (LimitKind.TIMEOUT, LimitKind.COUNT))  # these begin anew
     detectors["standing"] = lasting & (detectors["samples"] > 0) & (detectors["judged"] > detectors["at"])

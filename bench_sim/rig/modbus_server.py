@@ -180,10 +180,10 @@ class ModbusTcpServer:
             client.drop()
 
     def cut(self) -> None:
-        """Close all connections, and every new one at once, until `mend`; from any thread."""
+        """Close all connections, and every new one at once, until `restore`; from any thread."""
         self._soon(self.close)
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Let clients in again; from any thread."""
         self._soon(self.open)
 

@@ -18,7 +18,7 @@ from bench_protocol.runtime.pacing import Late, Pacing
 from bench_protocol.runtime.ring import Ring, drain, fill
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
-from bench_sim.model.elsewhere import Elsewhere
+from bench_sim.model.external_springs import ExternalSprings
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
@@ -31,7 +31,7 @@ from bench_sim.rig.commands import Incoming
 from bench_sim.rig.controls import CONTROLS, FAST, HOLDING, TICK_NS, ControlBit, Happened
 from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.faults.insertion import InsertionPoints
-from bench_sim.rig.faults.orders import obey
+from bench_sim.rig.faults.orders import execute_order
 from bench_sim.rig.faults.panel import FaultPanel
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.in_force import InForce
@@ -97,7 +97,7 @@ class Rig:
         self.black_box = BlackBox()
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
-        self._stand()
+        self._hold_position()
         self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls, springs))
         self._prepare_frames()
         self.lease = Lease(
@@ -116,7 +116,7 @@ class Rig:
         self._in_force = InForce(
             self._controls, self.values, self.registers, self.generator, self.plant, springs
         )
-        self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
+        self.emergencies = Emergencies(self.values, lambda: self._send_event_messages(self._emergency_row))
         watched = limits, self._detectors
         self.supervisor = Supervisor(
             self._controls, self.values, watched, self._in_force, self.black_box, self.emergencies
@@ -131,7 +131,7 @@ class Rig:
         self._start_values()
         self.supervisor.handle(Event.POWER_ON)
 
-    def _stand(self) -> None:
+    def _hold_position(self) -> None:
         """Set zeros and set-points of the actuators to the bias of the transducers that hold them: nothing moves."""
         zero = self.plant.parameters.sensor_bias[list(HOLDING)]
         for what in ("zero", "setpoint", "goal"):
@@ -158,14 +158,16 @@ class Rig:
     ) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending, Incoming, Ring, Pacing]:
         """Return the arguments of the compiled tick."""
         plant, layout = self.plant, self._encoder.layout
-        elsewhere = self.springs.arrays if self.springs else Elsewhere.nobody()
+        external_springs = self.springs.arrays if self.springs else ExternalSprings.none()
         fast, medium, slow = (self._rows(rate) for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE))
         every = self._encoder.rows(every_tick)
         if every.size:
             fast = medium = slow = self._encoder.rows([])
         return (
             self._control_array,
-            PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array, elsewhere),
+            PlantArrays(
+                plant.state, plant.memory_array, plant.inputs, plant.parameter_array, external_springs
+            ),
             Sampling(
                 np.zeros(SENSORS),
                 self.values,
@@ -266,7 +268,7 @@ class Rig:
 
     def order(self, line: bytes) -> bytes:
         """Execute a command of the fault panel, a line of JSON, and return the answer."""
-        return obey(self.faults, line, self.lock)
+        return execute_order(self.faults, line, self.lock)
 
     def press_estop(self) -> None:
         """Press the emergency stop; it is hard-wired, without software between the button and the valves."""
@@ -423,9 +425,9 @@ class Rig:
         self.registers.drop_staged()
         self.supervisor.forget()
         self.node.start()
-        self._tell(self._lease_row)
+        self._send_event_messages(self._lease_row)
 
-    def _tell(self, rows: npt.NDArray[np.int64]) -> None:
+    def _send_event_messages(self, rows: npt.NDArray[np.int64]) -> None:
         """Send messages that are sent on events."""
         time = int(self._controls["tick"]) * TICK_NS
         self.send(self._encoder.encode(self.values, rows, time))

@@ -56,7 +56,7 @@ class Servers:
         self.stop()
 
 
-def _nothing() -> None:
+def _ignore_wake() -> None:
     pass
 
 
@@ -73,7 +73,7 @@ def serve_in_thread(
     allow_remote: bool = False,
     beacon: bool = False,
     eventfd: int | None = None,
-    on_wake: Callable[[], None] = _nothing,
+    on_wake: Callable[[], None] = _ignore_wake,
 ) -> Servers:
     """Open the given servers and return when their ports accept connections; port 0 takes a free one.
 

@@ -5,14 +5,14 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from bench_sim.model.elsewhere import Elsewhere
+from bench_sim.model.external_springs import ExternalSprings
 
 
 class Springs(Protocol):
     """Replace the springs of the plant."""
 
     @property
-    def arrays(self) -> Elsewhere:
+    def arrays(self) -> ExternalSprings:
         """Arrays that the tick reads and writes."""
 
     @property

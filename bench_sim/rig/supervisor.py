@@ -290,15 +290,15 @@ class Supervisor:
 
     def _trip(self) -> None:
         """Apply the actions of the limits that have just tripped, the strongest first; report the first trip."""
-        just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["told"])
-        self._detectors["told"] = self._detectors["tripped"]
+        just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["reported"])
+        self._detectors["reported"] = self._detectors["tripped"]
         if self._values[TABLE.index["rig.tripped"]] == 0:
-            self._tell_first(int(just_now[0]))
+            self._publish_first_trip(int(just_now[0]))
         for limit in sorted((self._limits[row] for row in just_now), key=lambda one: -one.action):
             if limit.action in _ON_TRIP:
                 self.handle(_ON_TRIP[limit.action], TABLE.trip_number(limit.signal))
 
-    def _tell_first(self, row: int) -> None:
+    def _publish_first_trip(self, row: int) -> None:
         limit, tick = self._limits[row], int(self._controls["tick"])
         judged = float(self._detectors[row]["sense"] * self._detectors[row]["judged"])
         step = {LimitKind.TIMEOUT: ms, LimitKind.COUNT: 1.0}.get(limit.kind, TABLE[limit.signal].step)
@@ -306,7 +306,7 @@ class Supervisor:
         self._set("rig.tripped_kind", limit.kind)
         self._set("rig.tripped_value", float(np.rint(judged / step)))
         self._set("rig.tripped_tick", float(tick % TICK_MODULUS))
-        self._black_box.trigger(tick, limit.told(judged), limit.signal)
+        self._black_box.trigger(tick, limit.trip_message(judged), limit.signal)
 
     def reset(self) -> bool:
         """Clear the latched trips if the state machine accepts the reset; return whether they were cleared.

@@ -36,13 +36,13 @@ from bench_protocol.words import (
 )
 from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
-from bench_sim.model.elsewhere import Elsewhere, Place
+from bench_sim.model.external_springs import ExternalSprings, Place
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
 from bench_sim.model.sensors import read_sensors
 from bench_sim.rig.black_box import Tape, write_sample
-from bench_sim.rig.car import ride, tell_car
+from bench_sim.rig.car import publish_car, ride
 from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.controls import (
     FAST,
@@ -58,7 +58,7 @@ from bench_sim.rig.controls import (
     Happened,
     Target,
 )
-from bench_sim.rig.elsewhere import observe_around, step_around
+from bench_sim.rig.external_springs import observe_around, step_around
 from bench_sim.rig.faults.in_tick import FaultArrays, disturb, hold_inputs
 from bench_sim.rig.heartbeat import node_due, send_heartbeat
 from bench_sim.rig.lateness import count_lateness
@@ -255,14 +255,14 @@ def _appointments(c: Any) -> int:
 class PlantArrays(NamedTuple):
     """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``.
 
-    ``elsewhere`` are springs that somebody else computes, if there are any.
+    ``external_springs`` are springs that somebody else computes, if there are any.
     """
 
     state: npt.NDArray[np.float64]
     memory: npt.NDArray[np.void]
     inputs: npt.NDArray[np.float64]
     parameters: npt.NDArray[np.void]
-    elsewhere: Elsewhere
+    external_springs: ExternalSprings
 
 
 class Sampling(NamedTuple):
@@ -297,10 +297,10 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
     """Take a step; of lost springs from elsewhere tell once, and whenever somebody goes on without them."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
-    if plant.elsewhere.numbers[Place.ON] == 0:
+    if plant.external_springs.numbers[Place.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
         return Happened.NOTHING.value
-    if step_around(plant.elsewhere, x, mem, u, par, TICK, work, algebraic, ideal):
+    if step_around(plant.external_springs, x, mem, u, par, TICK, work, algebraic, ideal):
         return Happened.NOTHING.value
     if c.springless == 0 or c.armed != 0:
         c.springless = 1
@@ -312,10 +312,10 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
     """Let the sensors read; of lost springs and all that stands on them nothing is known."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
-    if plant.elsewhere.numbers[Place.ON] == 0:
+    if plant.external_springs.numbers[Place.ON] == 0:
         observe(x, mem, u, par, work[0], algebraic, ideal)
     else:
-        observe_around(plant.elsewhere, x, mem, u, par, work[0], algebraic, ideal)
+        observe_around(plant.external_springs, x, mem, u, par, work[0], algebraic, ideal)
     read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
     disturb(sampling.faults, c.tick, par, sampling.readings)
     if c.springless != 0:
@@ -334,7 +334,7 @@ def _judge(c: Any, sampling: Sampling) -> int:
 
 
 @compiled
-def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
+def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
     """Write the frames of a sampling instant to ``out``; return the position behind the last."""
     time = c.tick * TICK_NS
     position = _send(values, sending, sending.fast, time, out, position)
@@ -342,7 +342,7 @@ def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int
     values[_PROGRAM_ROW] = c.program
     values[_CYCLE_ROW] = math.floor(max(c.phase[max(c.waves - 1, 0)], 0.0))
     values[_REFUSED_ROW] = c.refused
-    tell_car(c, values)
+    publish_car(c, values)
     if c.tick % MEDIUM == 0:
         position = _send(values, sending, sending.medium, time, out, position)
     if c.tick % SLOW == 0:
@@ -422,7 +422,7 @@ def run_ticks(
         if c.tick % FAST == 0:
             _read(c, plant, sampling, work, algebraic, ideal)
             happened |= _judge(c, sampling)
-            position = _tell(c, values, sending, out, position)
+            position = _write_frames(c, values, sending, out, position)
         position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)
         position = send_heartbeat(c, out, position)
         happened |= _watch(c) | node_due(c) | _appointments(c)

@@ -124,7 +124,7 @@ def _timed(log: _Log, line: Line) -> None:
             log.account.leave_out(EVENTS, at=line.shown)
 
 
-def _beside(log: _Log, line: Line, word: str) -> bool:
+def _count_other_line(log: _Log, line: Line, word: str) -> bool:
     """Count a known line that is not a frame; return whether it is one."""
     low = word.lower()
     known = {"errorframe": ERRORS, "overloadframe": OVERLOAD, "statistic:": EVENTS}
@@ -137,7 +137,7 @@ def _beside(log: _Log, line: Line, word: str) -> bool:
 
 def _classic(log: _Log, line: Line, words: list[str]) -> None:
     """``1  100x  Rx  d 8 00 01 …``: channel, identifier, direction, kind, length, data."""
-    if _beside(log, line, words[1]):
+    if _count_other_line(log, line, words[1]):
         return
     direction, kind = [*words[2:4], "", ""][:2]
     if direction.lower() not in ("rx", "tx", "txrq") or kind.lower() not in ("d", "r"):
@@ -159,7 +159,7 @@ def _classic(log: _Log, line: Line, words: list[str]) -> None:
 
 def _fd(log: _Log, line: Line, words: list[str]) -> None:
     """``1 Rx  101  [name]  1 0 8  8 00 …  duration bits flags``: with BRS, ESI, DLC and bytes before the data."""
-    if any(_beside(log, line, word) for word in words[2:3]):
+    if any(_count_other_line(log, line, word) for word in words[2:3]):
         return
     if len(words) > 1 and words[1].lower() == "txrq":
         log.account.leave_out(REQUESTS)

@@ -96,14 +96,14 @@ def _frame(log: _Log, line: Line) -> None:
     if "T" in at:
         kind = words[at["T"]]
         if kind not in _DATA_TYPES:
-            _beside(log, line, kind)
+            _count_other_type(log, line, kind)
             return
         fd = _DATA_TYPES[kind]
     elif "d" in at and words[at["d"]].lower() not in ("rx", "tx"):
-        _beside(log, line, words[at["d"]])
+        _count_other_type(log, line, words[at["d"]])
         return
     elif name == "FFFFFFFF":
-        _beside(log, line, name)
+        _count_other_type(log, line, name)
         return
     size = at["l"] if "l" in at else at["L"]
     if len(words) <= size or not words[size].isdigit() or time is None:
@@ -130,7 +130,7 @@ def _add(
     log.frames.add(log.start + time, Kind(bus, identifier, extended, fd), data, line.number)
 
 
-def _beside(log: _Log, line: Line, kind: str) -> None:
+def _count_other_type(log: _Log, line: Line, kind: str) -> None:
     """Count a line of another type."""
     low = kind.lower()
     if low == "rr":

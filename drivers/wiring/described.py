@@ -35,7 +35,7 @@ from drivers.wiring.contract import (
     Transport,
     refuse_absent,
 )
-from drivers.wiring.direct import Direct, Nothing
+from drivers.wiring.direct import Direct, NullTransport
 from drivers.wiring.lines import Description
 from drivers.wiring.listening import listening
 from drivers.wiring.player import Player
@@ -95,7 +95,7 @@ class DescribedWiring:
         ports: Ports | None = None,
     ) -> None:
         self.rig, self.table = rig, description.table
-        self.direct: Direct = direct or Nothing(rig)
+        self.direct: Direct = direct or NullTransport(rig)
         self._carried, self._ports = description.carried, ports
         self._description, self._transports = description, dict(transports)
         self._points = Points(self._transports)
@@ -169,8 +169,8 @@ class DescribedWiring:
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._receive_points, f"{name}."))
             self._points.await_news(self.rig, clock, deadline, within)
-            self._settings.await_told(clock, deadline)
-            self._tell_player(clock.now())
+            self._settings.await_reported(clock, deadline)
+            self._publish_player(clock.now())
         except BaseException:
             self.close()
             raise
@@ -217,7 +217,7 @@ class DescribedWiring:
 
     def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
-        told = self._points.told([one.given for one in targets.values()], clock, deadline)
+        told = self._points.await_values([one.given for one in targets.values()], clock, deadline)
         given = {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
         for name, value in given.items():
             if math.isnan(value):
@@ -226,7 +226,7 @@ class DescribedWiring:
 
     def _check_identity(self, clock: Clock, deadline: int) -> None:
         wanted = self._description.identity
-        for point, found in self._points.told(list(wanted), clock, deadline).items():
+        for point, found in self._points.await_values(list(wanted), clock, deadline).items():
             if found != wanted[point]:
                 raise MapMismatch(
                     f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, and "
@@ -258,9 +258,9 @@ class DescribedWiring:
             values = np.fromiter(samples.values(), np.float64, len(samples))
             receive(np.full(len(samples), time, np.int64), rows, values, time)
 
-    def _tell_player(self, time: int) -> None:
+    def _publish_player(self, time: int) -> None:
         if self._player is not None:
-            told = self._player.told()
+            told = self._player.state()
             self._publish(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
 
     # -- sending -------------------------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ class DescribedWiring:
             self._setpoints = values.copy()
             if self._player is not None:
                 offsets = self._player.advance(time, active=self._active)
-                self._tell_player(time)
+                self._publish_player(time)
         active = self._active or "rig.state" not in {*self._description.sources, *self._carried}
         self._failure = self._failure or self._streaming.send(values, offsets, time, active=active)
         if self.direct.outlet is not None:
@@ -357,7 +357,7 @@ class DescribedWiring:
         if self._carried.issuperset(names):
             return self.direct.read(names)
         refuse_absent(self, *names)
-        told = self._player.told() if self._player is not None else {}
+        told = self._player.state() if self._player is not None else {}
         if carried := [name for name in names if name in self._carried]:
             told = {**told, **self.direct.read(carried)}
         sources = {name: self._points_of(name) for name in names if name not in told}

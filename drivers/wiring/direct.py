@@ -77,7 +77,7 @@ class Direct(Protocol):
         """Return as text the frame or register of a signal."""
 
 
-class Nothing:
+class NullTransport:
     """Null object for a rig without such a transport."""
 
     capabilities = Capabilities()

@@ -45,14 +45,16 @@ class AllAtOnce:
     """
 
     def __init__(self) -> None:
-        self._told: list[str] = []
+        self._errors: list[str] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None and self._told:
-            raise SeveralWrong(self._told) if len(self._told) > 1 else WiringError(self._told[0]) from None
+        if kind is None and self._errors:
+            raise (
+                SeveralWrong(self._errors) if len(self._errors) > 1 else WiringError(self._errors[0])
+            ) from None
 
     @contextmanager
     def next(self, where: str = "") -> Iterator[None]:
@@ -61,7 +63,7 @@ class AllAtOnce:
             yield
         except WiringError as error:
             lines = error.lines if isinstance(error, SeveralWrong) else [str(error)]
-            self._told += [f"{where}{line}" for line in lines]
+            self._errors += [f"{where}{line}" for line in lines]
 
 
 def duration(where: str, text: object) -> float:

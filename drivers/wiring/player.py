@@ -113,7 +113,7 @@ class Player:
         """Whether a program runs or is held."""
         return self._program in (Program.RUN, Program.HOLD)
 
-    def told(self) -> dict[str, float]:
+    def state(self) -> dict[str, float]:
         """Return what the program says of itself, and its settings (SI)."""
         with self._lock:
             cycle = float(math.floor(max(self._waves[-1].phase, 0.0))) if self._waves else 0.0

@@ -43,7 +43,7 @@ class Points:
             found.update({f"{transport}.{name}": numbers[name] for name in names})
         return found
 
-    def told(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
+    def await_values(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
         """Return points once all have a value, NaN for those without one at the deadline."""
         while True:
             told = self.read(points)

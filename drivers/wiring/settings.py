@@ -25,9 +25,9 @@ class PointSettings:
         self._settings = description.settings
         self._known = {name: setting.initial for name, setting in self._settings.items()}
 
-    def await_told(self, clock: Clock, deadline: int) -> None:
+    def await_reported(self, clock: Clock, deadline: int) -> None:
         """Wait until every setting was reported once. A setting that is never reported stays unknown."""
-        self._points.told([one.read for one in self._settings.values() if one.read], clock, deadline)
+        self._points.await_values([one.read for one in self._settings.values() if one.read], clock, deadline)
 
     def source(self, name: str) -> tuple[str, ...]:
         """Return the points that report a setting; none if it is remembered."""

@@ -244,7 +244,7 @@ def _supplied(run: Run, pressure: float) -> Iterator[None]:
     try:
         yield
     except BenchTimeout as late:
-        has = run.bench.readings.told("supply.pressure") if run.bench.has("supply.pressure") else nan
+        has = run.bench.readings.value_or_nan("supply.pressure") if run.bench.has("supply.pressure") else nan
         if not has < pressure:
             raise
         asked = f"open the supply until it has {(pressure + HEADROOM) / bar:.4g} bar"

@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 from astb.campaigns.workers import ClusterError, cluster
 from astb.cli import commands
 from astb.exit_codes import MISUSE
-from bench_protocol.extras import EXTRAS, installed, lacking, mend, requirements
+from bench_protocol.extras import EXTRAS, install_command, installed, lacking, requirements
 from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,7 +24,7 @@ def test_extras_are_those_of_the_project() -> None:
     assert set(EXTRAS) | {"dev", "docs"} == set(declared)
     for extra in EXTRAS:
         assert [Requirement(text) for text in requirements(extra)] == list(map(Requirement, declared[extra]))
-        assert mend(extra) == "pip install " + " ".join(f"'{text}'" for text in declared[extra])
+        assert install_command(extra) == "pip install " + " ".join(f"'{text}'" for text in declared[extra])
 
 
 def test_packages_of_typed_code_say_so() -> None:
@@ -50,5 +50,5 @@ def test_a_missing_library_is_named_with_what_installs_it(
     for command in (["campaign", "campaign.toml"], ["paper", "--quick", "--out", "paper"]):
         told = CliRunner().invoke(commands, command)
         assert told.exit_code == MISUSE
-        assert mend("campaign") in told.output
+        assert install_command("campaign") in told.output
     assert not Path("paper").exists()

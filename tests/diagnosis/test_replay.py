@@ -10,7 +10,7 @@ from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, SENSORS, Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, Gas, Motion, Turns, between, replay
+from bench_sim.model.replay import DIRECTIONS, Gas, Motion, ParameterChanges, between, replay
 from bench_sim.parameters import load
 from bench_sim.rig.turn import take
 
@@ -132,7 +132,7 @@ def test_a_replay_rotates_like_the_free_bench(turned):
     for name, value in turned.items():
         after[name] = value
     noise = load("astb").record.sensor_noise
-    error = (again(free, turns=Turns(np.array([TURNED]), after)) - free.readings) / noise
+    error = (again(free, changes=ParameterChanges(np.array([TURNED]), after)) - free.readings) / noise
     error[TURNED : TURNED + 10] = 0.0  # lags of transducers begin a tick of the bench earlier or later
     assert np.sqrt(np.mean(error[:, DIRECT] ** 2, axis=0)).max() < 0.03
     never = (again(free) - free.readings) / noise

@@ -79,7 +79,7 @@ def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
             {row: float(controls["offset"][0, target]) for row, target in rows.items()}, rel=1e-9, abs=1e-9
         )
         assert set(offsets) <= set(rows)
-        told = player.told()
+        told = player.state()
         assert told["rig.program"] == controls["program"][0]
         assert told["rig.generator_cycle"] == math.floor(controls["phase"][0, 0])
         ended = PROGRAM_STATES[int(told["rig.program"])] == "IDLE"
@@ -96,7 +96,7 @@ def test_a_held_program_stays_where_it_is_and_goes_on():
         before = player.advance(cycle * CYCLE, active=True)
     player.hold()
     assert player.advance(100 * CYCLE, active=True) == before
-    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "HOLD"
+    assert PROGRAM_STATES[int(player.state()["rig.program"])] == "HOLD"
     _run(player, "displacement")
     assert player.advance(101 * CYCLE, active=True) == before
     assert player.advance(102 * CYCLE, active=True) != before
@@ -122,7 +122,7 @@ def test_a_stopped_program_comes_back_within_a_second():
     for cycle in range(46):
         last = player.advance(cycle * CYCLE, active=True)
     player.stop()
-    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
+    assert PROGRAM_STATES[int(player.state()["rig.program"])] == "STOPPED"
     way = [player.advance((46 + k) * CYCLE, active=True) for k in range(52)]
     row = min(last)
     assert abs(last[row]) > 1 * mm
@@ -137,7 +137,7 @@ def test_a_bench_that_is_not_active_any_more_has_no_program():
     player.advance(CYCLE, active=True)
     assert player.advance(2 * CYCLE, active=False) == {}
     assert not player.busy
-    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
+    assert PROGRAM_STATES[int(player.state()["rig.program"])] == "STOPPED"
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_waves_of_a_program_are_those_of_the_rigs_generator_at_once():
         asked = [offsets.get(TABLE.index[name], 0.0) for name in names]
         assert asked == pytest.approx(controls["offset"][0].tolist(), rel=1e-9, abs=1e-9)
         seen = np.maximum(seen, np.abs(asked))
-        told = player.told()
+        told = player.state()
         assert told["rig.program"] == controls["program"][0]
         for _ in range(TICKS):
             _generate(controls[0])

@@ -228,7 +228,7 @@ def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, isolated):
     supply = np.full(n, parameters.supply_pressure + parameters.atmospheric_pressure)
     gas = Gas(np.full(4, p), np.full(4, parameters.ambient_temperature))
     motion = Motion.through(displacement, 1e-3)
-    replay(parameters, motion, inputs, supply, gas, step=1e-3, before=Before.nothing(), rows=rows)
+    replay(parameters, motion, inputs, supply, gas, step=1e-3, before=Before.at_rest(), rows=rows)
     given = np.hstack((stretched, np.broadcast_to(speeds, stretched.shape)))
     got = isolated(spring_fmus[3], "motion", names=NAMES, times=times, motion=given)
     assert equal(np.array(got["outputs"]), looked_at(rows)[1:], 1e-9)

@@ -82,7 +82,7 @@ def test_lanes_go_where_the_scalar_replay_goes(name):
     record = load("astb").with_values(**SPRINGS[name]).record
     run = shaken(300)
     rows = np.zeros((300, ALGEBRAICS))
-    before = Before.nothing()
+    before = Before.at_rest()
     before.crept[:] = 1e-4, 2e-4
     before.behind[:2] = np.outer((3e-3, -1e-3), (1.0, 2.0, 3.0, 4.0))
     readings = replay(record, run.motion, run.inputs, run.supply, run.gas, before=before, rows=rows)
@@ -209,6 +209,6 @@ def test_a_quantity_is_for_the_lanes_what_its_row_says():
         changed[one.name] = np.asarray(sound[one.name]) + 1e-3
         if not one.lanes:
             assert not has_lanes(changed), one.name
-        elif one.lanes is Lanes.ELSEWHERE:
+        elif one.lanes is Lanes.NOT_IN_LANES:
             assert has_lanes(changed)
             assert [spring.key for spring in replayed.springs(changed, run.gas, 0.0)] == keys, one.name

@@ -129,7 +129,7 @@ def test_a_zero_is_blamed_only_at_rest(before, after, told):
     later = dict(zip(NAMES, [one * bar for one in after], strict=True)) | {
         "rig.state": STATES.index("ACTIVE")
     }
-    bench.wait = lambda duration: setattr(bench.readings, "told", later.get)
+    bench.wait = lambda duration: setattr(bench.readings, "value_or_nan", later.get)
     assert bool(zeros_off(bench)) == told
 
 

@@ -172,7 +172,7 @@ def test_an_external_failure_blocks_and_tear_down_runs(made, error, whose, where
 
 
 def test_samples_that_are_missing_are_named(made, bench):
-    bench.readings.told = lambda name: math.nan if name == "load_cell.1" else 0.0
+    bench.readings.value_or_nan = lambda name: math.nan if name == "load_cell.1" else 0.0
     result, _ = made(raising(NotMeasured("0 samples do not make a line")))
     assert result.reason == "the measurement: 0 samples do not make a line; no samples arrive of load_cell.1"
 

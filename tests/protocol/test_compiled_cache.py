@@ -15,7 +15,7 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.runtime.binding import LOCK, cached, folder_of, take_turns
+from bench_protocol.runtime.binding import LOCK, cached, folder_of, lock_cache
 from bench_protocol.runtime.sources import digest_of
 
 WORKERS, FUNCTIONS = 4, 40
@@ -27,7 +27,7 @@ def _kept_at_once(folder: Path, turns: bool) -> int:
     def one() -> IndexDataCacheFile:
         made = IndexDataCacheFile(str(folder), "function", 0)
         if turns:
-            take_turns(made)
+            lock_cache(made)
         return made
 
     def save(worker: int) -> None:
@@ -66,7 +66,7 @@ def test_a_file_system_without_locks_is_no_hindrance(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(fcntl, "flock", unlocked)
     cache = IndexDataCacheFile(str(tmp_path), "function", 0)
-    take_turns(cache)
+    lock_cache(cache)
     cache.save("key", "code")
     assert cache.load("key") == "code"
 
@@ -88,7 +88,7 @@ def test_what_another_release_kept_is_compiled_anew(tmp_path: Path, what: str, p
     cache.save("key", "code")
     index = place.endswith(".nbi")
     (tmp_path / place).write_bytes((pickle.dumps(numba.__version__) if index else b"") + KEPT[what])
-    take_turns(cache)
+    lock_cache(cache)
     assert cache.load("key") is None
     cache.save("key", "code of today")
     assert cache.load("key") == "code of today"

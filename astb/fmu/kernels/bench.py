@@ -60,7 +60,7 @@ def _command(given: Any, u: Any) -> None:
 
 
 @compiled
-def _tell(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+def _write_outputs(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     bench_slope(0.0, x, mem, u, par, (), dx, out)
     true_values(x, mem, par, out, out[ALGEBRAICS:])
 
@@ -90,7 +90,7 @@ def advance(
         begin(bench_slope, x, mem, u, par, (), work[0], out)
         integrate(bench_slope, dt, scheme, x, mem, u, par, (), work, out)
         mem.step += 1
-    _tell(x, mem, u, par, work[0], out)
+    _write_outputs(x, mem, u, par, work[0], out)
 
 
 def start(
@@ -116,4 +116,4 @@ def start(
             mem.mode[j] = Mode.FORCE.value
             x[State.ACTUATOR + j] = force[j]
     _settle(x, mem, par, bellows, height, pressure, supply_open(u, par))
-    _tell(x, mem, u, par, work[0], out)
+    _write_outputs(x, mem, u, par, work[0], out)

@@ -34,7 +34,7 @@ class Force(IntEnum):
     WIND = 6  #: N to the left
 
 
-class Told(IntEnum):
+class CarOutput(IntEnum):
     """What it tells; displacements are followed by their speeds and accelerations."""
 
     HEIGHT = 0  #: of the springs, left and right, and how far they are sheared
@@ -52,7 +52,7 @@ class Told(IntEnum):
 INPUTS: Final = 7
 #: The track: lateral, vertical, roll, their speeds and accelerations.
 MOTIONS: Final = 9
-OUTPUTS: Final = Told.PLACE + 3
+OUTPUTS: Final = CarOutput.PLACE + 3
 assert len(SIDES) == 2
 
 _move, _ahead, _shaken = (compiled(one) for one in (law.move_car, law.springs_ahead, law.floor_acceleration))
@@ -78,12 +78,12 @@ def _load(car: Any, u: Any) -> None:
 
 
 @compiled
-def _tell(car: Any, motion: Any, out: Any) -> None:
+def _write_outputs(car: Any, motion: Any, out: Any) -> None:
     shear, height, roll = _ahead(car, 0.0, car.track[0], car.track[1], car.track[2])
     b, e = car.spring_half_spacing, car.centre_height
-    out[Told.HEIGHT] = height + b * roll
-    out[Told.HEIGHT + 1] = height - b * roll
-    out[Told.HEIGHT + 2] = shear
+    out[CarOutput.HEIGHT] = height + b * roll
+    out[CarOutput.HEIGHT + 1] = height - b * roll
+    out[CarOutput.HEIGHT + 2] = shear
     for rate in range(2):
         # Of the car, less that of the track.
         if rate == 0:
@@ -92,16 +92,16 @@ def _tell(car: Any, motion: Any, out: Any) -> None:
         else:
             y, z, phi = car.acceleration[0], car.acceleration[1], car.acceleration[2]
             y_t, z_t, phi_t = motion[6], motion[7], motion[8]
-        first = Told.HEIGHT_SPEED + 3 * rate
+        first = CarOutput.HEIGHT_SPEED + 3 * rate
         out[first] = z - z_t + b * (phi - phi_t)
         out[first + 1] = z - z_t - b * (phi - phi_t)
         out[first + 2] = y + e * phi - y_t
-    out[Told.SHEAR], out[Told.MEAN_HEIGHT], out[Told.ROLL] = shear, height, roll
-    out[Told.ACCELERATION] = _shaken(car)
-    out[Told.RISING] = car.acceleration[1]
-    out[Told.BUMP_STOP] = car.bump_stop
+    out[CarOutput.SHEAR], out[CarOutput.MEAN_HEIGHT], out[CarOutput.ROLL] = shear, height, roll
+    out[CarOutput.ACCELERATION] = _shaken(car)
+    out[CarOutput.RISING] = car.acceleration[1]
+    out[CarOutput.BUMP_STOP] = car.bump_stop
     for way in range(3):
-        out[Told.PLACE + way] = car.place[way]
+        out[CarOutput.PLACE + way] = car.place[way]
 
 
 def advance(
@@ -116,7 +116,7 @@ def advance(
     work: Any,
     out: Any,
 ) -> None:
-    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (`Told`) what is at their end.
+    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (`CarOutput`) what is at their end.
 
     The track's ``motion`` was given ``since`` s before the first of them; forces are held. All that moves stands in the
     record: ``x``, ``memory`` and ``work`` are not read.
@@ -127,7 +127,7 @@ def advance(
         _follow_track(car, motion, since + k * dt)
         _move(car, dt)
     _follow_track(car, motion, since + steps * dt)
-    _tell(car, motion, out)
+    _write_outputs(car, motion, out)
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
@@ -141,4 +141,4 @@ def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float,
         car.speed[way] = car.track_rate[way]
     car.speed[0] -= car.centre_height * car.track_rate[2]
     _move(car, 0.0)
-    _tell(car, motion, out)
+    _write_outputs(car, motion, out)

@@ -59,7 +59,7 @@ def driven_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any,
 
 
 @compiled
-def tell_gauge(x: Any, par: Any, out: Any) -> None:
+def write_gauge(x: Any, par: Any, out: Any) -> None:
     """Write what stands behind the algebraic quantities (`Gauge`)."""
     air = par.atmospheric_pressure
     for k in range(SIDES):
@@ -118,7 +118,7 @@ def advance(
         integrate(driven_springs, dt, scheme, x, mem, u, par, given, work, out)
         mem.step += 1
     driven_springs(0.0, x, mem, u, par, (since + steps * dt, motion), work[0], out)
-    tell_gauge(x, par, out)
+    write_gauge(x, par, out)
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
@@ -138,4 +138,4 @@ def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float,
     stretch_springs(0.0, motion, x, par)
     settle(x, mem, par, Gas(pressure, temperature), Before(nothing, work[7:]), out)
     driven_springs(0.0, x, mem, u, par, (0.0, motion), work[0], out)
-    tell_gauge(x, par, out)
+    write_gauge(x, par, out)

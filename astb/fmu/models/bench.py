@@ -84,8 +84,8 @@ def _setpoints(parameters: Parameters) -> Iterator[Variable]:
 
 
 def _setpoint(name: str, place: int, begins: float) -> Variable:
-    told = TABLE[name]
-    return Variable(name, told.si, Kind.INPUT, place, told.description, begins, told.low, told.high)
+    signal = TABLE[name]
+    return Variable(name, signal.si, Kind.INPUT, place, signal.description, begins, signal.low, signal.high)
 
 
 def structured(name: str) -> str:

@@ -6,7 +6,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from astb.fmu.kernels.car import CAR, INPUTS, MOTIONS, NOTHING, OUTPUTS, ROWS, Force, Told, advance, start
+from astb.fmu.kernels.car import (
+    CAR,
+    INPUTS,
+    MOTIONS,
+    NOTHING,
+    OUTPUTS,
+    ROWS,
+    CarOutput,
+    Force,
+    advance,
+    start,
+)
 from astb.fmu.models.springs import MOTIONS as STRETCH
 from astb.fmu.models.springs import OF_SPRINGS
 from astb.fmu.unit import Code, Kind, Unit, Variable, offset, parameters_of
@@ -96,12 +107,12 @@ def _inputs(parameters: Parameters) -> Iterator[Variable]:
 
 def _outputs() -> Iterator[Variable]:
     for place, (name, unit, text) in enumerate(STRETCH):
-        yield Variable(name, unit, Kind.OUTPUT, Told.HEIGHT + place, text.split(",")[0])
+        yield Variable(name, unit, Kind.OUTPUT, CarOutput.HEIGHT + place, text.split(",")[0])
     for place, name in enumerate(_READ):
-        told = TABLE[f"car.{name}"]
-        yield Variable(told.name, told.si, Kind.OUTPUT, Told.SHEAR + place, told.description)
+        signal = TABLE[f"car.{name}"]
+        yield Variable(signal.name, signal.si, Kind.OUTPUT, CarOutput.SHEAR + place, signal.description)
     for place, (name, unit, text) in enumerate(_PLACE):
-        yield Variable(name, unit, Kind.OUTPUT, Told.PLACE + place, text)
+        yield Variable(name, unit, Kind.OUTPUT, CarOutput.PLACE + place, text)
 
 
 def _parameters(parameters: Parameters, vehicle: VehicleParameters, record: Any) -> Iterator[Variable]:

@@ -109,7 +109,7 @@ def springs(parameters: Parameters) -> Unit:
     )
 
 
-def told(name: str, text: str = "") -> str:
+def description_of(name: str, text: str = "") -> str:
     """Return ``text``, or what the table of signals says."""
     return text or TABLE[name].description
 
@@ -124,7 +124,7 @@ def _motions() -> Iterator[Variable]:
 def valves() -> Iterator[Variable]:
     """Yield what feeds the springs and joins their chambers."""
     for name, number, begins, low, text in VALVES:
-        yield Variable(name, "1", Kind.INPUT, int(number), told(name, text), begins, low, 1.0)
+        yield Variable(name, "1", Kind.INPUT, int(number), description_of(name, text), begins, low, 1.0)
 
 
 def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
@@ -132,7 +132,7 @@ def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
     for name, unit, first, text in rows:
         for side, word in enumerate(SIDES):
             full = f"{word}.{name}"
-            yield Variable(full, unit, Kind.OUTPUT, first + side, told(full, text))
+            yield Variable(full, unit, Kind.OUTPUT, first + side, description_of(full, text))
 
 
 def dpv_flow() -> Variable:
@@ -143,7 +143,7 @@ def dpv_flow() -> Variable:
 def _outputs() -> Iterator[Variable]:
     yield from of_sides((*OF_SPRINGS, *_GAS, *FLOWS))
     yield dpv_flow()
-    yield Variable("supply.pressure", "Pa", Kind.OUTPUT, Gauge.SUPPLY, told("supply.pressure"))
+    yield Variable("supply.pressure", "Pa", Kind.OUTPUT, Gauge.SUPPLY, description_of("supply.pressure"))
 
 
 def _parameters(parameters: Parameters) -> Iterator[Variable]:

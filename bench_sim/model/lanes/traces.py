@@ -202,7 +202,7 @@ class TracedReplay:
         columns = np.empty((SIDES, LENGTH // LANES))
         memory = np.zeros(1, MEMORY).view(np.recarray)
         powers = power_coefficients(float(parameters.heat_capacity_ratio))
-        begin_springs(x, memory, _one(parameters), gas, before or Before.nothing(), powers, columns)
+        begin_springs(x, memory, _one(parameters), gas, before or Before.at_rest(), powers, columns)
         left, right = (
             LaneSpring(columns[i], parameters, i, self.courses[i], shift, supply_error) for i in range(SIDES)
         )

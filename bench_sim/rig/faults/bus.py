@@ -23,7 +23,7 @@ from bench_sim.rig.faults.bus_stage import (
 )
 from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, Place, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 _DIRECTION: Final = FaultChoice("direction", (FROM_RIG, TO_RIG, BOTH), "which way the frames go", BOTH)
 _MESSAGE: Final = FaultChoice(
@@ -40,7 +40,7 @@ _WHICH: Final = (_DIRECTION, _MESSAGE, _SEED)
 
 
 def _frames(make: Callable[[Values], FrameFault]) -> Begin:
-    def begin(points: InsertionPoints, values: Values) -> Mend:
+    def begin(points: InsertionPoints, values: Values) -> Undo:
         return points.on_bus(make(values))
 
     return begin
@@ -55,15 +55,15 @@ def _delayed(v: Values) -> FrameFault:
     return Delayed(by, jitter, direction=v["direction"], message=v["message"], seed=int(v["seed"]))
 
 
-def _cut(points: InsertionPoints, values: Values) -> Mend:
+def _cut(points: InsertionPoints, values: Values) -> Undo:
     del values
-    mends = points.on_bus(Silence()), points.cut("can")
+    undos = points.on_bus(Silence()), points.cut("can")
 
-    def mend() -> None:
-        for one in mends:
+    def undo() -> None:
+        for one in undos:
             one()
 
-    return mend
+    return undo
 
 
 FAULTS: Final = (

@@ -14,7 +14,7 @@ from bench_sim.rig.can_bus import CanBus
 from bench_sim.rig.faults.bus_stage import FaultStage, FrameFault
 from bench_sim.rig.faults.in_tick import DISTURBANCE, DISTURBANCES_MAX, DisturbanceKind, FaultArrays
 from bench_sim.rig.faults.modbus_filter import ModbusFilter
-from bench_sim.rig.faults.schedule import Mend, Schedule
+from bench_sim.rig.faults.schedule import Schedule, Undo
 from bench_sim.rig.springs import Springs
 
 _DISTURBANCES, _INPUTS = 0, 1
@@ -41,7 +41,7 @@ class Wire(Protocol):
     def cut(self) -> None:
         """Close all connections and refuse new ones."""
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Accept clients again."""
 
 
@@ -64,7 +64,7 @@ class TickFaults:
 
     def disturb(
         self, sensor: int, kind: DisturbanceKind, value: float, *, chance: float = 0.0, seed: int = 0
-    ) -> Mend:
+    ) -> Undo:
         """Disturb a reading from now on. RuntimeError if too many are disturbed already."""
         if len(self._rows) == DISTURBANCES_MAX:
             raise RuntimeError(f"{DISTURBANCES_MAX} readings are disturbed already: mend one of them first")
@@ -73,24 +73,24 @@ class TickFaults:
         self._rows.append(row)
         self._write()
 
-        def mend() -> None:
+        def undo() -> None:
             self._save()
             self._rows = [one for one in self._rows if one is not row]
             self._write()
 
-        return mend
+        return undo
 
-    def hold(self, values: Mapping[Input, float]) -> Mend:
+    def hold(self, values: Mapping[Input, float]) -> Undo:
         """Hold inputs of the plant at ``values``, independent of the controls; the last hold of an input applies."""
         held = dict(values)
         self._holds.append(held)
         self._write()
 
-        def mend() -> None:
+        def undo() -> None:
             self._holds = [one for one in self._holds if one is not held]
             self._write()
 
-        return mend
+        return undo
 
     def _save(self) -> None:
         """Copy the state that the tick has stored: the value of a stuck reading."""
@@ -116,7 +116,7 @@ class ParameterFaults:
         self._sound: dict[str, npt.NDArray[np.float64]] = {}
         self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
 
-    def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Mend:
+    def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Undo:
         """Alter the parameters ``names`` by ``change(record)`` until the returned function is called.
 
         RuntimeError for parameters of springs that an FMU computes.
@@ -125,10 +125,10 @@ class ParameterFaults:
         entry = names, change
         self._rebuild([*self._changes, entry])
 
-        def mend() -> None:
+        def undo() -> None:
             self._rebuild([one for one in self._changes if one is not entry])
 
-        return mend
+        return undo
 
     def own(self, names: Collection[str]) -> None:
         """Raise RuntimeError if one of these parameters is of springs that an FMU computes."""
@@ -178,7 +178,7 @@ class InsertionPoints:
         for name in dict.fromkeys(self._cut):
             self._act(name, cut=True)
 
-    def on_bus(self, fault: FrameFault) -> Mend:
+    def on_bus(self, fault: FrameFault) -> Undo:
         """Apply ``fault`` to the frames of the bus until the returned function is called.
 
         The stage stays on the bus after the first fault, because its removal would have to wait for its users.
@@ -189,21 +189,21 @@ class InsertionPoints:
             self._wires.bus.add(self._stage)
         return end
 
-    def cut(self, name: str) -> Mend:
+    def cut(self, name: str) -> Undo:
         """Close all connections of ``can`` or ``modbus``, and refuse new ones until the returned function is called."""
         self._cut.append(name)
         if self._cut.count(name) == 1:
             self._act(name, cut=True)
 
-        def mend() -> None:
+        def undo() -> None:
             self._cut.remove(name)
             if name not in self._cut:
                 self._act(name, cut=False)
 
-        return mend
+        return undo
 
     def _act(self, name: str, *, cut: bool) -> None:
         wires = self._wires
         wire = None if wires is None else wires.can if name == "can" else wires.modbus
         if wire is not None:
-            (wire.cut if cut else wire.mend)()
+            (wire.cut if cut else wire.restore)()

@@ -16,7 +16,7 @@ from bench_sim.rig.faults.modbus_filter import (
     Slow,
     Split,
 )
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 _REQUESTS: Final = FaultChoice("requests", (READS, WRITES, ALL), "which requests", ALL)
 _SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the requests", 0, whole=True)
@@ -25,20 +25,20 @@ _WHICH: Final = (_CHANCE, _REQUESTS, _SEED)
 
 
 def _requests(make: Callable[[Values], RequestFault]) -> Begin:
-    def begin(points: InsertionPoints, values: Values) -> Mend:
+    def begin(points: InsertionPoints, values: Values) -> Undo:
         return points.modbus.add(make(values))
 
     return begin
 
 
-def _restart(points: InsertionPoints, values: Values) -> Mend:
+def _restart(points: InsertionPoints, values: Values) -> Undo:
     del values
-    mend = points.cut("modbus")
+    undo = points.cut("modbus")
     points.rig.cut_power()
 
     def back() -> None:
         points.rig.power_on()
-        mend()
+        undo()
 
     return back
 

@@ -37,7 +37,7 @@ def read_time(name: str, text: str | None) -> float | None:
         raise FaultError(str(error)) from None
 
 
-def obey(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
+def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
     """Carry out the order in ``line`` under the rig's ``lock``; return the answer, a line as well. Never raises."""
     try:
         order = msgspec.json.decode(line, type=Order)
@@ -51,7 +51,7 @@ def obey(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -
     return _line(answer)
 
 
-def told(fault: Fault) -> dict[str, Any]:
+def as_json(fault: Fault) -> dict[str, Any]:
     """Return what there is to say of a fault, for JSON."""
     return {
         "name": fault.name,
@@ -72,13 +72,13 @@ def _asked(one: FaultNumber | FaultChoice) -> dict[str, Any]:
     return found
 
 
-_CATALOGUE: Final = [told(fault) for fault in FAULTS.values()]
+_CATALOGUE: Final = [as_json(fault) for fault in FAULTS.values()]
 
 
 def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
     if order.do == "on":
         active = panel.on(order.name, order.values, read_time("for", order.lasting))
-        return {"time": panel.time, "on": [active.told()]}
+        return {"time": panel.time, "on": [active.as_json()]}
     if order.values or order.lasting is not None:
         raise FaultError(f"{order.do} takes no values and no time")
     if order.do == "off":
@@ -88,7 +88,7 @@ def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
     return {
         "time": panel.time,
         "faults": _CATALOGUE,
-        "on": [active.told() for active in panel.active],
+        "on": [active.as_json() for active in panel.active],
     }
 
 

@@ -9,7 +9,7 @@ from bench_sim.rig.controls import Happened
 from bench_sim.rig.faults.catalogue import find_fault
 from bench_sim.rig.faults.fault import Fault, FaultError
 from bench_sim.rig.faults.insertion import InsertionPoints
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 #: More than this is a mistake, in s: a day.
 LONGEST: Final = 86_400.0
@@ -34,9 +34,9 @@ class ActiveFault:
     given: Mapping[str, Any]
     since: float
     until: float | None
-    mends: tuple[Mend, ...]
+    undos: tuple[Undo, ...]
 
-    def told(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return what there is to say of it, for JSON."""
         return {
             "label": self.label,
@@ -77,17 +77,17 @@ class FaultPanel:
             self._off(label)
         lasting = fault.lasts if lasting is None else lasting
         schedule = self.points.schedule
-        mends: list[Mend] = []
+        undos: list[Undo] = []
         until = None
         try:
-            mends.append(fault.begin(self.points, values))
+            undos.append(fault.begin(self.points, values))
         except RuntimeError as error:
             raise FaultError(f"{label}: {error}") from None
         if lasting is not None:
             end = schedule.tick + max(1, round(lasting / TICK))
-            mends.append(schedule.at(end, lambda: self._off(label)))
+            undos.append(schedule.at(end, lambda: self._off(label)))
             until = round(end * TICK, 6)
-        self._on[label] = active = ActiveFault(label, fault, given, self.time, until, tuple(mends))
+        self._on[label] = active = ActiveFault(label, fault, given, self.time, until, tuple(undos))
         return active
 
     def off(self, name: str) -> list[str]:
@@ -129,8 +129,8 @@ class FaultPanel:
 
     def _off(self, label: str) -> None:
         # A fault ends in the reverse order of its beginning; what has run out cancels nothing any more.
-        for mend in reversed(self._on.pop(label).mends):
-            mend()
+        for undo in reversed(self._on.pop(label).undos):
+            undo()
 
 
 def _check_time(name: str, value: float | None, least: float) -> None:

@@ -8,7 +8,7 @@ from bench_sim.model.effects.gas import sonic_conductance
 from bench_sim.model.layout import Input, Mode
 from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, Place, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 _SIDE: Final = FaultChoice("side", SIDES, "which spring")
 #: A lever that long ago let go stands far beyond the range of its valve, and no farther than it comes back in seconds.
@@ -17,7 +17,7 @@ _LEVER_GONE: Final = 0.1
 _NEVER: Final = 1e12
 
 
-def _leak(points: InsertionPoints, v: Values) -> Mend:
+def _leak(points: InsertionPoints, v: Values) -> Undo:
     side = SIDES.index(v["side"])
     return points.parameters.change(
         ("leak_conductance",),
@@ -25,7 +25,7 @@ def _leak(points: InsertionPoints, v: Values) -> Mend:
     )
 
 
-def _burst(points: InsertionPoints, v: Values) -> Mend:
+def _burst(points: InsertionPoints, v: Values) -> Undo:
     side, hole = SIDES.index(v["side"]), sonic_conductance(v["area"], points.gas_constant)
 
     def change(par: Any) -> None:
@@ -34,7 +34,7 @@ def _burst(points: InsertionPoints, v: Values) -> Mend:
     return points.parameters.change(("leak_conductance",), change)
 
 
-def _blocked(points: InsertionPoints, v: Values) -> Mend:
+def _blocked(points: InsertionPoints, v: Values) -> Undo:
     side = SIDES.index(v["side"])
     return points.parameters.change(
         ("discharge_coefficient",),
@@ -44,7 +44,7 @@ def _blocked(points: InsertionPoints, v: Values) -> Mend:
     )
 
 
-def _leveling(points: InsertionPoints, v: Values) -> Mend:
+def _leveling(points: InsertionPoints, v: Values) -> Undo:
     side, how = SIDES.index(v["side"]), v["at"]
 
     def change(par: Any) -> None:
@@ -62,7 +62,7 @@ def _leveling(points: InsertionPoints, v: Values) -> Mend:
     return points.parameters.change(names, change)
 
 
-def _dpv(points: InsertionPoints, v: Values) -> Mend:
+def _dpv(points: InsertionPoints, v: Values) -> Undo:
     shut = v["at"] == "shut"
 
     def change(par: Any) -> None:
@@ -72,17 +72,17 @@ def _dpv(points: InsertionPoints, v: Values) -> Mend:
     return points.parameters.change(("dpv_opening", "dpv_reclosing"), change)
 
 
-def _service_valve(points: InsertionPoints, v: Values) -> Mend:
+def _service_valve(points: InsertionPoints, v: Values) -> Undo:
     opening = {"filling": 1.0, "shut": 0.0, "exhausting": -1.0}[v["at"]]
     return points.tick.hold({Input(Input.LEFT_SERVICE_VALVE + SIDES.index(v["side"])): opening})
 
 
-def _reservoir_valve(points: InsertionPoints, v: Values) -> Mend:
+def _reservoir_valve(points: InsertionPoints, v: Values) -> Undo:
     place = Input(Input.LEFT_RESERVOIR_VALVE + SIDES.index(v["side"]))
     return points.tick.hold({place: 1.0 if v["at"] == "open" else 0.0})
 
 
-def _seized(points: InsertionPoints, v: Values) -> Mend:
+def _seized(points: InsertionPoints, v: Values) -> Undo:
     place = ACTUATORS.index(v["actuator"])
     return points.tick.hold(
         {
@@ -92,7 +92,7 @@ def _seized(points: InsertionPoints, v: Values) -> Mend:
     )
 
 
-def _supply(points: InsertionPoints, v: Values) -> Mend:
+def _supply(points: InsertionPoints, v: Values) -> Undo:
     def change(par: Any) -> None:
         par.supply_sawtooth = 0.0
         par.supply_pressure = v["pressure"]

@@ -5,7 +5,7 @@ import itertools
 from collections.abc import Callable
 from typing import Any, Final
 
-Mend = Callable[[], None]
+Undo = Callable[[], None]
 _NEVER: Final = -1
 
 
@@ -16,30 +16,30 @@ class Schedule:
         self._controls = controls
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._order = itertools.count()
-        self._tell()
+        self._set_next_tick()
 
     @property
     def tick(self) -> int:
         """The present tick."""
         return int(self._controls["tick"])
 
-    def at(self, tick: int, do: Callable[[], None]) -> Mend:
+    def at(self, tick: int, do: Callable[[], None]) -> Undo:
         """Call ``do()`` behind ``tick``, or behind the next one if that is over; return what cancels it."""
         number = next(self._order)
         heapq.heappush(self._due, (max(tick, self.tick + 1), number, do))
-        self._tell()
+        self._set_next_tick()
 
         def cancel() -> None:
             self._due = [one for one in self._due if one[1] != number]
             heapq.heapify(self._due)
-            self._tell()
+            self._set_next_tick()
 
         return cancel
 
-    def every(self, ticks: int, do: Callable[[], None]) -> Mend:
+    def every(self, ticks: int, do: Callable[[], None]) -> Undo:
         """Call ``do()`` behind the next tick and then every so many ticks; return what ends it."""
         running = True
-        cancel: Mend
+        cancel: Undo
 
         def again() -> None:
             nonlocal cancel
@@ -60,7 +60,7 @@ class Schedule:
         while self._due and self._due[0][0] <= self.tick:
             _, _, do = heapq.heappop(self._due)
             do()
-        self._tell()
+        self._set_next_tick()
 
-    def _tell(self) -> None:
+    def _set_next_tick(self) -> None:
         self._controls["fault_tick"] = self._due[0][0] if self._due else _NEVER

@@ -19,7 +19,7 @@ from bench_sim.rig.faults.fault import (
 )
 from bench_sim.rig.faults.in_tick import DisturbanceKind, chance_of
 from bench_sim.rig.faults.insertion import InsertionPoints
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 _NAMES: Final = tuple(signal.name for signal in MEASUREMENTS)
 _SENSOR: Final = FaultChoice("sensor", _NAMES, "whose reading")
@@ -33,20 +33,20 @@ def _of_sensor(name: str, unit: str, text: str) -> FaultNumber:
 
 
 def _disturbed(kind: DisturbanceKind, chance: Callable[[Values], float] = lambda _: 0.0) -> Begin:
-    def begin(points: InsertionPoints, v: Values) -> Mend:
+    def begin(points: InsertionPoints, v: Values) -> Undo:
         sensor, seed = sensor_of(v["sensor"]), int(v.get("seed", 0))
         return points.tick.disturb(sensor, kind, v.get("value", math.nan), chance=chance(v), seed=seed)
 
     return begin
 
 
-def _broken_wire(points: InsertionPoints, v: Values) -> Mend:
+def _broken_wire(points: InsertionPoints, v: Values) -> Undo:
     sensor = sensor_of(v["sensor"])
     reads = {LOW: points.sensor_low[sensor], HIGH: points.sensor_high[sensor], NOTHING: math.nan}
     return points.tick.disturb(sensor, DisturbanceKind.LOST, float(reads[v["reads"]]))
 
 
-def _swapped(points: InsertionPoints, v: Values) -> Mend:
+def _swapped(points: InsertionPoints, v: Values) -> Undo:
     sensor, other = v["sensor"], v["other"]
     if sensor == other or TABLE[sensor].si != TABLE[other].si:
         raise RuntimeError(f"{sensor} and {other} cannot be swapped; two sensors of one unit can")

@@ -7,27 +7,27 @@ from bench_protocol.units import NS
 from bench_sim.rig.faults.fault import Fault, FaultNumber, Place, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.modbus_filter import Mute
-from bench_sim.rig.faults.schedule import Mend
+from bench_sim.rig.faults.schedule import Undo
 
 
-def _late_ticks(points: InsertionPoints, v: Values) -> Mend:
+def _late_ticks(points: InsertionPoints, v: Values) -> Undo:
     by = round(v["by"] * NS)
     return points.schedule.every(max(1, round(v["every"] / TICK)), lambda: points.rig.stall(by))
 
 
-def _hung(points: InsertionPoints, v: Values) -> Mend:
+def _hung(points: InsertionPoints, v: Values) -> Undo:
     del v
     points.rig.hold_program()
     return points.modbus.add(Mute())
 
 
-def _estop(points: InsertionPoints, v: Values) -> Mend:
+def _estop(points: InsertionPoints, v: Values) -> Undo:
     del v
     points.rig.press_estop()
     return points.rig.release_estop
 
 
-def _power_loss(points: InsertionPoints, v: Values) -> Mend:
+def _power_loss(points: InsertionPoints, v: Values) -> Undo:
     del v
     points.rig.set_mains(there=False)
     return lambda: points.rig.set_mains(there=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from bench_protocol.rates import TICK
 from bench_sim.fmu.calls import load
 from bench_sim.fmu.description import FmuError
-from bench_sim.model.elsewhere import (
+from bench_sim.model.external_springs import (
     COMPONENT,
     GET,
     INPUT,
@@ -22,12 +22,12 @@ from bench_sim.model.elsewhere import (
     SET,
     STEP,
     VERSION,
-    Elsewhere,
+    ExternalSprings,
     Feed,
     Place,
     layout,
 )
-from bench_sim.rig.elsewhere import Call, Failure, begin_outputs, timed_step
+from bench_sim.rig.external_springs import Call, Failure, begin_outputs, timed_step
 from bench_sim.rig.spring_fmu.mapping import Coupling, fill
 
 _FUNCTIONS: Final = {
@@ -40,7 +40,7 @@ _STROKE: Final = 1e-3
 _FREQUENCY: Final = 2.0
 
 
-def shared(path: Path, coupling: Coupling, *, create: bool = False) -> Elsewhere:
+def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalSprings:
     """Return the arrays in the file ``path``; create it with what is known before there is an instance."""
     shapes = layout(*coupling.sizes)
     sizes = [int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in shapes]
@@ -49,7 +49,7 @@ def shared(path: Path, coupling: Coupling, *, create: bool = False) -> Elsewhere
         path.write_bytes(bytes(int(starts[-1])))
     with path.open("r+b") as file:
         memory = mmap.mmap(file.fileno(), 0)
-    e = Elsewhere(
+    e = ExternalSprings(
         *(
             np.frombuffer(memory, kind, int(np.prod(shape)), int(start)).reshape(shape)
             for (shape, kind), start in zip(shapes, starts, strict=False)
@@ -60,7 +60,7 @@ def shared(path: Path, coupling: Coupling, *, create: bool = False) -> Elsewhere
     return e
 
 
-def _prepare(e: Elsewhere, coupling: Coupling) -> None:
+def _prepare(e: ExternalSprings, coupling: Coupling) -> None:
     fill(e._asdict(), coupling)
     n = e.numbers
     n[Place.ON] = 1
@@ -79,7 +79,7 @@ def _prepare(e: Elsewhere, coupling: Coupling) -> None:
 
 
 def initialize(
-    e: Elsewhere,
+    e: ExternalSprings,
     coupling: Coupling,
     unpacked: Path,
     feeds: npt.NDArray[np.float64],
@@ -116,13 +116,13 @@ def initialize(
     return kept
 
 
-def _feed(e: Elsewhere, held: npt.NDArray[np.float64], at_end: npt.NDArray[np.float64]) -> None:
+def _feed(e: ExternalSprings, held: npt.NDArray[np.float64], at_end: npt.NDArray[np.float64]) -> None:
     for row, feeds in enumerate((held, at_end)):
         e.inputs[row] = e.feed_scale[:, 0] * feeds[e.fed] + e.feed_scale[:, 1]
 
 
 def time_steps(
-    e: Elsewhere, coupling: Coupling, feeds: npt.NDArray[np.float64], steps: int
+    e: ExternalSprings, coupling: Coupling, feeds: npt.NDArray[np.float64], steps: int
 ) -> npt.NDArray[np.float64]:
     """Return the durations (s) of some communication steps, with both springs moving up and down a little.
 
@@ -161,7 +161,7 @@ _CALLS: Final = {
 _STATUS: Final = {2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 
 
-def where(e: Elsewhere, coupling: Coupling) -> str:
+def where(e: ExternalSprings, coupling: Coupling) -> str:
     """Return the present or last call, its instance and its time, in words."""
     k = e.numbers[Place.INSTANCE]
     which = f" of the {coupling.instances[k].name} spring" if len(coupling.instances) > 1 else ""
@@ -170,7 +170,7 @@ def where(e: Elsewhere, coupling: Coupling) -> str:
     return f"{_CALLS[Call(e.numbers[Place.CALL])]}{which} at {e.clock[0]:.6g} s"
 
 
-def failure_reason(e: Elsewhere, coupling: Coupling) -> str:
+def failure_reason(e: ExternalSprings, coupling: Coupling) -> str:
     """Return in words why a call failed that returned."""
     n = e.numbers
     match Failure(n[Place.FAILED]):

@@ -18,7 +18,7 @@ from bench_protocol.words import SIDES
 from bench_protocol.written_values import NotAValue, read_written
 from bench_sim.fmu.description import REALS, Fmu, FmuError, Variable, without_angles
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.elsewhere import SUPPLY_TAKEN, Feed, Hold
+from bench_sim.model.external_springs import SUPPLY_TAKEN, Feed, Hold
 from bench_sim.rig.spring_fmu.keys import TIMEOUT_MAX, SpringMap, VariableKeys
 
 #: Inputs of one spring: unit, place on the left, and distance to the place on the right.
@@ -387,7 +387,7 @@ def _seconds(what: str, text: str, most: float) -> float:
 
 
 def fill(numbers: Mapping[str, npt.NDArray[np.float64]], coupling: Coupling) -> None:
-    """Write references, places and scales of ``coupling`` into the arrays of `Elsewhere`, by their names."""
+    """Write references, places and scales of ``coupling`` into the arrays of `ExternalSprings`, by their names."""
     inputs = [link for one in coupling.instances for link in one.inputs]
     outputs = [link for one in coupling.instances for link in one.outputs]
     for links, references, places, scales in (

@@ -13,11 +13,11 @@ from bench_protocol.rates import TICK
 from bench_sim.fmu.description import FmuError, read_fmu
 from bench_sim.fmu.process import FmuRunner, Worker, log_tail
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.elsewhere import FEEDS, SUPPLY_TAKEN, Elsewhere, Feed, Place
+from bench_sim.model.external_springs import FEEDS, SUPPLY_TAKEN, ExternalSprings, Feed, Place
 from bench_sim.model.layout import SIDES, Input
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PLANT_QUANTITIES, Lanes
-from bench_sim.rig.elsewhere import Failure
+from bench_sim.rig.external_springs import Failure
 from bench_sim.rig.spring_fmu.instances import failure_reason, initialize, shared, where
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from bench_sim.rig.spring_fmu.mapping import Coupling, coupling_of
@@ -125,8 +125,8 @@ class SpringFmu:
         return frozenset(
             one.name
             for one in PLANT_QUANTITIES
-            if (one.lanes is Lanes.ELSEWHERE and supply and one.name.startswith(_SUPPLY))
-            or not (one.lanes & (Lanes.ELSEWHERE | bench))
+            if (one.lanes is Lanes.NOT_IN_LANES and supply and one.name.startswith(_SUPPLY))
+            or not (one.lanes & (Lanes.NOT_IN_LANES | bench))
         )
 
     def pressures(self) -> npt.NDArray[np.float64]:
@@ -155,7 +155,7 @@ class SpringFmu:
 
     def _start(
         self, memory: str, coupling: Coupling, feeds: npt.NDArray[np.float64], steps: int = 0
-    ) -> tuple[Worker, Elsewhere, npt.NDArray[np.float64]]:
+    ) -> tuple[Worker, ExternalSprings, npt.NDArray[np.float64]]:
         """Initialize the FMU in a worker. Return it, its shared memory, and the durations (s) of trial ``steps``."""
         path = self._runner.folder / memory
         e = shared(path, coupling, create=True)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from bench_protocol.clock import hurry
 from bench_sim.fmu.process import RequestPipes, print_log
-from bench_sim.rig.elsewhere import serve
+from bench_sim.rig.external_springs import serve
 from bench_sim.rig.spring_fmu.instances import initialize, shared, time_steps
 from bench_sim.rig.spring_fmu.mapping import Coupling
 

@@ -143,7 +143,7 @@ def remembered_places(
 
 def before(settings: Mapping[str, float], par: Any) -> Before:
     """Return what rubber remembers where a run begins, as a replay takes it, by the settings that tell it."""
-    told = Before.nothing()
+    told = Before.at_rest()
     for i, side in enumerate(SIDES):
         if par.creep_ratio[i]:
             load = remembered(settings, side, float(par.creep_time[i]))

@@ -31,7 +31,7 @@ from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Turns, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Gas, ParameterChanges, replay
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
@@ -237,7 +237,7 @@ class AirSpring(CompleteSimulator):
         The first one holds since sample 0, and is not nothing: what comes late has done so from the start.
         """
         records = np.array([self.record(experiment, {}, {effect: one}) for one in values], PARAMETERS)
-        first, later = records.view(np.recarray)[0], Turns(since[1:], records[1:])
+        first, later = records.view(np.recarray)[0], ParameterChanges(since[1:], records[1:])
         of = np.searchsorted(since, np.arange(len(experiment.time)), "right") - 1
         prepared = self._prepare(experiment).moved_by_each(records.view(np.recarray), of)
         return self._replay(prepared, first, self._gas(experiment, {}, first), 0.0, 0.0, later)
@@ -327,7 +327,7 @@ class AirSpring(CompleteSimulator):
         gas: Gas,
         shift: float,
         supply_error: float,
-        turns: Turns | None = None,
+        changes: ParameterChanges | None = None,
     ) -> Array:
         motion = prepared.motion
         if shift:
@@ -342,7 +342,7 @@ class AirSpring(CompleteSimulator):
             step=self.step,
             start=settings.get("start", 0.0),
             before=history.before(settings, record),
-            turns=turns,
+            changes=changes,
         )
         return readings[:, self._sensors]
 

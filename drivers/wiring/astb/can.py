@@ -124,7 +124,7 @@ class AstbOutlet:
         commands = [message.name for message in table.messages if not message.from_rig and message.rate]
         self._rows = self._encoder.rows(commands)
 
-    def bear(self, token: int) -> None:
+    def set_token(self, token: int) -> None:
         """Set the token of all frames from now on; not to be called while the cycle runs."""
         self._encoder.bind(token)
 

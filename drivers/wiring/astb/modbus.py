@@ -25,7 +25,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.astb.refusals import Told, why_action, why_settings
+from drivers.wiring.astb.refusals import RigState, why_action, why_settings
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
@@ -147,12 +147,12 @@ class AstbRegisters:
             why = self._why(refused, lambda told: why_action(name, told))
             raise Refused(f"{name} was refused in the rig's present state: {why}", refused.code) from None
 
-    def _why(self, refused: Refused, why: Callable[[Told], str]) -> str:
+    def _why(self, refused: Refused, why: Callable[[RigState], str]) -> str:
         """Return the reason of a refusal by the state of the rig; otherwise the rig's answer."""
         told = ""
         if refused.code == DEVICE_FAILURE:
             with suppress(BenchError):
-                told = why(Told(self.snapshot(), self.contacts()))
+                told = why(RigState(self.snapshot(), self.contacts()))
         return f"{told} (Modbus exception {refused.code})" if told else str(refused)
 
     def contacts(self) -> dict[str, bool]:

@@ -40,7 +40,7 @@ _PROGRAM: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class RigState:
     """The state of the rig just after a refusal: readings and settings in force (SI), and contacts."""
 
     readings: Mapping[str, float]
@@ -57,20 +57,20 @@ class Told:
         return PROGRAM_STATES[int(self.readings["rig.program"])]
 
 
-def why_action(name: str, told: Told) -> str:
+def why_action(name: str, rig: RigState) -> str:
     """Return why the rig refuses the action ``name``, and how to correct it; "" if the readings do not show it."""
-    state = told.state
+    state = rig.state
     possible = _POSSIBLE_IN.get(name, STATES)
     if state not in possible:
         return f"the bench is in {state}, and this is for {' or '.join(possible)}"
     if name == "action.power_on":
         return "the mains are off; switch them on first"
-    if name == "action.reset" and state == "ESTOP" and told.contacts.get("interlock.estop"):
+    if name == "action.reset" and state == "ESTOP" and rig.contacts.get("interlock.estop"):
         return "the emergency stop is pressed; release the button first"
-    if state in _NEEDS_COMMANDS.get(name, ()) and not told.contacts.get("interlock.command", True):
+    if state in _NEEDS_COMMANDS.get(name, ()) and not rig.contacts.get("interlock.command", True):
         return "no valid commands with D set arrive on CAN; send them first"
     if name in ("action.program_run", "action.program_add"):
-        if told.program == "RUN" or (told.program == "HOLD" and name == "action.program_add"):
+        if rig.program == "RUN" or (rig.program == "HOLD" and name == "action.program_add"):
             return "a program runs already; stop it first"
         many = f", or it would have more than {WAVES_AT_ONCE} waves" if name == "action.program_add" else ""
         return (
@@ -78,9 +78,9 @@ def why_action(name: str, told: Told) -> str:
             f"{many}; change the mode, or a smaller amplitude or frequency"
         )
     if name == "action.program_car":
-        if told.program in ("RUN", "HOLD"):
+        if rig.program in ("RUN", "HOLD"):
             return "a program runs already, or is held; stop it first"
-        if any(CONTROL_MODES[int(told.readings[one])] != "displacement" for one in _CONTROLS):
+        if any(CONTROL_MODES[int(rig.readings[one])] != "displacement" for one in _CONTROLS):
             return "a car moves actuators in displacement control; set vertical.control and lateral.control to it"
         return (
             "what is set is no car (it needs a mass, a radius of gyration, a bump stop whose travel rises from point "
@@ -89,25 +89,25 @@ def why_action(name: str, told: Told) -> str:
     return _PROGRAM.get(name, "")
 
 
-def why_settings(changed: Collection[str], told: Told) -> str:
+def why_settings(changed: Collection[str], rig: RigState) -> str:
     """Return why the rig refuses settings of which ``changed`` are new, and how to correct it; "" if unknown."""
     reasons = []
-    if told.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
-        how = "runs" if told.program == "RUN" else "is held"
+    if rig.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
+        how = "runs" if rig.program == "RUN" else "is held"
         reasons.append(f"no control mode changes while a program {how}; stop the program first")
     opened = any(name in _PLATES for name in changed)
     if opened or "rig.nominal_preload" in changed:
         what = "plates and pipes are" if opened else "shims are"
-        if why := _why_held(told, FLANGE if opened else EMPTY):
+        if why := _why_held(rig, FLANGE if opened else EMPTY):
             reasons.append(f"{what} changed when nothing holds the bolster and the springs are empty: {why}")
     return "; ".join(reasons)
 
 
-def _why_held(told: Told, pressure_max: float) -> str:
+def _why_held(rig: RigState, pressure_max: float) -> str:
     """Return why it is forbidden to reach under the bolster."""
-    if told.state in _ENGAGED:
-        return f"the actuators hold it, for the bench is in {told.state}; disarm the bench first"
-    measured = {name: told.readings.get(name, math.nan) for name in _CHAMBERS}
+    if rig.state in _ENGAGED:
+        return f"the actuators hold it, for the bench is in {rig.state}; disarm the bench first"
+    measured = {name: rig.readings.get(name, math.nan) for name in _CHAMBERS}
     full = [
         f"{name} is {TABLE[name].show(value)}"
         for name, value in measured.items()
@@ -122,6 +122,6 @@ def _why_held(told: Told, pressure_max: float) -> str:
         return f"{', '.join(silent)}; repair or replace the transducer first"
     if full:
         return f"{', '.join(full)}; vent both springs first, or disarm the bench, which vents them"
-    if told.state in LIVE_STATES:
-        return f"the actuators hold it, for the bench is in {told.state}; disarm the bench first"
+    if rig.state in LIVE_STATES:
+        return f"the actuators hold it, for the bench is in {rig.state}; disarm the bench first"
     return "the actuators still set it down; wait some seconds"

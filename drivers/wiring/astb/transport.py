@@ -142,7 +142,7 @@ class AstbTransport:
         token = self.registers.take_lease()
         self.commands = True
         self.given = {TOKEN: float(token)}
-        self.outlet.bear(token)
+        self.outlet.set_token(token)
         self.watchdog.start(clock)
 
     def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:

@@ -35,7 +35,7 @@ class Message:
     given: dict[str, float] = field(default_factory=dict)  #: values sent before the first write, by signal
     values: dict[str, float] = field(default_factory=dict)  #: present values to send, by signal
     count: int = -1  #: last counter sent
-    heard: int = -1  #: last counter received
+    last_counter: int = -1  #: last counter received
     when: int = -1  #: ns, last reception
     points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
     refused: str = ""  #: why the message is unusable, by the DBC
@@ -47,7 +47,7 @@ class Message:
 
     def begin(self) -> None:
         """Reset the state of an earlier connection."""
-        self.values, self.count, self.heard, self.when = dict(self.given), -1, -1, -1
+        self.values, self.count, self.last_counter, self.when = dict(self.given), -1, -1, -1
         self.source, self.source_when = self.keys.source, -1
 
     @property

@@ -331,7 +331,7 @@ class CanTransport:
                 note("corrupt")
                 return
             count = int(values[counter])
-            step = (count - message.heard) % message.counter_period
+            step = (count - message.last_counter) % message.counter_period
             if message.when >= 0 and time - message.when < message.stale * NS:
                 if step == 0:
                     message.when = (
@@ -340,7 +340,7 @@ class CanTransport:
                     note("repeated")
                     return
                 note("lost", step - 1)
-            message.heard, message.when = count, time
+            message.last_counter, message.when = count, time
         self._reception.received[message.name] += 1
         note("short", int(len(data) < message.coding.length))
         with self._lock:

@@ -54,11 +54,11 @@ class Writer:
                 return
             except Refused as refused:
                 if self._writes != "any" or refused.code != ILLEGAL_FUNCTION:
-                    raise _told(refused, sizes) from None
+                    raise _with_hint(refused, sizes) from None
                 if self._combines(address, words, ask):
                     return
                 if max(sizes) > 1:
-                    raise _told(refused, sizes) from None
+                    raise _with_hint(refused, sizes) from None
         for k, word in enumerate(words):
             ask(partial(_write_one, address + k, word))
         self._one_register = True
@@ -115,7 +115,7 @@ class Writer:
         return point.address == last.end and point.end - first.address <= limit
 
 
-def _told(refused: Refused, sizes: list[int]) -> Refused:
+def _with_hint(refused: Refused, sizes: list[int]) -> Refused:
     if refused.code != ILLEGAL_FUNCTION or max(sizes) < 2:
         return refused
     return Refused(

@@ -48,7 +48,7 @@ from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.opcua.reports import Reports
-from drivers.wiring.opcua.values import NEVER, NodeKeys, said_of
+from drivers.wiring.opcua.values import NEVER, NodeKeys, error_text
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
@@ -416,7 +416,7 @@ class OpcUaTransport:
         try:
             result = loop.run(work, within)
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
-            said = said_of(error, within)
+            said = error_text(error, within)
             reason = f"{what}: {self._where} failed: {said}; is the server running?"
             if self._listener.busy and self._listener.silence() >= self._patience:
                 self._listener.lose(reason)

@@ -90,7 +90,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         )
 
 
-def said_of(error: BaseException, within: float) -> str:
+def error_text(error: BaseException, within: float) -> str:
     """Return in words of ours what went wrong: a status of the server, or why it was not reached ``within`` s."""
     if isinstance(error, TimeoutError | CancelledError | asyncio.CancelledError):
         return f"no answer in {within:g} s"

@@ -11,7 +11,7 @@ from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import ordinary as dimensions
 from bench_protocol.units import NS, s
 from bench_sim.parameters import load
-from bench_sim.rig.faults.orders import obey
+from bench_sim.rig.faults.orders import execute_order
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.errors import BenchError
@@ -68,7 +68,7 @@ def bench_on(memory: RigInMemory, can, modbus) -> Bench:
     bench = Bench(own_wiring(can, modbus), memory.clock)
     bench.instruments, bench.dimensions = ordinary(), dimensions()
     bench.hand = SimulatedHand(
-        lambda order: json.loads(obey(memory.rig.faults, json.dumps(order).encode(), nullcontext()))
+        lambda order: json.loads(execute_order(memory.rig.faults, json.dumps(order).encode(), nullcontext()))
     )
     return bench
 

@@ -59,7 +59,7 @@ SUPPLY_TAKEN: Final = ALGEBRAICS
 
 
 class Place(IntEnum):
-    """Places in the numbers of `Elsewhere`."""
+    """Places in the numbers of `ExternalSprings`."""
 
     ON = 0  #: 1: there are springs from elsewhere
     INSTANCES = 1
@@ -69,8 +69,8 @@ class Place(IntEnum):
     TAKES = 5  #: quantities that come from there
     VALVES = 6  #: 1: the bench's valves feed the springs
     HOLD = 7  #: `Hold`
-    FAILED = 8  #: `bench_sim.rig.elsewhere.Failure`
-    CALL = 9  #: `bench_sim.rig.elsewhere.Call` in which it is, or was when it failed
+    FAILED = 8  #: `bench_sim.rig.external_springs.Failure`
+    CALL = 9  #: `bench_sim.rig.external_springs.Call` in which it is, or was when it failed
     INSTANCE = 10  #: of that call
     STATUS = 11  #: that it returned, or which of the outputs is no number
     APART = 12  #: 1: in a process of its own, which reads and writes
@@ -94,7 +94,7 @@ class Hold(IntEnum):
 COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
 
 
-class Elsewhere(NamedTuple):
+class ExternalSprings(NamedTuple):
     """Springs from elsewhere; with nobody there all is 0. Inputs and outputs of all instances stand in one row each."""
 
     numbers: npt.NDArray[np.int64]  #: `Place`
@@ -114,18 +114,18 @@ class Elsewhere(NamedTuple):
     feeds: npt.NDArray[np.float64]  #: (FEEDS,), SI
 
     @classmethod
-    def nobody(cls) -> "Elsewhere":
+    def none(cls) -> "ExternalSprings":
         """Of a bench with springs of its own."""
         return cls.of_size(0, 0, 0)
 
     @classmethod
-    def of_size(cls, instances: int, inputs: int, outputs: int) -> "Elsewhere":
+    def of_size(cls, instances: int, inputs: int, outputs: int) -> "ExternalSprings":
         """Return one with room for so many of each, in memory of its own."""
         return cls(*(np.zeros(shape, kind) for shape, kind in layout(instances, inputs, outputs)))
 
 
 def layout(instances: int, inputs: int, outputs: int) -> tuple[tuple[tuple[int, ...], Any], ...]:
-    """Return shape and type of each array of `Elsewhere`."""
+    """Return shape and type of each array of `ExternalSprings`."""
     return (
         ((len(Place),), np.int64),
         ((3,), np.float64),
@@ -177,7 +177,7 @@ def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
 def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
     """The right-hand side (`bench_sim.model.runge_kutta`) of the bench around springs from elsewhere.
 
-    ``given`` is `Elsewhere`, and how much of its communication step has passed and passes within 1 s.
+    ``given`` is `ExternalSprings`, and how much of its communication step has passed and passes within 1 s.
     """
     e, share, rate = given
     for k in range(_SUMMED):
@@ -205,7 +205,9 @@ def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
 
 
 @compiled
-def tell(feeds: Any, after: float, after_speed: float, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+def write_feeds(
+    feeds: Any, after: float, after_speed: float, x: Any, u: Any, par: Any, dx: Any, out: Any
+) -> None:
     """Write what can be fed (FEEDS), with displacements and speeds so long after the slope ``dx`` was taken."""
     vertical, roll, lateral = _accelerations(x, par, dx)
     for i in range(2):
@@ -242,7 +244,7 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     mean = n[Place.HOLD] == Hold.BEGIN and n[Place.BENDS] == 0
     for row in range(2):
         after = hold if row == 0 else T
-        tell(e.feeds, after, 0.5 * T if mean and row == 0 else after, x, u, par, dx, out)
+        write_feeds(e.feeds, after, 0.5 * T if mean and row == 0 else after, x, u, par, dx, out)
         for k in range(e.fed.size):
             e.inputs[row, k] = e.feed_scale[k, 0] * e.feeds[e.fed[k]] + e.feed_scale[k, 1]
 

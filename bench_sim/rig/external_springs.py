@@ -20,7 +20,7 @@ from bench_protocol.runtime.calls import (
 )
 from bench_sim.model.actuator import command_actuators
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
-from bench_sim.model.elsewhere import (
+from bench_sim.model.external_springs import (
     COMPONENT,
     GET,
     INPUT,
