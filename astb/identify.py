@@ -138,7 +138,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
         if ahead:
             progress(f"looking ahead to {ahead.name}", 0.9)
             answer = expected(found, experiments({ahead.name: ahead}, rig=rig_of(unknown.parameters)))
-        elif untold := [one for one in _asked(found) if not one.told]:
+        elif untold := [one for one in _asked(found) if not one.determined]:
             progress("looking for the run that would tell more", 0.9)
             further = list(_further(found, untold, unknown.parameters))
     if out is not None:
@@ -251,7 +251,7 @@ def _further(found: Identification, untold: Sequence[Identified], parameters: "P
         )
         yield what + (
             f"; after astb run {IDENTIFICATION.name} it would be {there.share:.1%}"
-            if there.told
+            if there.determined
             else f"; nor would astb run {IDENTIFICATION.name} tell it, with {there.share:.0%}"
         )
 
@@ -300,7 +300,7 @@ def _row(one: Identified, title: str) -> Row:
         believed_low=(parameter.nominal - wide) / scale,
         believed_high=(parameter.nominal + wide) / scale,
         left=one.share,
-        told=one.told,
+        told=one.determined,
     )
 
 
@@ -343,7 +343,7 @@ def _notes(asked: Sequence[Identified]) -> dict[str, str]:
         row, name = _row(one, ""), quantity(one.parameter.name)
         side = one.parameter.name.removesuffix(name).rstrip(".")
         text = f"{side} {interval(row.low, row.high, row.unit)}".strip()
-        text += "" if one.told else ", hardly told by the records"
+        text += "" if one.determined else ", hardly told by the records"
         notes[name] = f"{notes[name]}; {text}" if name in notes else text
     return notes
 
@@ -354,7 +354,7 @@ def _provenance(asked: Sequence[Identified], found: Identification, dataset: "Da
         "data": dataset.digest,
         "runs": [run.experiment.name for run in found.model.replay.runs],
         "deviations": {one.parameter.name: float(f"{one.deviation:.3g}") for one in asked},
-        "not_told": [one.parameter.name for one in asked if not one.told],
+        "not_told": [one.parameter.name for one in asked if not one.determined],
         "versions": {package: version(package) for package in ("astb", "numpy", "scipy")},
     }
 

@@ -15,7 +15,7 @@ that failed by nothing but such a strain are fitted together, if they are of dif
 
 Where that finds nothing either, and far more than the noise is left, the other one may be nowhere among the trials:
 beside a large leak, hardly anything else scores. So all candidates are scored beside the strained trial that explains
-most, and those that score highest there are fitted with it (`choose_beside`).
+most, and those that score highest there are fitted with it (`choose_with_strained`).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
     return min(found, key=lambda trial: trial.bic, default=None)
 
 
-def choose_beside(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
+def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
     """Return the best model of the trial that explains most, which is strained alone, and of what scores beside it."""
     current = state.current
     strained = next((trial for trial in trials if not trial.physical and trial.bic < current.model.bic), None)

@@ -9,7 +9,7 @@ base model may then predict as well as the extended one, and the prior alone spe
 
 from __future__ import annotations
 
-from diagnosis.engine.config import BELIEFS_TOLD, CONTRADICTED_PRIOR, STRAINED_PRIOR
+from diagnosis.engine.config import CONTRADICTED_PRIOR, PRIORS_SHOWN, STRAINED_PRIOR
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.finding import Imitation
@@ -20,7 +20,7 @@ def contradicted(model: FittedModel) -> list[str]:
     pairs = zip(model.point.coordinates, model.point.numbers, strict=True)
     far = [(abs(float(u)), c) for c, u in pairs if c.weight and not c.owner and abs(u) > CONTRADICTED_PRIOR]
     sentences = []
-    for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:BELIEFS_TOLD]:
+    for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:PRIORS_SHOWN]:
         parameter = coordinate.parameter
         value, nominal, spread = _believed(coordinate, model)
         unit = "" if (shown := parameter.display or parameter.unit) == "1" else f" {shown}"

@@ -191,7 +191,7 @@ REMAINDER: Final = 0.01
 UNKEPT_SURFACE_P: Final = 1e-6
 #: Part of what a cause gains that it must still gain beside a surface which imitates it. A stop that was called a cubic
 #: spring kept a hundredth, measured friction under its right name three to seven.
-GAIN_BESIDE_SURFACE: Final = 0.02
+GAIN_WITH_SURFACE: Final = 0.02
 #: Part of the information on an amplitude that a surface must take away to imitate the effect.
 IMITATED_INFORMATION: Final = 0.9
 #: Beside a cause, a surface may be so many times as large as is believed.
@@ -211,22 +211,22 @@ LEAST_EIGENVALUE: Final = 1e-6
 CLEAR_OF_FORM: Final = 3.0
 #: What is left of the error on the select runs, as a root over all channels, by a cause that owes nothing to the form.
 #: Friction of seals leaves 0.18 there, however rough its own law; false causes of oscillators of another form 0.3 to 1.
-FORETOLD: Final = 0.25
+PREDICTED_SHARE: Final = 0.25
 #: So many times the noise on the report runs are worth a sentence.
-NOISE_RATIO_TOLD: Final = 1.2
+NOISE_RATIO_SHOWN: Final = 1.2
 #: A model that leaves more than so many times the noise on unseen runs lacks something beside what was named …
 REMAINDER_RATIO: Final = 2.0
 #: … and if more than this part of the error is left, what was named is a relative of the cause.
 RELATIVE: Final = 0.5
 #: A cause that takes less than this part of the error on unseen runs away gains nothing there worth telling …
-GAINS_NOTHING: Final = 0.01
+NO_GAIN: Final = 0.01
 #: … unless the log predictive density of the select runs rises by this: half of a BIC gap that decides.
 GAINS_DENSITY: Final = 5.0
 #: A part of the error that is smaller than this is told as what it is.
 GAINS_LITTLE: Final = 0.1
 #: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
 #: predicts them as well.
-FORETELLS_AS_WELL: Final = 1.01
+PREDICTS_AS_WELL: Final = 1.01
 
 # -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
@@ -253,7 +253,7 @@ WORTH_A_LINE: Final = 0.8
 #: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
 POWER95: Final = 1.6449
 #: An amplitude beyond so many prior spreads is not believed.
-BELIEVED_SPREADS: Final = 5.0
+PRIOR_SPREADS: Final = 5.0
 #: An effect is hidden where less than this part of its footprint is left beside the base model.
 HIDDEN_FOOTPRINT: Final = 0.3
 #: A reference is worth naming if it makes the gap grow by this factor.
@@ -294,9 +294,9 @@ ROUNDING: Final = 1e-12
 #: So many steps of its differences is a parameter's size where it has no prior.
 STEPS_OF_SIZE: Final = 100.0
 #: So many parameters are told with an error, those first that are not at their nominal values.
-PARAMETERS_TOLD: Final = 12
+PARAMETERS_SHOWN: Final = 12
 #: So many base parameters far from what is believed are told, those furthest away first.
-BELIEFS_TOLD: Final = 3
+PRIORS_SHOWN: Final = 3
 
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
 

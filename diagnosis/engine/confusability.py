@@ -25,10 +25,10 @@ import numpy as np
 
 from diagnosis.contracts import Array, Parameter
 from diagnosis.engine.config import (
-    BELIEVED_SPREADS,
     FLOOR_SLACK,
     HIDDEN_FOOTPRINT,
     POWER95,
+    PRIOR_SPREADS,
     SEPARABLE,
     WORTH_A_LINE,
     Config,
@@ -117,7 +117,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, company: Company
     effect, amplitude = candidate.effect, candidate.effect.amplitude
     raw = float(screening.projection.raw[place])
     visible = float(screening.projection.norm[place]) / raw if raw > 0.0 else 0.0
-    most = min(BELIEVED_SPREADS * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
+    most = min(PRIOR_SPREADS * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
     score = float(screening.z[place])
     against = max(-score, 0.0) if effect.one_sided else abs(score)
     needed = company.gates(screening.threshold, len(effect.parameters)) + POWER95 + against

@@ -159,7 +159,7 @@ class _Trial:
         def change(size: float) -> Array:
             return self.outputs({}, {effect: {amplitude.name: size, **others}}) - self.base
 
-        def told(*sizes: float) -> str:
+        def case(*sizes: float) -> str:
             at = [f"{amplitude.name} = {size:.6g} {amplitude.unit}" for size in sizes]
             shapes = [f"{name} = {value:.6g}" for name, value in others.items() if value != 0.0]
             return f"{self.simulator.name}: the effect {effect} at {', '.join([' and '.join(at), *shapes])}"
@@ -167,7 +167,7 @@ class _Trial:
         absent = change(0.0)
         if absent.any():
             raise DiagnosisError(
-                f"{told(0.0)} changes the outputs by up to {np.abs(absent).max():.3g}; where its amplitude is 0 it "
+                f"{case(0.0)} changes the outputs by up to {np.abs(absent).max():.3g}; where its amplitude is 0 it "
                 "must be absent, bit for bit"
             )
         ordinary = _ordinary(amplitude)
@@ -178,7 +178,7 @@ class _Trial:
         if np.any(size > rounding) or np.any(bent > rounding):
             if np.any(bent > CURVED * np.maximum(size, bent) + 3.0 * rounding):
                 raise DiagnosisError(
-                    f"{told(0.5 * step, step)} is not proportional to its amplitude: twice the first change is off by "
+                    f"{case(0.5 * step, step)} is not proportional to its amplitude: twice the first change is off by "
                     f"{_share(bent, size)} of the second; right would be an effect with a derivative at 0, such as a "
                     "friction a·tanh(v/v_0) or a lag that is linear in its time constant"
                 )
@@ -186,13 +186,13 @@ class _Trial:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
                 if np.any(kink > CURVED * np.maximum(size, kink) + 2.0 * rounding):
                     raise DiagnosisError(
-                        f"{told(-step, step)} has a kink at 0: both changes together should be 0 and are "
+                        f"{case(-step, step)} has a kink at 0: both changes together should be 0 and are "
                         f"{_share(kink, size)} of one of them; where only one sign is physical give the amplitude "
                         "low=0.0, else make it smooth"
                     )
         elif np.any(np.linalg.norm(change(ordinary), axis=0) > rounding):
             raise DiagnosisError(
-                f"{told(step)} changes nothing, but at {amplitude.name} = {ordinary:.6g} {amplitude.unit} it does: it "
+                f"{case(step)} changes nothing, but at {amplitude.name} = {ordinary:.6g} {amplitude.unit} it does: it "
                 "has no derivative at 0, so no search can find it; right would be, for a lag, the exact response to a "
                 "straight line between two samples"
             )

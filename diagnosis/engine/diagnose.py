@@ -12,7 +12,7 @@ with its theory of operation at the head; levels and limits of all of them stand
                           only now and then), backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
-                          understudies.py (steps 6 to 8 without what displaced a better cause);
+                          substitutes.py (steps 6 to 8 without what displaced a better cause);
                           laws.py (laws of one phenomenon that these runs do not tell apart);
                           then confusability.py (what was not seen) and next_run.py (what would decide)
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
@@ -42,29 +42,29 @@ from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted, imitations
 from diagnosis.engine.checked import confirmed, predicted_checks
-from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
+from diagnosis.engine.config import NOISE_RATIO_SHOWN, PANEL_FDR, Config
 from diagnosis.engine.confusability import Company, confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.foretold import at_most_left
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.intervals import intervals
-from diagnosis.engine.laws import not_told
+from diagnosis.engine.laws import indistinguishable_laws
 from diagnosis.engine.memory import give_back, share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
+from diagnosis.engine.prediction_share import residual_bound
 from diagnosis.engine.remainder import Remainder, held_back, remainder
 from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.substitutes import without_substitutes
 from diagnosis.engine.summary import Conclusions, further, summarised
 from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import algebra_on_one_core, aside
 from diagnosis.engine.undecided import Undecided, undecided
-from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, laws, rivals, scores
 from diagnosis.finding import (
@@ -112,7 +112,7 @@ def diagnose(
 
     found = search(problem, tell)  # steps 2 to 6
     tell("looking for unknown effects", 0.91)
-    judgement = without_understudies(problem, judge(problem, found))  # steps 7 and 8
+    judgement = without_substitutes(problem, judge(problem, found))  # steps 7 and 8
     del found  # The columns of all candidates are large, and no more is asked of them.
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu, checks)  # steps 1 and 9
@@ -149,7 +149,7 @@ def _finding(
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data)
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
-    covariance = widened(named, judgement.screened.tests, at_most_left(data.of("select"), found.floors))
+    covariance = widened(named, judgement.screened.tests, residual_bound(data.of("select"), found.floors))
     accepted = _causes(found, named, covariance, hypotheses, left, config)
     unresolved = verdict is Verdict.UNRESOLVED
     causes = [] if unresolved else accepted
@@ -220,7 +220,7 @@ def _causes(
     config: Config,
 ) -> list[Cause]:
     """Return what was accepted as the finding has it, each with the laws of its phenomenon that it is not told from."""
-    fits = not_told(found, hypotheses, config.ambiguous, config.rough)
+    fits = indistinguishable_laws(found, hypotheses, config.ambiguous, config.rough)
     causes = []
     for one in found.accepted:
         effect = hypotheses[one.effect]
@@ -276,7 +276,7 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     ]
     if not judgement.model.converged:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
-    if left.after > NOISE_RATIO_TOLD:
+    if left.after > NOISE_RATIO_SHOWN:
         sentences.append(
             f"On the {left.role} runs the remaining error is {left.after:.2g} times the noise: not every cause of it "
             "was found."

@@ -39,9 +39,9 @@ import numpy as np
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import (
     CLEAR_OF_FORM,
-    FORETOLD,
-    GAIN_BESIDE_SURFACE,
+    GAIN_WITH_SURFACE,
     IMITATED_INFORMATION,
+    PREDICTED_SHARE,
     SATURATED,
     WIDER_SURFACE,
     Config,
@@ -50,9 +50,9 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.fitting.point import Point, surface_coordinates
 from diagnosis.engine.fitting.predict import predict
-from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.omnibus import Omnibus
+from diagnosis.engine.prediction_share import ResidualBound
 from diagnosis.engine.search_state import Accepted
 from diagnosis.estimates import Z95
 
@@ -87,7 +87,7 @@ def vague(
     model: FittedModel,
     tests: Sequence[Omnibus],
     accepted: Sequence[Accepted],
-    left: PartLeft | None = None,
+    left: ResidualBound | None = None,
     finite: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as it may.
@@ -101,7 +101,7 @@ def vague(
         place = model.point.place_of_amplitude(one.effect)
         by_number = abs(model.point.numbers[place]) / float(np.sqrt(variances[place]))
         by_chi2 = one.lambda_ * float(np.sqrt(plain[place] / variances[place]))
-        if by_chi2 < Z95 <= by_number and left is not None and left(model, one.effect) < FORETOLD:
+        if by_chi2 < Z95 <= by_number and left is not None and left(model, one.effect) < PREDICTED_SHARE:
             by_chi2 = by_number
         if one.effect in finite and by_chi2 > SATURATED * by_number:
             by_number = by_chi2
@@ -135,17 +135,17 @@ def _superfluous(
     for one in accepted:
         alone = alone.without(one.effect)
     # Beside much that has no name, a small cause is a part of that sooner than of anything else.
-    part = GAIN_BESIDE_SURFACE * max(1.0, test.statistic / sum(a.lambda_**2 for a in accepted))
+    part = GAIN_WITH_SURFACE * max(1.0, test.statistic / sum(a.lambda_**2 for a in accepted))
     with_, without = (fit(model.replay, model.noise, p, model.linearisation) for p in (beside, alone))
     if not select:
         return without.bic - with_.bic < max(config.ambiguous, part * sum(a.bic_gain for a in accepted))
     lost = predict(with_, select).lpd - predict(without, select).lpd
     if lost >= max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted)):
         return False
-    return _foretells(without, alone.without(test.surface.name), select)
+    return _predicts(without, alone.without(test.surface.name), select)
 
 
-def _foretells(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
+def _predicts(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
     """Return whether a fitted surface predicts the select runs, as fitted, better than a model without it."""
     nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)
     return predict(surface, select, fixed=True).lpd > predict(nothing, select, fixed=True).lpd

@@ -57,7 +57,7 @@ class Identified:
         return self.deviation / self.parameter.spread
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Whether the runs tell it."""
         return self.share < IDENTIFIED
 

@@ -37,7 +37,7 @@ def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:
     return [n for n, one in hypotheses.items() if phenomenon and one.phenomenon == phenomenon and n != name]
 
 
-def not_told(
+def indistinguishable_laws(
     found: SearchResult, hypotheses: Mapping[str, Hypothesis], gap: float, rough: float
 ) -> dict[str, list[Trial]]:
     """Return the fits of other laws that each accepted effect is not told from, by effect, best first.

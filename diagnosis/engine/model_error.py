@@ -20,7 +20,7 @@ one limits the first two:
   cancels: the variance grows by a quarter of E, and the numbers that make room for the cause go with it.
 * **Not more than select runs leave** (`_bounded`). Both say what the form could do. What it did is seen on the runs
   that chose the model: an amplitude may be off by the part of the error at most that its cause leaves there
-  (`foretold.py`). More than that, as a standard deviation, the form adds to no amplitude.
+  (`prediction_share.py`). More than that, as a standard deviation, the form adds to no amplitude.
 * **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
   numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
@@ -50,12 +50,12 @@ from diagnosis.engine.config import (
 from diagnosis.engine.constancy import inconstancy
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
-from diagnosis.engine.foretold import PartLeft
 from diagnosis.engine.omnibus import Omnibus
+from diagnosis.engine.prediction_share import ResidualBound
 from diagnosis.estimates import Z95
 
 
-def widened(model: FittedModel, tests: Sequence[Omnibus], left: PartLeft | None = None) -> Array:
+def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | None = None) -> Array:
     """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces.
 
     ``left`` says what the select runs leave of each cause.
@@ -73,7 +73,7 @@ def widened(model: FittedModel, tests: Sequence[Omnibus], left: PartLeft | None 
     return covariance * np.outer(wider, wider) + _unseen(model)
 
 
-def _bounded(model: FittedModel, covariance: Array, left: PartLeft) -> Array:
+def _bounded(model: FittedModel, covariance: Array, left: ResidualBound) -> Array:
     """Return a covariance (k, k) in which the form widens no amplitude by more than the select runs allow."""
     plain = model.covariance()
     more = covariance - plain

@@ -53,7 +53,7 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     # Parameters that adapt bring rivals nearer together: what is too near already need not wait for them.
     if gap >= SEPARABLE:
         forecasts = _forecasts(runs)
-        gap, pair = min((_parted(a, b, forecasts), pair) for pair, (a, b) in pairs.items())
+        gap, pair = min((_separation(a, b, forecasts), pair) for pair, (a, b) in pairs.items())
     return NextRun(
         experiment=experiment.name,
         minutes=experiment.minutes,
@@ -65,7 +65,7 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
 
 def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
     """The BIC gap which an experiment adds between two fitted models, whichever of them is true; the smaller one."""
-    return _parted(first, second, _forecasts(_simulated((first, second), experiment)))
+    return _separation(first, second, _forecasts(_simulated((first, second), experiment)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +108,7 @@ def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Fo
     return forecasts
 
 
-def _parted(first: FittedModel, second: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
+def _separation(first: FittedModel, second: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
     return min(_advantage(first, second, forecasts), _advantage(second, first, forecasts))
 
 

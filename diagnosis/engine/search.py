@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from diagnosis.engine.admission import admit, choose, choose_beside, choose_pair
+from diagnosis.engine.admission import admit, choose, choose_pair, choose_with_strained
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.gates import noise_floors
@@ -51,7 +51,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking for what is missing beside a strained cause", 0.1 + 0.8 * done)
-            chosen = choose_beside(problem, state, trials)
+            chosen = choose_with_strained(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking again for what acts only now and then", 0.1 + 0.8 * done)
             plain = plainly(problem, state)

@@ -18,8 +18,8 @@ with numbers that are not finite is dropped.
 
 Then the gates are asked as of any candidate, and two more in the place of the score's threshold, which was not passed:
 χ² must fall by the square of that, and what is left of the error must be less than `RELATIVE` where the cause acts, on
-the select runs if there are any. What explains less is a relative of the cause, or nothing. What was fitted before and
-failed must leave less than `FORETOLD`: it is the fit that failed then, and not a relative that does a little better.
+the select runs if there are any. What explains less is a relative of the cause, or nothing. An effect whose earlier fit
+failed must leave less than `PREDICTED_SHARE`; otherwise it may be a relative that fits only a little better.
 
 Where the noise is reached nothing of this is done, and costs nothing.
 """
@@ -36,7 +36,14 @@ import numpy as np
 from diagnosis.contracts import DiagnosisError, Hypothesis
 from diagnosis.engine.before import noise_ratio, plain_noise
 from diagnosis.engine.columns import squares
-from diagnosis.engine.config import FINITE_FITS, FORETOLD, LARGEST_CHANGE, RELATIVE, REMAINDER_RATIO, SIZES
+from diagnosis.engine.config import (
+    FINITE_FITS,
+    LARGEST_CHANGE,
+    PREDICTED_SHARE,
+    RELATIVE,
+    REMAINDER_RATIO,
+    SIZES,
+)
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.predict import Prediction, of_fit
@@ -86,7 +93,7 @@ def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> 
     def gate(model: FittedModel, there: Prediction | None) -> str:
         if current.model.penalised_chi2 - model.penalised_chi2 < least:
             return "it explains no more than chance might"
-        most = FORETOLD if tried_before.intersection(model.effects) else RELATIVE
+        most = PREDICTED_SHARE if tried_before.intersection(model.effects) else RELATIVE
         return MOST_LEFT if least_left(before, there or of_fit(model), state.floors) > most else ""
 
     others = [one for name, one in problem.hypotheses.items() if name not in current.effects]

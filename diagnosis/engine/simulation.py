@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from traceback import extract_tb
 
 from diagnosis.contracts import Array, CompleteSimulator, DiagnosisError, Effects, Job, Parameter, Simulator
-from diagnosis.engine.config import PARAMETERS_TOLD
+from diagnosis.engine.config import PARAMETERS_SHOWN
 
 
 class _Completed(CompleteSimulator):
@@ -80,7 +80,7 @@ def described(simulator: Simulator, parameters: Mapping[str, float], effects: Ef
     told = [*_effects(simulator, effects)] + [
         _valued(name, parameters.get(name, nominal[name].nominal), nominal[name].unit) for name in names
     ]
-    return ", ".join(told[:PARAMETERS_TOLD]) + (", …" if len(told) > PARAMETERS_TOLD else "")
+    return ", ".join(told[:PARAMETERS_SHOWN]) + (", …" if len(told) > PARAMETERS_SHOWN else "")
 
 
 def _effects(simulator: Simulator, effects: Effects) -> Iterator[str]:

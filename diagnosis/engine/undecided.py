@@ -24,7 +24,7 @@ import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.engine.before import noise_ratio
-from diagnosis.engine.config import FORETELLS_AS_WELL, GAINS_NOTHING
+from diagnosis.engine.config import NO_GAIN, PREDICTS_AS_WELL
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.intervals import below_resolution
@@ -33,13 +33,13 @@ from diagnosis.engine.search_state import Accepted, SearchResult
 
 
 class Undecided(NamedTuple):
-    """An effect that unseen runs allow in the place of a cause, in a model of its own; ``alone``: it is in both."""
+    """An effect that explains unseen runs as well as a cause, and its model; ``both_present``: both models have it."""
 
     effect: str
     instead_of: str
     model: FittedModel
     bic_gap: float
-    alone: bool = False
+    both_present: bool = False
 
 
 def undecided(
@@ -59,12 +59,12 @@ def undecided(
         return []
     rivals = []
     for accepted in found.accepted:
-        among = [*_swapped(accepted, model), *_alone(accepted, found, model, hypotheses, left)]
+        among = [*_swapped(accepted, model), *_confusers_present(accepted, found, model, hypotheses, left)]
         absent = _forecast(found.without[accepted.effect], after) if among else after
         for rival in among:
             forecast = _forecast(rival.model, after)
-            as_well = noise_ratio(forecast, floors) < FORETELLS_AS_WELL * left.after
-            if as_well and (rival.alone or _as_well_where_it_acts(forecast, after, absent)):
+            as_well = noise_ratio(forecast, floors) < PREDICTS_AS_WELL * left.after
+            if as_well and (rival.both_present or _as_well_where_it_acts(forecast, after, absent)):
                 rivals.append(rival)
     return rivals
 
@@ -77,8 +77,8 @@ def _forecast(model: FittedModel, after: Prediction) -> Prediction:
 def _as_well_where_it_acts(rival: Prediction, after: Prediction, absent: Prediction) -> bool:
     """Return whether a rival predicts those channels as well that the cause makes better, ``absent`` from one."""
     left, other, without = (mean_squares(one) for one in (after, rival, absent))
-    acts = without > FORETELLS_AS_WELL**2 * left
-    return not acts.any() or bool(np.mean(other[acts] / left[acts]) < FORETELLS_AS_WELL**2)
+    acts = without > PREDICTS_AS_WELL**2 * left
+    return not acts.any() or bool(np.mean(other[acts] / left[acts]) < PREDICTS_AS_WELL**2)
 
 
 def _swapped(accepted: Accepted, model: FittedModel) -> Iterator[Undecided]:
@@ -88,7 +88,7 @@ def _swapped(accepted: Accepted, model: FittedModel) -> Iterator[Undecided]:
         yield Undecided(trial.effect, accepted.effect, fitted, fitted.bic - model.bic)
 
 
-def _alone(
+def _confusers_present(
     accepted: Accepted,
     found: SearchResult,
     model: FittedModel,
@@ -96,7 +96,7 @@ def _alone(
     left: Remainder,
 ) -> Iterator[Undecided]:
     """Yield the confusers of an effect that are in the model beside it, if it gains nothing and one is not resolved."""
-    if left.gained(accepted.effect) >= GAINS_NOTHING:
+    if left.gained(accepted.effect) >= NO_GAIN:
         return
     mine = hypotheses[accepted.effect]
     for other in found.accepted:
@@ -104,4 +104,4 @@ def _alone(
         alike = theirs.name in mine.confusers or mine.name in theirs.confusers
         if alike and (below_resolution(model, mine) or below_resolution(model, theirs)):
             without = found.without[mine.name]
-            yield Undecided(theirs.name, mine.name, without, without.bic - model.bic, alone=True)
+            yield Undecided(theirs.name, mine.name, without, without.bic - model.bic, both_present=True)

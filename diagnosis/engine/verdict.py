@@ -40,10 +40,10 @@ from diagnosis.engine.doubt import doubtful, no_clearer, vague
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
-from diagnosis.engine.foretold import at_most_left, foretold
 from diagnosis.engine.gates import out_of_range
 from diagnosis.engine.intervals import below_resolution
 from diagnosis.engine.omnibus import Omnibus
+from diagnosis.engine.prediction_share import is_predicted, residual_bound
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
@@ -119,11 +119,11 @@ def _leaving(
     if impossible := out_of_range(model):
         least = min(found.accepted, key=lambda one: one.bic_gain)
         return {least.effect: next(iter(impossible.values()))}
-    if clear and (likenesses := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
+    if clear and (similarities := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
         return dict.fromkeys(
-            likenesses, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
+            similarities, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
         )
-    left = at_most_left(problem.select, found.floors)
+    left = residual_bound(problem.select, found.floors)
     if unsure := vague(model, screened.tests, found.accepted, left, found.state.finite):
         beside = f" beside a fitted surface ({clear[0].surface.title})" if clear else ""
         return {unsure[0]: f"it may be zero{beside or ', by its interval'}"}
@@ -132,7 +132,7 @@ def _leaving(
         explained, _ = explain(model, clear[0], screened.screening, problem.select)
         owed = owed_to_form(explained, found.accepted)
     owed = (*owed, *no_clearer(model, clear, found.accepted))
-    owed = tuple(name for name in owed if not foretold(model, name, problem.select, found.floors))
+    owed = tuple(name for name in owed if not is_predicted(model, name, problem.select, found.floors))
     return dict.fromkeys(owed, OWED)
 
 

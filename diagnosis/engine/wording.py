@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.engine.config import GAINS_DENSITY, GAINS_NOTHING
+from diagnosis.engine.config import GAINS_DENSITY, NO_GAIN
 from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
@@ -35,15 +35,15 @@ def cause(
     parameters: list[Estimate],
     left: Remainder,
     laws: Sequence[Rival] = (),
-    would_tell: str = "",
+    distinguishing_run: str = "",
 ) -> Cause:
     """Return an accepted effect as the finding has it.
 
-    ``laws`` are others of its phenomenon that it is not told from, ``would_tell`` the run that would. A cause is only
-    suspected where no run that nothing was fitted to is predicted better with it.
+    ``laws`` are indistinguishable laws of the same phenomenon, and ``distinguishing_run`` is a run that separates them.
+    A cause is only suspected if it improves the prediction of no unseen run.
     """
     gained = left.gained(effect.name)
-    confirmed = (left.role != "fit" and gained >= GAINS_NOTHING) or accepted.lpd_gain > GAINS_DENSITY
+    confirmed = (left.role != "fit" and gained >= NO_GAIN) or accepted.lpd_gain > GAINS_DENSITY
     return Cause(
         effect=effect.name,
         title=effect.title,
@@ -60,7 +60,7 @@ def cause(
         plain=effect.plain,
         phenomenon=effect.phenomenon,
         laws=list(laws),
-        separated_by=would_tell,
+        separated_by=distinguishing_run,
     )
 
 
@@ -94,7 +94,7 @@ def rivals(
         (
             one.instead_of,
             one.effect,
-            " alone" if one.alone else "",
+            " alone" if one.both_present else "",
             intervals(effects[one.effect], one.model, widened(one.model, ())),
             one.bic_gap,
         )

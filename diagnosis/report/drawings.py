@@ -291,11 +291,11 @@ def _even(axis: Axis, places: Array, ticks: int) -> Array:
     """Places of a map one beside the other, with their values at the ticks: those of a speed are not equidistant."""
     known = np.unique(places[np.isfinite(places)])
     step = max(1, -(-known.size // ticks))
-    axis.set_ticks(np.arange(known.size)[::step], _told(known)[::step])
+    axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known)[::step])
     return np.searchsorted(known, places).astype(np.float64)
 
 
-def _told(numbers: Array) -> list[str]:
+def _tick_labels(numbers: Array) -> list[str]:
     """Numbers with the digits that their range is worth: what is next to nothing beside it is 0."""
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3

@@ -42,7 +42,7 @@ def counted_if_recorded(
     """
     inputs, step = experiment.inputs, experiment.step
     acceleration = np.gradient(np.gradient(inputs["shear"], step), step) if "shear" in inputs else None
-    unknown = forces_untold(
+    unknown = undetermined_forces(
         inputs,
         par,
         None if acceleration is None else sudden(acceleration, sensor_noise("lateral.acceleration", par)),
@@ -61,7 +61,7 @@ def counted_if_recorded(
     return counted
 
 
-def forces_untold(
+def undetermined_forces(
     inputs: Mapping[str, Array], par: Any, lateral: NDArray[np.bool_] | None = None
 ) -> dict[str, NDArray[np.bool_]]:
     """Return where (n,) forces of actuators tell too little of the springs, by channel.

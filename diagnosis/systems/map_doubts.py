@@ -93,7 +93,7 @@ def map_doubts(
         if not doubted:
             return
         group, other = min(doubted, key=lambda pair: float(np.nansum(np.log(pair[1].whole / now.whole))))
-        yield _told(columns, group, now, other, channels)
+        yield _doubt(columns, group, now, other, channels)
         columns, now, settled = columns | group, other, settled | group.keys()
 
 
@@ -128,7 +128,7 @@ def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
     return astray | (other.whole < _BETTER * now.whole)
 
 
-def _told(
+def _doubt(
     columns: Mapping[str, Column],
     group: Mapping[str, Column],
     now: _Errors,

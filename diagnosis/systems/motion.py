@@ -146,7 +146,7 @@ def smooth(values: Array, noise: float) -> Array:
     known = np.isfinite(values)
     if known.sum() < LEAST:
         raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {LEAST} are needed")
-    if _is_noise_alone(values[known], noise):
+    if _is_pure_noise(values[known], noise):
         return np.full(len(values), np.mean(values[known]))
     ratio = np.full(len(values) - 3, _FIRST)
     for _ in range(_ROUNDS):
@@ -230,7 +230,7 @@ def with_lag(values: Array, lag: float, step: float) -> Array:
     return np.asarray(continuous + lfilter([1.0], [1.0, -decay], drive))
 
 
-def _is_noise_alone(seen: Array, noise: float) -> bool:
+def _is_pure_noise(seen: Array, noise: float) -> bool:
     """Return whether samples (n,) in a row scatter like noise and nothing else: their means as √m less than they do.
 
     Rounding that is coarser than the noise scatters up to twice as much as both together should.

@@ -28,7 +28,7 @@ from diagnosis.contracts import Array, Channel, DataQuality, Dataset, DiagnosisE
 from diagnosis.systems.air_spring.gas import GAS
 from diagnosis.systems.air_spring.history import Past, remembered_loads, remembered_places
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
-from diagnosis.systems.counted import at_its_steps, coarse, forces_untold, while_it_moves
+from diagnosis.systems.counted import at_its_steps, coarse, undetermined_forces, while_it_moves
 from diagnosis.systems.motion import (
     BESIDE,
     LEAST,
@@ -236,7 +236,7 @@ def _outputs(
     """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
-    unknown = forces_untold(inputs, par, _lateral_acceleration_is_unknown(record, grid, inputs, par))
+    unknown = undetermined_forces(inputs, par, _lateral_acceleration_is_unknown(record, grid, inputs, par))
     for k, (channel, believed) in enumerate(zip(channels, simulator.channels, strict=True)):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan

@@ -184,7 +184,7 @@ def wiring_page() -> str:
     print(_INTRODUCTION, end="", file=out)
     for title, keys in _TABLES:
         print(f"### {title}\n\n| key | default | meaning |\n|---|---|---|", file=out)
-        for key, default, text in _told(keys):
+        for key, default, text in _documented_keys(keys):
             print(f"| `{key}` | {default} | {text} |", file=out)
         print(file=out)
     print("## Transports\n", file=out)
@@ -194,7 +194,7 @@ def wiring_page() -> str:
     return out.getvalue()
 
 
-def _told(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
+def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and comment of each field; ValueError for a field that says nothing of itself."""
     lines = inspect.getsource(keys).splitlines()
     tree = ast.parse("\n".join(lines)).body[0]

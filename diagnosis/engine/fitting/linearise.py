@@ -27,7 +27,7 @@ def linearise(
 
     What the same filter has whitened is taken as it is.
     """
-    nuisances, effects = zip(*(_parted(point, record) for record in replay.records), strict=True)
+    nuisances, effects = zip(*(_split_places(point, record) for record in replay.records), strict=True)
     shared = [
         _shared(known, run, [point.coordinates[i] for i in places])
         for run, places in zip(replay.names, nuisances, strict=True)
@@ -65,7 +65,7 @@ def from_quotients(
     def block(r: int) -> Block:
         run, filter_, columns = replay.runs[r], whiten[r], quotients[r]
         record = run.experiment.record
-        order, (shared, own) = point.places_of(record), _parted(point, record)
+        order, (shared, own) = point.places_of(record), _split_places(point, record)
         raw = Raw(columns.chosen([order.index(i) for i in shared]), filter_)
         of_effects = columns.chosen([order.index(i) for i in own])
         parts = (shared, filter_.columns([raw.columns])), (own, filter_.columns([of_effects]))
@@ -74,7 +74,7 @@ def from_quotients(
     return Linearisation(point, prior_of(point), tuple(in_threads(replay.workers, block, range(len(whiten)))))
 
 
-def _parted(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _split_places(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the places of what a record's runs depend on: of the nuisances, and of the effects' own numbers."""
     places = point.places_of(record)
     owned = [bool(point.coordinates[i].owner) for i in places]

@@ -48,7 +48,7 @@ def write_identified(path: Path, found: Identification, simulator: Simulator, di
     for one in found.parameters:
         low, high = (one.value + sign * Z95 * one.deviation for sign in (-1.0, 1.0))
         note = f"95 %: {low:.6g} to {high:.6g} {one.parameter.unit}"
-        note += "" if one.told else ", hardly told by the records"
+        note += "" if one.determined else ", hardly told by the records"
         name, value = _text(one.parameter.name), _text(f"{one.value:.{_DIGITS}g} {one.parameter.unit}")
         rows.append(f"{name} = {value}  # {note}")
     path.write_text("\n".join(rows) + "\n", "utf-8")

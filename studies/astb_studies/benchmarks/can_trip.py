@@ -63,8 +63,8 @@ def run(effort: Effort) -> Section:
                 "raw": lambda: trips(lambda: exchange(raw), count),
                 "echo": lambda: trips(lambda: exchange(echo), count),
                 "bare": lambda: trips(lambda: exchange(bare), count),
-                "ours": lambda: _alone(our_trip, count, lambda: stock.recv(0.01) is not None),
-                "stock": lambda: _alone(stock_trip, count, lambda: len(ours.recv_block(0.01)) > 0),
+                "ours": lambda: _measured(our_trip, count, lambda: stock.recv(0.01) is not None),
+                "stock": lambda: _measured(stock_trip, count, lambda: len(ours.recv_block(0.01)) > 0),
             },
         )
     return _section(found)
@@ -92,7 +92,7 @@ def _section(found: Mapping[str, Sequence[float]]) -> Section:
     return Section("CAN over the hub", rows, notes)
 
 
-def _alone(trip: Callable[[], None], count: int, more: Callable[[], bool]) -> float:
+def _measured(trip: Callable[[], None], count: int, more: Callable[[], bool]) -> float:
     """Measure, then let the other client read what it has heard of this."""
     found = trips(trip, count)
     while more():

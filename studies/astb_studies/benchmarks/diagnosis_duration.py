@@ -65,7 +65,7 @@ class Counting:
         self.counts[self.purpose] += len(jobs)
         return self._simulator.run_roughly(jobs)
 
-    def tell(self, text: str, _part: float) -> None:
+    def set_purpose(self, text: str, _part: float) -> None:
         """Learn what the next runs are for."""
         self.purpose = next(purpose for begin, purpose in PURPOSES.items() if text.startswith(begin))
 
@@ -101,7 +101,7 @@ def diagnosed(dataset: Dataset, effects: tuple[str, ...] | None) -> Measured:
             AirSpring(load(), effects=CATALOGUE).run(one.experiment, {}, {})
 
     def name_it() -> None:
-        found[:] = diagnose(dataset, simulator, Config(effects=effects), simulator.tell).names
+        found[:] = diagnose(dataset, simulator, Config(effects=effects), simulator.set_purpose).names
 
     replay = wall(replay_once, 1)
     seconds = wall(name_it, 1)

@@ -106,7 +106,7 @@ def _process(*command: str) -> Iterator[Any]:
             process.kill()
 
 
-def _said(process: Any, word: str) -> str:
+def _expect_line(process: Any, word: str) -> str:
     if not select.select([process.stdout], [], [], _PATIENCE)[0]:
         raise RuntimeError(f"{process.args} did not say {word!r} within {_PATIENCE:g} s")
     line: str = process.stdout.readline()
@@ -130,7 +130,7 @@ class RealCuts:
             rig = stack.enter_context(
                 _process(sys.executable, "-m", "astb", "rig", "--rig", str(file), *ports)
             )
-            parts = dict(part.split("=", 1) for part in _said(rig, "ready ").split()[1:])
+            parts = dict(part.split("=", 1) for part in _expect_line(rig, "ready ").split()[1:])
             self._rig = rig
             self._can, self._modbus = (int(parts[port].rpartition(":")[2]) for port in ("can", "modbus"))
             listener = open_can("tcp", port=self._can)
@@ -153,7 +153,7 @@ class RealCuts:
             plan = stack.enter_context(
                 _process(sys.executable, "-m", "astb_studies.benchmarks.real_cuts", str(file))
             )
-            _said(plan, "armed")
+            _expect_line(plan, "armed")
             time.sleep(0.2 + 0.02 * (time.perf_counter_ns() % 1000) / 1000)  # anywhere between two commands
             self._witness.start(wall_time_ns())
             if kind is KILLED:

@@ -51,7 +51,7 @@ def run(effort: Effort) -> Section:
                 command = ("run", PLAN, "--rig", str(file), "--out", str(out))
                 with child(sys.executable, "-m", "astb", *command) as test:
                     if twin:
-                        late, watched[name] = _beside(modbus, test, out / PLAN, file, faults)
+                        late, watched[name] = _lateness_with_twin(modbus, test, out / PLAN, file, faults)
                         beside.append(late)
                     else:
                         alone.append(lateness_during(modbus, test.communicate))
@@ -84,7 +84,7 @@ def run(effort: Effort) -> Section:
     return Section("A twin during a run", rows, (note,))
 
 
-def _beside(
+def _lateness_with_twin(
     modbus: ModbusPort, test: Any, directory: Path, file: Path, faults: Sequence[Fault]
 ) -> tuple[Lateness, Watched]:
     found: list[Watched] = []

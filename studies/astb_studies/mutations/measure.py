@@ -44,7 +44,7 @@ def fault_cases(plan: str, faults: Iterable[Mutation]) -> list[PlanCase]:
     return [PlanCase(plan=plan, simulation=one.simulation, variant=one.name) for one in faults]
 
 
-def meant_for(sound: Mapping[str, Any]) -> list[Mutation]:
+def detectable_faults(sound: Mapping[str, Any]) -> list[Mutation]:
     """Return the faults that some check of the plan in the row ``sound`` is meant for."""
     table, names = mutations(), [check["name"] for check in sound["checks"]]
     return [one for one in table.mutation if any(table.is_right(one, name) for name in names)]
@@ -168,7 +168,7 @@ def main() -> None:
 def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int | None) -> None:
     """Run PLANS on a rig with each fault, and put what comes out in the place of what is known of these plans."""
     rows = _carried_out([sound_case(plan) for plan in plans], out, workers)
-    faults = {row["plan"]: meant_for(row) if meant else mutations().mutation for row in rows}
+    faults = {row["plan"]: detectable_faults(row) if meant else mutations().mutation for row in rows}
     rows += _carried_out([case for plan in plans for case in fault_cases(plan, faults[plan])], out, workers)
     kept = [cell for cell in read_cells() if cell.plan not in plans]
     write_cells(FOUND, sorted(kept + cells_of(rows), key=lambda cell: cell.plan))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from astb_studies.paper.checks.evaluation import to_json
 from astb_studies.paper.closed_form import angular_frequency
 from astb_studies.paper.comfort import describe_mean_comfort
-from astb_studies.paper.comparisons.comparison import MINUS, beside
+from astb_studies.paper.comparisons.comparison import MINUS, comparisons_of
 from astb_studies.paper.comparisons.validation import deviations
 from astb_studies.paper.experiments import OTHER_RIDES, WIND_SPEEDS
 from astb_studies.paper.figures.catalogue import GLOBAL, SECTIONS, draw
@@ -68,7 +68,7 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     text = pages.get_template("page.html.j2").render(
         study=study,
         sections=[
-            (one.name, one.title, one.caption, beside(study, one.name), drawings[one.name])
+            (one.name, one.title, one.caption, comparisons_of(study, one.name), drawings[one.name])
             for one in SECTIONS
         ],
         sensitivity=(GLOBAL.name, GLOBAL.title, GLOBAL.caption, drawings[GLOBAL.name]),

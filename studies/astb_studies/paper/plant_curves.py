@@ -127,7 +127,7 @@ def secant(subject: Subject, load: str, offset: Floats, **changes: Any) -> Float
     found = []
     for y in offset:
         plant = subject.resting(load, "friction", **changes)
-        found.append(_stand(plant, 0.0, float(y)) / float(y))
+        found.append(_static_force(plant, 0.0, float(y)) / float(y))
     return np.array(found)
 
 
@@ -143,14 +143,14 @@ def secant_of_stairs(
     force: dict[float, float] = {}
     before = 0.0
     for y in stairs:
-        found = _stand(plant, before, y)
+        found = _static_force(plant, before, y)
         force.setdefault(y, found)
         before = y
     sizes = sorted({abs(y) for y in stairs} - {0.0})
     return np.array(sizes), np.array([(force[y] - force[-y]) / (2.0 * y) for y in sizes])
 
 
-def _stand(plant: Plant, before: float, y: float) -> float:
+def _static_force(plant: Plant, before: float, y: float) -> float:
     """Return the spring's lateral force in N, five seconds after a motion from ``before`` to ``y`` (m) within one."""
     impose(plant, [ImposedMotion(LATERAL, y - before, 1.0, Shape.RAMP, before)], 6 * s, dt=_STEP, rows=0)
     last = impose(plant, [ImposedMotion(LATERAL, 0.0, 1.0, offset=y)], _STEP, dt=_STEP)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
-from astb_studies.paper.hybrid.alone import Alone
 from astb_studies.paper.hybrid.car import STEP
 from astb_studies.paper.hybrid.floor import COMPARED, ridden
+from astb_studies.paper.hybrid.simulated_ride import SimulatedRide
 from astb_studies.paper.plans.ride import AGREES, CAR, RISE, RUN_IN, car_mass, wind_force
 from astb_studies.places import DOCS
 from bench_sim.model.car import RideChannel
@@ -77,7 +77,7 @@ def felt(rows: np.ndarray, step: float, whole: float) -> dict[str, float]:
     """What the floor did, by quantity, as the plan judges it."""
     each = np.repeat(rows, round(step / STEP), axis=0)
     columns = dict(zip(("acceleration", "rising", "bump_stop", "roll"), each.T, strict=True))
-    found = ridden(Alone(columns), RUN_IN, whole - RISE)
+    found = ridden(SimulatedRide(columns), RUN_IN, whole - RISE)
     return {what: found[check] for what, check in COMPARED.items() if check in found}
 
 

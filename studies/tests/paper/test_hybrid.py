@@ -8,7 +8,6 @@ import pytest
 
 from astb_studies.paper.hybrid import coupling
 from astb_studies.paper.hybrid.agreement import Agreement, followed
-from astb_studies.paper.hybrid.alone import NoModel, SimulatedSprings, ride_alone
 from astb_studies.paper.hybrid.car import STEP, Car, Ride, linear
 from astb_studies.paper.hybrid.coupling import (
     FORCES,
@@ -19,6 +18,7 @@ from astb_studies.paper.hybrid.coupling import (
     springs_of,
 )
 from astb_studies.paper.hybrid.loop import FREQUENCIES, Path, loci, margins
+from astb_studies.paper.hybrid.simulated_ride import NoModel, SimulatedSprings, simulate_ride
 from astb_studies.paper.plans.ride import CAR, longest_delay, margins_of
 from bench_protocol.car import move_car
 from bench_protocol.places import STILL, Place, Springs, setpoints_of
@@ -243,7 +243,7 @@ def test_a_single_car_equals_the_models_vehicle():
     vehicle = Vehicle(parameters("astb", "AW3").record, load_vehicle().record)
     mass = vehicle.mass
     carried = 0.5 * mass * G
-    found = ride_alone(CAR, mass, SimulatedSprings("astb", "AW3", carried, OURS), wind, 0.01, np.ones(301))
+    found = simulate_ride(CAR, mass, SimulatedSprings("astb", "AW3", carried, OURS), wind, 0.01, np.ones(301))
     assert found.of("roll", 0.0, 3.0) == pytest.approx(
         vehicle.ride(wind, 3.0, interval=0.01).of(RideChannel.ROLL), abs=1e-12
     )
@@ -254,13 +254,15 @@ def test_springs_that_carry_less_carry_the_car():
     mass = 2 * 145e3 / G
     quiet = np.zeros(101)
     level = replace(CAR, track_lateral=0.0, track_vertical=0.0)
-    less = ride_alone(level, mass, SimulatedSprings("astb", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
+    less = simulate_ride(level, mass, SimulatedSprings("astb", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
     assert np.abs(less.of("roll", 0.0, 1.0)).max() < 1e-9
     assert np.abs(less.of("rising", 0.0, 1.0)).max() < 1e-6
     with pytest.raises(NoModel, match="AW7"):
-        ride_alone(CAR, mass, SimulatedSprings("astb", "AW7", 140e3, OURS), quiet, 0.01, np.ones(101))
+        simulate_ride(CAR, mass, SimulatedSprings("astb", "AW7", 140e3, OURS), quiet, 0.01, np.ones(101))
     with pytest.raises(NoModel, match=r"nowhere\.toml"):
-        ride_alone(CAR, mass, SimulatedSprings("nowhere.toml", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101))
+        simulate_ride(
+            CAR, mass, SimulatedSprings("nowhere.toml", "AW3", 140e3, OURS), quiet, 0.01, np.ones(101)
+        )
 
 
 def test_a_deviation_is_detected_by_its_uncertainty():

@@ -75,7 +75,7 @@ def main(
         for system in systems.split(","):
             file_of(system, kept).unlink(missing_ok=True)
 
-    def tell(judged: Judged, left: int) -> None:
+    def report(judged: Judged, left: int) -> None:
         text = judged.failure or f"{judged.verdict}: {', '.join(judged.causes) or '–'}"
         if judged.rivals:
             text += f" or {', '.join(judged.rivals)}"
@@ -91,7 +91,7 @@ def main(
     if not page_only:
         for system in systems.split(","):
             fresh = [replace(case, seed=case.seed + first_seed) for case in asked[system]]
-            run(fresh, processes, tell, kept)
+            run(fresh, processes, report, kept)
     if first_seed:
         return
     from astb_studies.benchmarks.diagnosis.rate_page import write

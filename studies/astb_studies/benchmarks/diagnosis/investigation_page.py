@@ -80,14 +80,14 @@ def write(all_: Sequence[Investigated], path: Path, budget: str) -> None:
         ),
     ):
         if minutes:
-            told = f"{median(minutes):.3g} (at most {max(minutes):.3g})"
-            lines.append(f"| {what} | | {told} | {len(minutes)} | |")
+            line = f"{median(minutes):.3g} (at most {max(minutes):.3g})"
+            lines.append(f"| {what} | | {line} | {len(minutes)} | |")
     lines += ["", "Investigations with further runs, or without the right name:", ""]
     lines += [
         "| seed | kind | truth (λ) | verdict after the screening | runs | finding |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_told(one) for one in all_ if len(one.plans) > 1 or not one.right]
+    lines += [_line(one) for one in all_ if len(one.plans) > 1 or not one.right]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -98,7 +98,7 @@ def _row(figure: Figure) -> str:
     return f"| {figure.what} | {aim} | {rate} | {rate.count} | {met} |"
 
 
-def _told(one: Investigated) -> str:
+def _line(one: Investigated) -> str:
     said = f"{one.verdict}: {', '.join(one.causes)}" if one.causes else one.verdict
     if one.rivals:
         said += f" or {', '.join(one.rivals)}"

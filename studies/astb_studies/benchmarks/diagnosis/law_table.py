@@ -10,7 +10,7 @@ _HEAD: Final = """\
 |---|---|---|---|---|---|---|"""
 
 
-def told(judged: Judged) -> str:
+def outcome(judged: Judged) -> str:
     """Return the column of a case in which one effect was hidden."""
     if judged.exact:
         return "exactly"
@@ -28,7 +28,7 @@ def law_table(judged: Sequence[Judged]) -> list[str]:
     clear = [j for j in judged if len(j.hidden) == 1 and j.near and j.weakest >= CLEAR]
     rows = {}
     for name in sorted({_bare(j.hidden[0]) for j in clear}):
-        mine = [told(j) for j in clear if _bare(j.hidden[0]) == name]
+        mine = [outcome(j) for j in clear if _bare(j.hidden[0]) == name]
         columns = ("exactly", "its phenomenon", "another law", "another cause", "not named")
         rows[name] = f"| {name} | {len(mine)} | {' | '.join(str(mine.count(one)) for one in columns)} |"
     return [*_HEAD.splitlines(), *rows.values()] if rows else []

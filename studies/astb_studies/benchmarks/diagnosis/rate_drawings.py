@@ -26,7 +26,7 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
     """What was hidden (rows), by family of causes for the bench, against what was said (columns)."""
     single = [j for j in judged if len(j.hidden) <= 1]
     rows = sorted({_one(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
-    said = {name: [_said(j) for j in single if _one(j.hidden) == name] for name in rows}
+    said = {name: [_named_cause(j) for j in single if _one(j.hidden) == name] for name in rows}
     extra = sorted({word for words in said.values() for word in words} - {*rows, NOTHING, OPEN, SHAPE})
     columns = [*(row for row in rows if row != NOTHING), *extra, OPEN, SHAPE, NOTHING]
     shares = np.zeros((len(rows), len(columns)))
@@ -135,7 +135,7 @@ def _one(names: Sequence[str]) -> str:
     return names[0].partition(".")[0] if names else NOTHING
 
 
-def _said(judged: Judged) -> str:
+def _named_cause(judged: Judged) -> str:
     """The first cause, the right one if it is among them; else the verdict."""
     for name in judged.causes:
         if name in judged.hidden:

@@ -40,7 +40,7 @@ class ClaimComparison:
         }[self.bench_holds, self.closed_holds]
 
 
-def beside(study: Study, figure: str) -> list[ClaimComparison]:
+def comparisons_of(study: Study, figure: str) -> list[ClaimComparison]:
     """Return what the bench and the closed forms say to the claims of a figure, in the order of their numbers."""
     of_it = [claim for claim in CLAIMS if figure in claim.by_figure]
     return [compared(study, claim, figure) for claim in sorted(of_it, key=lambda one: int(one.id[1:] or 0))]

@@ -45,7 +45,7 @@ PIECES: Final = 5
 COVERAGE: Final = 2.0
 
 
-class Rode(Protocol):
+class RideResult(Protocol):
     """What came of a ride, a row for each ``step`` (s)."""
 
     @property
@@ -145,7 +145,7 @@ def noise_of(instruments: Instruments, rig: Rig) -> Iterator[Springs] | None:
 
 
 #: What a ride amounts to between two times (s), by check.
-Amounts = Callable[[Rode, float, float], Mapping[str, float]]
+Amounts = Callable[[RideResult, float, float], Mapping[str, float]]
 
 
 def of_the_loop(
@@ -179,7 +179,7 @@ def of_the_loop(
     }
 
 
-def scatter(both: Sequence[Rode], amounts: Amounts, times: tuple[float, float]) -> dict[str, float]:
+def scatter(both: Sequence[RideResult], amounts: Amounts, times: tuple[float, float]) -> dict[str, float]:
     """Return by check the standard uncertainty of a difference between two rides, for how it varies in their time.
 
     s/√n of the differences in `PIECES` pieces.

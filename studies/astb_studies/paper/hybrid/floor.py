@@ -16,7 +16,7 @@ from astb_studies.paper.comfort import (
     weighted,
     window_rms,
 )
-from astb_studies.paper.hybrid.agreement import Rode
+from astb_studies.paper.hybrid.agreement import RideResult
 from astb_studies.paper.hybrid.car import STEP
 from test_plans.analysis import Samples
 from test_plans.check_names import CheckName
@@ -96,7 +96,7 @@ def finely(told: Samples, step: float) -> Samples:
     return np.asarray(b + 0.5 * x * (c - a + bend))
 
 
-def ridden(course: Rode, since: float, until: float) -> dict[str, float]:
+def ridden(course: RideResult, since: float, until: float) -> dict[str, float]:
     """Return what the floor did between two times (s) of a ride, by check (SI); an index only of a whole block."""
     a, rising, stop, roll = (
         course.of(name, since, until) for name in ("acceleration", "rising", "bump_stop", "roll")

@@ -75,7 +75,7 @@ class Margins:
         """Whether both are what a ride needs."""
         return self.phase >= LEAST_PHASE and self.gain >= LEAST_GAIN
 
-    def told(self) -> str:
+    def text(self) -> str:
         """Say both."""
         gain = f"a gain margin of {self.gain:.1f} at {self.gain_at:.1f} Hz" if np.isfinite(self.gain) else ""
         phase = f"a phase margin of {self.phase * 180 / pi:.1f}° at {self.phase_at:.2f} Hz"

@@ -19,7 +19,7 @@ from astb_studies.paper.hybrid.agreement import (
     WARM_U,
     Agreement,
     Followed,
-    Rode,
+    RideResult,
     followed,
     noise_of,
     of_the_loop,
@@ -130,7 +130,7 @@ def _look_at_the_loop(run: Run) -> ConditionResult:
     needed = f"{LEAST_PHASE * 180 / pi:g}° and {LEAST_GAIN:g} are needed"
     delay = path_of(run.rig, by=by).delay
     return ConditionResult(
-        found.enough, f"{found.told()}, with {1e3 * delay:.0f} ms that are compensated; {needed}"
+        found.enough, f"{found.text()}, with {1e3 * delay:.0f} ms that are compensated; {needed}"
     )
 
 
@@ -252,7 +252,7 @@ def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
     told = f"{1e3 * delay.pistons:.0f} ms late, with readings every {1e3 * delay.hold:.0f} ms"
     if not found.enough:
         reason = (
-            f"{run.rig.rig} is {told}: {found.told()}; a car on it would swing by itself, and does not ride"
+            f"{run.rig.rig} is {told}: {found.text()}; a car on it would swing by itself, and does not ride"
         )
         if longest := longest_delay(load, run.rig, delay):
             reason += f". It would with {1e3 * longest:.0f} ms"
@@ -312,11 +312,11 @@ def hold_against_the_simulation(
 
     ``loop`` are the parts of the uncertainty of what was ``found`` on the bench.
     """
-    from astb_studies.paper.hybrid.alone import (  # compiled: not for a list of plans
-        Alone,
+    from astb_studies.paper.hybrid.simulated_ride import (  # compiled: not for a list of plans
         NoModel,
+        SimulatedRide,
         SimulatedSprings,
-        ride_alone,
+        simulate_ride,
     )
 
     names = [AGREES.of(what=what) for what, check in COMPARED.items() if check in found]
@@ -332,9 +332,9 @@ def hold_against_the_simulation(
     whole = times[1] + RISE
     acted = _acted(run, course, whole)
 
-    def on(carried: float = 1.0, warmer: float = 0.0) -> Alone:
+    def on(carried: float = 1.0, warmer: float = 0.0) -> SimulatedRide:
         springs = SimulatedSprings(specimen.model, load.name, carried * course.carried, run.rig, warmer)
-        return ride_alone(CAR, car_mass(load, run.rig), springs, *acted)
+        return simulate_ride(CAR, car_mass(load, run.rig), springs, *acted)
 
     try:
         alone = on()
@@ -370,7 +370,7 @@ def _acted(run: Run, course: Ridden, whole: float) -> tuple[Samples, float, Samp
     return wind, WIND_STEP, fade(times)
 
 
-def _draw(run: Run, rides: Mapping[str, Rode], times: tuple[float, float]) -> None:
+def _draw(run: Run, rides: Mapping[str, RideResult], times: tuple[float, float]) -> None:
     for name, rode in rides.items():
         at = np.arange(*times, WINDOW) + 0.5 * WINDOW
         for column, way in (("acceleration", "lateral"), ("rising", "vertical")):

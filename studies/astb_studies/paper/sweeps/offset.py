@@ -94,13 +94,13 @@ class LateralOffset:
             run.bench.generator.run("vertical", amplitude=CENTRING, frequency=1 * Hz, cycles=3)
             run.bench.air.isolate_reservoirs()
             for shear in STAIRS:
-                self.stairs.append(self._stand(run, home, shear, 0.0))
+                self.stairs.append(self._pose_reading(run, home, shear, 0.0))
             for height in LIFTS:
-                self.lifts.append(self._stand(run, home, 0.0, height))
+                self.lifts.append(self._pose_reading(run, home, 0.0, height))
             run.bench.air.connect_reservoirs()
 
     @staticmethod
-    def _stand(run: Run, home: Home, shear: float, height: float) -> PoseReading:
+    def _pose_reading(run: Run, home: Home, shear: float, height: float) -> PoseReading:
         take_pose(run, home, shear=shear, height=height)
         run.bench.wait(STAIR_WAIT)
         return read_pose(run)

@@ -113,7 +113,7 @@ class DampingByRatio:
         """Return what was read at one of the amplitudes (m)."""
         return self.sines[SWINGS.index(amplitude)]
 
-    def drop_beside_peak(self, run: Run) -> Measured:
+    def drop_from_peak(self, run: Run) -> Measured:
         """Return how far c at both ends of the amplitudes lies below its maximum, the nearer end, as a fraction."""
         peak = int(np.argmax([K.damping for K in self.found]))
 
@@ -153,4 +153,4 @@ def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -
         run.check(name, less, "1", low=following.low, high=following.high)
     for plate in (min(sines), PLATE):
         name = BESIDE_PEAK.of(plate=plate / mm)
-        run.check(name, found[plate].drop_beside_peak(run), "%", low=beside.low, high=beside.high)
+        run.check(name, found[plate].drop_from_peak(run), "%", low=beside.low, high=beside.high)

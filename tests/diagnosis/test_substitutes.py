@@ -12,8 +12,8 @@ from diagnosis.engine.fitting.point import effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.search import search
 from diagnosis.engine.search_state import Problem
+from diagnosis.engine.substitutes import without_substitutes
 from diagnosis.engine.trials import current_model
-from diagnosis.engine.understudies import without_understudies
 from diagnosis.engine.verdict import judge
 
 ONE = Config(workers=1, with_panel=False)
@@ -53,14 +53,14 @@ def test_what_left_for_the_sake_of_another_comes_back(laboratory, hidden, unders
     )
     first = thrown_out(problem, cause, understudy)
     assert not first.found.accepted
-    again = without_understudies(problem, first)
+    again = without_substitutes(problem, first)
     assert [one.effect for one in again.found.accepted] == [cause]
     assert understudy in again.found.state.left
     # All candidates are among the scores again.
     scored = {one.effect.name for one in again.screened.screening.candidates}
     assert scored == set(lab.simulator.catalogue) - {cause}
     # What nothing displaced is left as it is.
-    assert without_understudies(problem, again) is again
+    assert without_substitutes(problem, again) is again
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.before import noise_ratio
-from diagnosis.engine.config import FORETELLS_AS_WELL
+from diagnosis.engine.config import PREDICTS_AS_WELL
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import effect_coordinates
 from diagnosis.engine.fitting.predict import predict
@@ -43,11 +43,11 @@ from diagnosis.engine.verdict import Judgement, judge
 INSTEAD: Final = "the model without it predicts the select runs better"
 
 
-def without_understudies(problem: Problem, first: Judgement) -> Judgement:
+def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
     """Return a judgement, or a better one of what left for the sake of others."""
     if not problem.select:
         return first
-    out = _understudies(problem, first)
+    out = _substitutes(problem, first)
     one_for_two = set() if out else _in_the_place_of(first)
     out = out or one_for_two
     if not out:
@@ -58,7 +58,7 @@ def without_understudies(problem: Problem, first: Judgement) -> Judgement:
         return first
     second = judge(problem, _restored(problem, first, found, out))
     before, after = ((one.screened.model, one.found.floors) for one in (first, second))
-    better = FORETELLS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
+    better = PREDICTS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
     if first.found.accepted:  # what foretells better by chance explains less
         better = better and _error(*after, problem.replay.runs) <= _error(*before, problem.replay.runs)
     if one_for_two:
@@ -66,9 +66,9 @@ def without_understudies(problem: Problem, first: Judgement) -> Judgement:
     return second if better and second.found.accepted else first
 
 
-def _understudies(problem: Problem, first: Judgement) -> set[str]:
+def _substitutes(problem: Problem, first: Judgement) -> set[str]:
     """Return what stood beside a cause that left and that alone predicts better than the judgement; mostly nothing."""
-    cause = _best_alone(problem, first)
+    cause = _best_single_cause(problem, first)
     state = first.found.state
     return {*state.left, *state.beside[cause], *first.found.model.effects} - {cause} if cause else set()
 
@@ -78,16 +78,16 @@ def _in_the_place_of(first: Judgement) -> set[str]:
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]
     initial = first.found.steps[0].screening
-    likeness = {
+    similarity = {
         (stayed, gone): abs(float(initial.projection.cosines[initial.best(stayed), initial.best(gone)]))
         for gone in scoring
         for stayed in state.beside.get(gone, ())
         if stayed in first.found.model.effects
     }
-    return {max(likeness, key=likeness.__getitem__)[0]} if likeness else set()
+    return {max(similarity, key=similarity.__getitem__)[0]} if similarity else set()
 
 
-def _best_alone(problem: Problem, first: Judgement) -> str:
+def _best_single_cause(problem: Problem, first: Judgement) -> str:
     """Return which cause that left beside others predicts the select runs best alone, if better than the judgement."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
     errors = {}
@@ -103,7 +103,7 @@ def _best_alone(problem: Problem, first: Judgement) -> str:
         alone = fit(model.replay, model.noise, start, model.linearisation)
         errors[name] = _error(alone, floors, problem.select)
     best = min(errors, key=errors.__getitem__, default="")
-    return best if best and FORETELLS_AS_WELL * errors[best] < _error(model, floors, problem.select) else ""
+    return best if best and PREDICTS_AS_WELL * errors[best] < _error(model, floors, problem.select) else ""
 
 
 def _error(model: FittedModel, floors: Array, runs: Sequence[MeasuredRun]) -> float:

@@ -38,7 +38,7 @@ class SimulatedSprings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Alone:
+class SimulatedRide:
     """What came of a ride on the model's springs, a row for each `STEP`; read as a `coupling.Course` is (SI)."""
 
     columns: dict[str, Floats]
@@ -49,9 +49,9 @@ class Alone:
         return self.columns[name][round(since / STEP) : round(until / STEP)]
 
 
-def ride_alone(
+def simulate_ride(
     car: Car, mass: float, springs: SimulatedSprings, wind: Floats, interval: float, share: Floats
-) -> Alone:
+) -> SimulatedRide:
     """Let the ``car`` of ``mass`` (kg) ride in a ``wind`` (N on it) on that ``share`` of its track.
 
     Both have a sample every ``interval`` s; what the track begins with goes on swinging in the gas for a minute.
@@ -92,7 +92,7 @@ def ride_alone(
         "lateral": rode.of(RideChannel.LATERAL),
         "roll": rode.of(RideChannel.ROLL),
     }
-    return Alone(columns)
+    return SimulatedRide(columns)
 
 
 def _ridden(vehicle: Vehicle, car: Car, wind: Floats, interval: float, share: Floats) -> Ride:

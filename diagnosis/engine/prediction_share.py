@@ -15,21 +15,21 @@ import math
 from collections.abc import Callable, Sequence
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.config import FORETOLD
+from diagnosis.engine.config import PREDICTED_SHARE
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.remainder import part_left
 
 #: Returns the part of the error that an effect of a model leaves of the select runs, at most; infinite if not known.
-PartLeft = Callable[[FittedModel, str], float]
+ResidualBound = Callable[[FittedModel, str], float]
 
 
-def foretold(model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array) -> bool:
+def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array) -> bool:
     """Return whether an effect, as fitted, takes most of the error of all channels from the select runs."""
-    return bool(select) and _left(model, effect, select, floors) < FORETOLD
+    return bool(select) and _left(model, effect, select, floors) < PREDICTED_SHARE
 
 
-def at_most_left(select: Sequence[MeasuredRun], floors: Array) -> PartLeft:
+def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
     """Return what says how large a part of its amplitude an effect of a model may be off, by the select runs."""
 
     def left(model: FittedModel, effect: str) -> float:
