@@ -90,7 +90,7 @@ def test_a_spring_that_has_crept_goes_on_from_there():
     began = Gas(whole[middle, PRESSURES], whole[middle, TEMPERATURES])
     moved = np.ptp(whole[:, force[0]])
     assert moved > 100.0
-    told, fresh = held(n - middle, began, Before.nothing()._replace(crept=crept)), held(n - middle, began)
+    told, fresh = held(n - middle, began, Before.at_rest()._replace(crept=crept)), held(n - middle, began)
     assert np.abs(told - whole[middle:])[:, force].max() < 0.01 * moved
     assert np.abs(fresh - whole[middle:])[:, force].max() > 0.1 * moved
 
@@ -164,7 +164,7 @@ def test_a_slow_branch_goes_on_from_where_it_was():
 
     whole = moved(slice(n), Gas(np.full(4, 3e5), np.full(4, record.ambient_temperature)))
     z, y = whole[:, Algebraic.BELLOWS_VERTICAL], whole[:, Algebraic.BELLOWS_LATERAL]
-    before = Before.nothing()
+    before = Before.at_rest()
     for j in range(2):
         edge = np.exp(-step * np.arange(middle, -1, -1) / record.extra_branch_time[j])
         for direction, x in enumerate((z, y)):
