@@ -134,7 +134,8 @@ def _grouped(text: str) -> str:
 def _detail(one: Check) -> str:
     # In which part of the run it was is known without saying; a phase tells more.
     phase = "" if one.phase in {"set-up", "main", "tear-down"} else one.phase
-    return "; ".join(primed(text) for text in (phase, one.note, certainty(one)) if text)
+    requirement = f"requirement {one.requirement}" if one.requirement else ""
+    return "; ".join(primed(text) for text in (requirement, phase, one.note, certainty(one)) if text)
 
 
 def certainty(one: Check) -> str:

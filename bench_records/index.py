@@ -24,7 +24,7 @@ from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"
 #: A database with another version of the tables is deleted and rebuilt.
-VERSION: Final = 5
+VERSION: Final = 6
 WAIT: Final = 10.0
 _UNWRITABLE: Final = (
     sqlite3.SQLITE_CANTOPEN,
@@ -48,7 +48,7 @@ create table note (
 create table judged (
     directory text not null references run on delete cascade, place integer not null, phase text not null,
     name text not null, value real, unit text not null, scale real not null, low real, high real, verdict text not null,
-    expanded real, primary key (directory, place)
+    expanded real, requirement text not null, primary key (directory, place)
 );
 create index judged_by_name on judged (name);
 """
@@ -90,10 +90,22 @@ class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
     high: float | None
     verdict: str
     expanded: float | None = None  #: expanded uncertainty
+    requirement: str = ""
 
 
 _RUN: Final = tuple(KeptRun.__struct_fields__)
-_CHECK: Final = ("phase", "name", "value", "unit", "scale", "low", "high", "verdict", "expanded")
+_CHECK: Final = (
+    "phase",
+    "name",
+    "value",
+    "unit",
+    "scale",
+    "low",
+    "high",
+    "verdict",
+    "expanded",
+    "requirement",
+)
 
 
 class RunIndex:
@@ -115,15 +127,19 @@ class RunIndex:
             )
             return [_kept(row) for row in rows]
 
-    def checks(self, name: str, **chosen: str | None) -> list[KeptCheck]:
-        """Return the checks of that name, oldest first, of the runs whose columns are as ``chosen``."""
+    def checks(self, name: str | None = None, **chosen: str | None) -> list[KeptCheck]:
+        """Return the checks of that name, oldest first, of the runs whose columns are as ``chosen``.
+
+        Without a name, return all checks that verify a requirement.
+        """
+        named = "judged.requirement <> ''" if name is None else "judged.name = ?"
         where, values = _where(chosen, "run.")
         columns = ", ".join([f"judged.{one}" for one in _CHECK] + [f"run.{one}" for one in _RUN])
         with self._fresh() as base:
             rows = base.execute(
                 f"select {columns} from judged join run using (directory) "
-                f"{where or 'where true'} and judged.name = ? order by run.began, directory, place",
-                (*values, name),
+                f"{where or 'where true'} and {named} order by run.began, directory, place",
+                values if name is None else (*values, name),
             )
             n = len(_CHECK)
             return [KeptCheck(run=_kept(row[n:]), **dict(zip(_CHECK, row[:n], strict=True))) for row in rows]
@@ -289,7 +305,11 @@ def _insert(base: sqlite3.Connection, directory: str, stamp: str, found: RunFold
 def _figures(one: Check) -> dict[str, Any]:
     found: dict[str, Any] = {name: getattr(one, name) for name in _CHECK}
     # SQLite stores NaN as NULL: there is no measured value.
-    return found | {"verdict": one.verdict.value, "value": one.number}
+    return found | {
+        "verdict": one.verdict.value,
+        "value": one.number,
+        "requirement": one.requirement or "",
+    }
 
 
 def _store(base: sqlite3.Connection, table: str, row: dict[str, Any]) -> None:

@@ -63,6 +63,9 @@ def junit(result: Result) -> bytes:
     for one, time in zip(result.checks, times, strict=False):
         mine = {"name": _text(one.name + given), "time": f"{time:.3f}"}
         case = ET.SubElement(suite, "testcase", named | mine)
+        if one.requirement:
+            stated = {"name": "requirement", "value": _text(one.requirement)}
+            ET.SubElement(ET.SubElement(case, "properties"), "property", stated)
         story = _text(str(one))
         if one.verdict is CheckVerdict.FAIL:
             ET.SubElement(case, "failure", {"type": "limit", "message": story}).text = _text(one.note)

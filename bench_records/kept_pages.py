@@ -158,6 +158,11 @@ def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
 def trend_words(trend: Trend) -> list[str]:
     """Return sentences on mean, scatter and drift of the values."""
     last = trend.checks[-1]
+    requirement = [f"Requirement {last.requirement}."] if last.requirement else []
+    return requirement + _figures(trend, last)
+
+
+def _figures(trend: Trend, last: KeptCheck) -> list[str]:
     if trend.mean is None:
         return [f"None of {len(trend.checks)} runs gave a value."]
     in_unit = f"{THIN_SPACE}{unit(last.unit)}".rstrip()

@@ -1,4 +1,4 @@
-"""What a check is called, with the sentence that says what it measures and why that matters."""
+"""The name of a check, with a sentence about its quantity and purpose, and the requirement that it verifies."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ _PLACE: Final = re.compile(r"\{(\w+)(?::\w+)?\}")
 
 
 class CheckName(str):
-    """The name of a check, perhaps with ``{places}`` that `of` fills, and one sentence ``about`` it."""
+    """The name of a check, perhaps with ``{places}`` that `of` fills, and one sentence ``about`` it.
+
+    ``requirement`` is the clause of a standard, or the number of a requirement, that the check verifies.
+    """
 
     about: str
+    requirement: str
 
-    def __new__(cls, name: str, about: str = "") -> CheckName:
+    def __new__(cls, name: str, about: str = "", *, requirement: str = "") -> CheckName:
         made = super().__new__(cls, name)
-        made.about = about
+        made.about, made.requirement = about, requirement
         return made
 
     def of(self, ending: str = "", **places: object) -> CheckName:
         """Return the name with its places filled, and an ``ending``; the sentence is the same."""
-        return CheckName(self.format(**places) + ending, self.about)
+        return CheckName(self.format(**places) + ending, self.about, requirement=self.requirement)
 
     @property
     def shown(self) -> str:

@@ -9,7 +9,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from msgspec.structs import asdict
+from msgspec import to_builtins
+from msgspec.structs import replace
 
 from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
 from bench_protocol.dimensions import Dimensions
@@ -209,7 +210,7 @@ class Run:
             without=found.unknown,
             about=about(name),
         )
-        self._judged(one)
+        self._judged(one, name)
         return one.passed
 
     def measured(self, evaluate: Evaluation, *captures: Captured, **how: Any) -> Measured:
@@ -288,14 +289,16 @@ class Run:
         for name in checks:
             phase = self._open[-1] if self._open else ""
             one = unavailable(str(name), reason, phase=phase, about=about(name))
-            self._judged(one)
+            self._judged(one, name)
 
     lack = not_available  # the old name, for one release
 
-    def _judged(self, one: Check) -> None:
+    def _judged(self, one: Check, name: str) -> None:
+        if requirement := self.specimen.requirement(name):
+            one = replace(one, requirement=requirement)
         self.checks.append(one)
         # The complete check is kept, because a killed run has a record but no result.
-        self.keep("check", str(one), verdict=one.verdict.value, whole=asdict(one))
+        self.keep("check", str(one), verdict=one.verdict.value, whole=to_builtins(one))
         self.watcher.checked(one)
 
     def ask(

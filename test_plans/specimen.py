@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +18,7 @@ from bench_protocol.entries import EntryError, FileEntry, as_table, number, read
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
 from bench_protocol.units import UNITS, bar, kN, mm, mrad
+from test_plans.check_names import CheckName
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
 #: The kind of its named files.
@@ -122,6 +124,7 @@ class Specimen:
     model: str = (
         ""  #: parameter set of a simulation of it: a name, or the path of a file; "" if none is known
     )
+    requirements: Mapping[str, str] = field(default_factory=dict)  #: by name of a check, or pattern of names
 
     def load(self, name: str) -> Load:
         """Return a load case. SpecimenError if the file does not have it."""
@@ -136,6 +139,11 @@ class Specimen:
         load = self.load(name)
         limits = Limits(f"{load.limits.where} at {preload / 1e3:g} kN", {}, {})
         return replace(load, preload=preload, fill_pressure=preload / self.effective_area, limits=limits)
+
+    def requirement(self, check: str) -> str:
+        """Return the requirement that a check verifies: by this file, or by the plan; "" if there is none."""
+        stated = (text for pattern, text in self.requirements.items() if fnmatchcase(check, pattern))
+        return next(stated, check.requirement if isinstance(check, CheckName) else "")
 
     @property
     def facts(self) -> dict[str, str]:
@@ -184,7 +192,9 @@ def read_specimen(name: str | Path) -> Specimen:
 
 def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
     file = path.name
-    refuse_unknown("", content, (*_NAMES, MODEL, "properties", "bench", "limits", "load_case"), _FILE)
+    refuse_unknown(
+        "", content, (*_NAMES, MODEL, "requirements", "properties", "bench", "limits", "load_case"), _FILE
+    )
     cases = as_table("load_case", content.get("load_case", {}))
     if not cases:
         raise EntryError(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
@@ -199,6 +209,10 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
         loads={name: _load(file, name, case) for name, case in cases.items()},
         bench=_values("bench", content["bench"], BENCH) if "bench" in content else {},
         model=_model(path, content),
+        requirements={
+            check: _text(f"requirements.{check}", text)
+            for check, text in as_table("requirements", content.get("requirements", {})).items()
+        },
     )
     if found := list(_contradictions(specimen)):
         raise EntryError("; ".join(found))
@@ -206,10 +220,13 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
 
 
 def _name(key: str, content: Mapping[str, Any]) -> str:
-    name = _needed("", content, key)
-    if not isinstance(name, str) or not name.strip():
-        raise EntryError(f"{key} = {name!r} is no text that tells one from another")
-    return name
+    return _text(key, _needed("", content, key))
+
+
+def _text(key: str, text: Any) -> str:
+    if not isinstance(text, str) or not text.strip():
+        raise EntryError(f"{key} = {text!r} is not a text, or an empty one; write a text in quotes")
+    return text
 
 
 def _model(path: Path, content: Mapping[str, Any]) -> str:

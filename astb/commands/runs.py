@@ -59,6 +59,11 @@ _STYLE: Final = {
     is_flag=True,
     help="Check all files against their checksums, and end with exit code 1 if a file has changed.",
 )
+@click.option(
+    "--requirements",
+    is_flag=True,
+    help="List requirements with their checks, and the latest verdict of each.",
+)
 @JSON_OPTION
 def runs_command(
     folder: Path,
@@ -69,6 +74,7 @@ def runs_command(
     operator: str | None,
     rebuild: bool,
     verify: bool,
+    requirements: bool,
     as_json: bool,
 ) -> None:
     """List the recorded runs, oldest first."""
@@ -76,12 +82,23 @@ def runs_command(
     try:
         if rebuild:
             click.echo(f"{index.rebuild()} runs in {folder}", err=True)
-        runs = index.runs(plan=plan, verdict=verdict, serial_number=specimen, rig=rig, operator=operator)
+        chosen = {
+            "plan": plan,
+            "verdict": verdict,
+            "serial_number": specimen,
+            "rig": rig,
+            "operator": operator,
+        }
+        runs = index.runs(**chosen)
+        judged = index.checks(**chosen) if requirements else []
     except RecordError as error:
         misuse(error)
     _warn_unreadable(index)
     if verify:
         _verify(folder, runs)
+    if requirements:
+        _list_requirements(judged, as_json)
+        return
     if as_json:
         print_json(runs)
         return
@@ -111,6 +128,39 @@ def runs_command(
             str(one.notes or ""),
         )
         table.add_row(verdict_mark, *told)
+    open_console().print(table)
+
+
+def _list_requirements(judged: "list[KeptCheck]", as_json: bool) -> None:
+    """Print the latest check of each requirement, name, plan, specimen and parameters."""
+    latest = {
+        (
+            one.requirement,
+            one.run.plan,
+            one.name,
+            one.run.serial_number,
+            *sorted(one.run.parameters.items()),
+        ): one
+        for one in judged
+    }
+    found = [one for _, one in sorted(latest.items(), key=lambda item: item[0][:4])]
+    if as_json:
+        print_json(found)
+        return
+    table = open_table(
+        f"{len({one.requirement for one in found})} requirements, {len(found)} checks",
+        "",
+        "requirement",
+        "check",
+        "plan",
+        "specimen no.",
+        "latest run",
+        whole=("",),
+    )
+    for one in found:
+        mark = styled(one.verdict, _STYLE.get(one.verdict, ""))
+        plan = " ".join([one.run.plan, *(f"{name}={text}" for name, text in one.run.parameters.items())])
+        table.add_row(mark, one.requirement, one.name, plan, one.run.serial_number, one.run.directory)
     open_console().print(table)
 
 

@@ -106,7 +106,7 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
             "properties.bellows_volumes is no key of a specimen; did you mean 'bellows_volume'",
         ),
         ('serial_number = "virtual"', "", "the key serial_number is missing"),
-        ('serial_number = "virtual"', 'serial_number = ""', "serial_number = '' is no text"),
+        ('serial_number = "virtual"', 'serial_number = ""', "serial_number = '' is not a text"),
         (
             'provenance = "data sheet"',
             'provenance = "hearsay"',
