@@ -14,7 +14,7 @@ from bench_protocol.account import Account
 from bench_protocol.can_codec import Decoder
 from bench_protocol.dbc import Dbc, DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
-from bench_protocol.j1939_transport import ANNOUNCES, CARRIES, Reassembly
+from bench_protocol.j1939 import ANNOUNCES, CARRIES, Reassembly
 from bench_protocol.no_value import no_value_codes
 from bench_protocol.table import TABLE
 from bench_records.layout import RecordError, SignalInfo

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bench_protocol.input_limits import Unfit, read_toml
-from bench_protocol.runtime.terminal import forget_typed, in_the_foreground
+from bench_protocol.runtime.own_process import forget_typed, in_the_foreground
 from test_plans.operator import (
     DONE,
     Answer,

@@ -26,15 +26,15 @@ from astb.tables import shared_console
 from astb.watched import watched
 from bench_protocol.clock import utc_date
 from bench_protocol.named_files import label
-from bench_protocol.runtime.signals import known
+from bench_protocol.runtime.own_process import available_signals
 from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
-from bench_records.circumstances import circumstances
 from bench_records.disk import NotKept, begun
 from bench_records.layout import RESULT, RecordError
 from bench_records.printing import write_pdf
 from bench_records.report import write_report
 from bench_records.result import Outcome, Result, read_result
+from bench_records.run_folder import circumstances
 from bench_records.twin import read_twin
 from bench_sim.parameters.effects import show_effect
 from drivers.can_files.frames import CanLogError
@@ -295,7 +295,7 @@ def held_by_keyboard() -> Iterator[Suspension]:
     Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
     """
     suspension = Suspension()
-    numbers = known("SIGTSTP")
+    numbers = available_signals("SIGTSTP")
     if not numbers or threading.current_thread() is not threading.main_thread():
         yield suspension
         return

@@ -15,9 +15,8 @@ from bench_protocol.units import kN, s
 from bench_protocol.words import SIDES
 from diagnosis.contracts import Array, Experiment, Figures
 from drivers.errors import NotAvailable
-from test_plans.analysis import NotMeasured, Stiffness, first_harmonic
+from test_plans.analysis import VERTICAL_CELLS, NotMeasured, Stiffness, first_harmonic, harmonic
 from test_plans.analysis.cells import upward_force
-from test_plans.analysis.readings import VERTICAL_CELLS, harmonic
 from test_plans.description import Description
 from test_plans.programmes.motions import Stretch, Wave
 from test_plans.specimen import Specimen, ordinary

@@ -15,7 +15,7 @@ from bench_protocol.clock import Clock, RealClock, VirtualClock
 from bench_protocol.units import NS
 from bench_records.layout import RecordError
 from bench_records.twin import TWIN, Deviation, TwinStory, read_twin
-from test_plans.twin_state import NoTwin, TwinState
+from test_plans.run import NoTwin, TwinState
 
 #: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
 _PATIENCE: Final = 120.0

@@ -1,5 +1,11 @@
-"""Extras: optional libraries, and the messages if they are missing."""
+"""Extras: optional libraries, the messages if they are missing, and what their use needs."""
 
+from __future__ import annotations
+
+import gc
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Final, NamedTuple
 
@@ -60,3 +66,15 @@ def _found(library: str) -> bool:
         return find_spec(library) is not None
     except ValueError:  # None marks a module as missing
         return False
+
+
+@contextmanager
+def no_destructor_errors() -> Iterator[None]:
+    """Suppress the output of errors that destructors raise inside the block."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+    finally:
+        gc.collect()
+        sys.unraisablehook = hook

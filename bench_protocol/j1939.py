@@ -1,8 +1,11 @@
-"""What SAE J1939 says of identifiers and of codes that stand for no value."""
+"""SAE J1939: identifiers, codes for no value, and messages of several packets (TP)."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Final, Literal
+
+from bench_protocol.account import Account
 
 _PDU1_MAX: Final = 0xEF  #: up to this format the next byte is an address, not a part of the group's number
 #: The source address of a description that is anybody's.
@@ -36,3 +39,79 @@ def missing(raw: int, bits: int) -> Literal["", "not available", "error"]:
     top = (1 << bits - shift) - 1
     code = raw >> shift
     return "not available" if code == top else "error" if code == top - 1 else ""
+
+
+#: Groups of connection management (TP.CM) and of data (TP.DT).
+ANNOUNCES, CARRIES = 0xEC00, 0xEB00
+_TO_SEND, _TO_ALL, _ABORT = 16, 32, 255  #: what TP.CM says first: RTS, BAM, and that it ends
+_IN_A_PACKET: Final = 7
+_PRIORITY: Final = 6
+#: Longer than any pause that SAE J1939-21 (5.10.2.4) allows between packets: T2 and T3, ns.
+_PATIENCE: Final = 1_250_000_000
+_INCOMPLETE: Final = "J1939 message(s) of several packets (TP) that are not whole"
+
+
+@dataclass
+class _Message:
+    group: int
+    size: int
+    count: int
+    last: int  #: ns
+    packets: dict[int, bytes] = field(default_factory=dict)
+
+
+class Reassembly:
+    """Takes frames in the order of their times, and gives back messages; what never is whole is counted."""
+
+    def __init__(self, account: Account) -> None:
+        self._account = account
+        self._open: dict[tuple[str, int, int], _Message] = {}
+        self.whole = 0
+
+    def take(self, time: int, channel: str, identifier: int, data: bytes) -> tuple[int, bytes] | None:
+        """Return identifier and data of the message that a packet ends; None for any other packet."""
+        ends = source_of(identifier), identifier >> 8 & 0xFF
+        if group_of(identifier) == ANNOUNCES:
+            self._announced(time, channel, ends, data)
+            return None
+        key = channel, *ends
+        message = self._open.get(key)
+        if message is not None and time - message.last > _PATIENCE:
+            self._give_up(key)
+            message = None
+        if message is None or not 1 <= data[:1].ljust(1, b"\0")[0] <= message.count or len(data) < 8:
+            self._account.leave_out(
+                "J1939 packet(s) (TP) that nobody announced", at=f"identifier {identifier:#x}"
+            )
+            return None
+        message.last = time
+        message.packets[data[0]] = data[1:8]  # one that is asked for again takes the place of the first
+        if len(message.packets) < message.count:
+            return None
+        del self._open[key]
+        self.whole += 1
+        whole = b"".join(message.packets[number] for number in range(1, message.count + 1))[: message.size]
+        group = message.group | (ends[1] if message.group >> 8 & 0xFF < 0xF0 else 0)
+        return _PRIORITY << 26 | group << 8 | ends[0], whole
+
+    def end(self) -> None:
+        """Count what the log ended within."""
+        for key in list(self._open):
+            self._give_up(key)
+
+    def _announced(self, time: int, channel: str, ends: tuple[int, int], data: bytes) -> None:
+        key = channel, *ends
+        said = data[0] if len(data) == 8 else 0
+        if said == _ABORT:  # from either end
+            for one in (key, (channel, ends[1], ends[0])):
+                self._give_up(one)
+        if said not in (_TO_SEND, _TO_ALL):
+            return
+        self._give_up(key)
+        size, count = int.from_bytes(data[1:3], "little"), data[3]
+        if count and (count - 1) * _IN_A_PACKET < size <= count * _IN_A_PACKET:
+            self._open[key] = _Message(int.from_bytes(data[5:8], "little") & 0x3FFFF, size, count, time)
+
+    def _give_up(self, key: tuple[str, int, int]) -> None:
+        if message := self._open.pop(key, None):
+            self._account.leave_out(_INCOMPLETE, at=f"group {message.group:#x}")

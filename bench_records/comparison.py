@@ -10,10 +10,9 @@ from typing import Any, Literal
 
 import msgspec
 
-from bench_records.circumstances import circumstances, flattened
 from bench_records.curves import Curve
 from bench_records.result import Check, Result
-from bench_records.run_folder import open_run
+from bench_records.run_folder import circumstances, flattened, open_run
 
 Kind = Literal["changed", "only in A", "only in B"]
 

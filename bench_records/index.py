@@ -15,11 +15,10 @@ from typing import Any, Final
 
 import msgspec
 
-from bench_records.circumstances import circumstances
 from bench_records.layout import PARQUET, STREAM, RecordError
 from bench_records.notes import NOTES, Note, notes_of
 from bench_records.result import Check
-from bench_records.run_folder import SIGNS, RunFolder, facts_of, open_run
+from bench_records.run_folder import SIGNS, RunFolder, circumstances, facts_of, open_run
 from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"

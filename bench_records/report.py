@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from bench_records.check_table import CheckRow, bar_drawing, check_rows, meanings
-from bench_records.circumstances import circumstances, flattened
 from bench_records.conformity import percent
 from bench_records.disk import kept
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
@@ -21,7 +20,7 @@ from bench_records.record import Record, read
 from bench_records.replay import replay_of
 from bench_records.result import Check, CheckVerdict, Outcome, Result, read_result
 from bench_records.run_drawings import curve_plots, curve_tables, numbered, phase_strips, time_panels
-from bench_records.run_folder import result_without
+from bench_records.run_folder import circumstances, flattened, result_without
 from bench_records.signing import ROLES, files_of, footing, identification, instruments_of
 from bench_records.templates import template
 from bench_records.twin import PARTS, read_twin

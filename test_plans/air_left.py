@@ -11,7 +11,7 @@ from bench_protocol.units import bar, s
 from bench_protocol.words import SIDES
 from drivers.air import PRESSURE_FALLS
 from drivers.errors import BenchError
-from test_plans.analysis.readings import CHAMBERS
+from test_plans.analysis import CHAMBERS
 
 if TYPE_CHECKING:
     from drivers.bench import Bench

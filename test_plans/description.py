@@ -1,14 +1,19 @@
-"""What a plan knows of the rig that it runs on: its dimensions by name, and what it lacks."""
+"""What a plan knows of the rig that it runs on: its dimensions by name, what it lacks, and its clocks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from functools import cache, wraps
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from bench_protocol.dimensions import NAMES, UNKNOWN, Dimension, Dimensions, lag, ordinary
 from bench_protocol.named_files import ORDINARY_RIG
+from bench_protocol.signals import MEASURED
 from drivers.errors import NotAvailable
+from drivers.wiring.contract import Stamp
+
+if TYPE_CHECKING:
+    from drivers.bench import Bench
 
 _Follows = TypeVar("_Follows", bound=Callable[..., Any])
 
@@ -89,3 +94,17 @@ def lags(signals: Iterable[str]) -> tuple[str, ...]:
 def ours() -> Description:
     """Return what is known of the virtual bench, for what is computed without any rig."""
     return Description(ORDINARY_RIG, ordinary())
+
+
+def stamps_of(bench: Bench) -> dict[str, Stamp]:
+    """Return the stamp of each measurement whose clock is known."""
+    wiring = getattr(bench, "wiring", None)
+    if wiring is None:
+        return {}
+    found = {one.name: wiring.stamp(one.name) for one in bench.table.of_kind(*MEASURED)}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def clocks(bench: Bench) -> dict[str, str]:
+    """Return what a record says of the clocks: by transport and message, whose it is and what it may be off by."""
+    return {one.shared: f"{one.clock}, within {one.within * 1e6:g} µs" for one in stamps_of(bench).values()}

@@ -26,6 +26,7 @@ from drivers.errors import BenchError
 from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
+from test_plans.description import clocks
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.interruptions import Interruptions
 from test_plans.loads import SpecimenError
@@ -36,12 +37,10 @@ from test_plans.preconditions import Precondition, today
 from test_plans.proofreading import mistakes
 from test_plans.punctuality import lateness, timing
 from test_plans.recording import Recording, begin_recording, keep_settings
-from test_plans.run import NullWatcher, Run, SafeWatcher, Watcher
+from test_plans.run import NoTwin, NullWatcher, Run, SafeWatcher, TwinState, Watcher
 from test_plans.specimen import Specimen, ordinary
-from test_plans.stamps import clocks
 from test_plans.steps.carrying import ARM_WITHIN
 from test_plans.suspension import HeldTooLong, Suspension
-from test_plans.twin_state import NoTwin, TwinState
 
 if TYPE_CHECKING:
     from bench_protocol.black_box import Incident

@@ -22,15 +22,13 @@ from bench_records.result import check as judged
 from test_plans.analysis.uncertainty import Captured, Evaluation, Exact, Measured, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
-from test_plans.description import Description, is_dimension
+from test_plans.description import Description, is_dimension, stamps_of
 from test_plans.holding import can_still_be_held
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.parameters import Value
 from test_plans.specimen import Specimen, ordinary
-from test_plans.stamps import stamps_of
 from test_plans.suspension import HOLD_WITHIN, Suspension
-from test_plans.twin_state import NoTwin, TwinState
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis, Curve
@@ -38,6 +36,27 @@ if TYPE_CHECKING:
     from bench_records.result import Check
     from drivers.bench import Bench
     from test_plans.loads import Band
+from bench_records.twin import Deviation
+
+
+class TwinState(Protocol):
+    """State of the twin for a plan. Reads return the present state; in real time they never wait for the model."""
+
+    @property
+    def watching(self) -> bool:
+        """Whether a twin watches this run."""
+
+    @property
+    def deviation(self) -> Deviation | None:
+        """The present deviation of rig and model; None if they agree or there is no twin."""
+
+
+class NoTwin:
+    """Stand-in for a run without a twin."""
+
+    watching = False
+    deviation: Deviation | None = None
+    parted = deviation  # the old name, for one release
 
 
 #: Signal that counts the ticks that began more than one period after their deadline.

@@ -17,7 +17,7 @@ from astb.commands.options import (
 )
 from astb.exit_codes import BLOCKED, blocked, misuse
 from astb.tables import open_console, plain_console, print_json
-from bench_protocol.runtime.one_core import keep_algebra_to_one_core
+from bench_protocol.runtime.own_process import keep_algebra_to_one_core
 from bench_records.layout import RecordError
 from drivers.errors import BenchError
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, NoReturn
 
-from bench_protocol.runtime.signals import known
+from bench_protocol.runtime.own_process import available_signals
 
 #: Signals that whoever sent them may not know of: a closed terminal, Ctrl-\\.
 UNAWARES: Final = ("SIGHUP", "SIGQUIT")
@@ -13,9 +13,9 @@ UNAWARES: Final = ("SIGHUP", "SIGQUIT")
 
 def end_in_order() -> None:
     """Let whoever ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
-    for number in known("SIGTERM", "SIGQUIT"):
+    for number in available_signals("SIGTERM", "SIGQUIT"):
         signal.signal(number, signal.default_int_handler)
-    for number in known("SIGHUP"):
+    for number in available_signals("SIGHUP"):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup it goes on
             signal.signal(number, _hung_up)
 
@@ -30,7 +30,7 @@ def _hung_up(number: int, _: object) -> NoReturn:
 def ended_by(end: Callable[[str], object]) -> Iterator[None]:
     """Call ``end`` with the name of the signal that is to end this process, while the block lasts."""
     before = {}
-    for number in known("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP"):
+    for number in available_signals("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP"):
         if signal.getsignal(number) != signal.SIG_IGN or number.name != "SIGHUP":  # with nohup it goes on
             before[number] = signal.signal(number, lambda number, _: end(signal.Signals(number).name))
     try:

@@ -23,8 +23,8 @@ from astb.exit_codes import BLOCKED, PASS, REFUSED, blocked, misuse
 from astb.operators import operator_for
 from astb.rig_file import RigFileError
 from astb.tables import plain_console
-from bench_records.circumstances import circumstances
 from bench_records.layout import RecordError
+from bench_records.run_folder import circumstances
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:

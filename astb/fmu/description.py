@@ -6,8 +6,8 @@ from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from astb.fmu.unit import Kind, Unit, Variable
-from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
+from bench_protocol.unit_names import base_exponents
 from bench_protocol.units import WRITTEN_UNITS
 
 #: In which unit people read a quantity.

@@ -23,7 +23,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
 from test_plans.air_left import LIFTS
-from test_plans.analysis.readings import CHAMBERS
+from test_plans.analysis import CHAMBERS
 from test_plans.discovery import plans, unknown
 from test_plans.parameters import ParameterRefused
 

@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 from astb.rehearsal.envelope import Extreme
 from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
-from bench_records.circumstances import circumstances
 from bench_records.disk import kept
 from bench_records.layout import ICE
 from bench_records.record import Record, read
 from bench_records.report_plots import time_panel
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
+from bench_records.run_folder import circumstances
 from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
 

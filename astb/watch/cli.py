@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from astb.exit_codes import FAIL, INCOMPLETE, PASS, blocked, misuse
-from bench_protocol.runtime.one_core import keep_algebra_to_one_core
+from bench_protocol.runtime.own_process import keep_algebra_to_one_core
 
 if TYPE_CHECKING:
     from bench_records.twin import TwinStory

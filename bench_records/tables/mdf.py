@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_protocol.extras import lacking
+from bench_protocol.extras import lacking, no_destructor_errors
 from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_mdf, check_size
-from bench_protocol.last_words import no_last_words
 from bench_records.layout import SECOND, RecordError
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ def opened(path: Path) -> Iterator[Any]:
         with path.open("rb") as file:
             if file.read(3) not in (b"MDF", b"UnF"):
                 raise RecordError(f"{path} is not an MDF file: it does not begin with MDF")
-        with no_last_words():
+        with no_destructor_errors():
             mdf = _made(MDF, path)
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None

@@ -15,10 +15,10 @@ from typing import Any, Final
 from xml.etree.ElementTree import iterparse
 from zipfile import BadZipFile
 
-from bench_protocol.base_units import BASES, base_exponents, written
 from bench_protocol.extras import lacking
 from bench_protocol.input_limits import Unfit, open_archive
 from bench_protocol.suggestion import did_you_mean
+from bench_protocol.unit_names import BASES, base_exponents, written
 from bench_protocol.units import UNITS, Unit
 
 #: Types of real numbers and of whole numbers in FMI 2 and 3.

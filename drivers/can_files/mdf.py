@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.account import Account
-from bench_protocol.extras import lacking
+from bench_protocol.extras import lacking, no_destructor_errors
 from bench_protocol.input_limits import Unfit, check_mdf
-from bench_protocol.last_words import no_last_words
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import ERRORS, REMOTE, opened
 
@@ -32,7 +31,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     except ImportError:
         raise CanLogError(lacking("mdf", "MDF files")) from None
     frames = Frames("frame")
-    with no_last_words():
+    with no_destructor_errors():
         made = _made(MF4Reader, path)
     if made is None:
         raise CanLogError(f"{path} is a damaged MDF file, or of a kind that is not read")

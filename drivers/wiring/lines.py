@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.wires import Table
+from drivers.wiring.astb.keys import KIND
 from drivers.wiring.contract import Capabilities, Order, Sequences
 from drivers.wiring.conversion import Conversion
 from drivers.wiring.expression import Combine
@@ -119,3 +120,28 @@ class Description:
     def remembered(self) -> tuple[str, ...]:
         """Settings that no point reports."""
         return tuple(name for name, one in self.settings.items() if one.fixed is None and not one.read)
+
+
+def listening(description: Description) -> Description:
+    """Return ``description`` without periodic sending: heartbeats, streamed messages, orders on connecting.
+
+    It never becomes the commander of a rig that has a lease. Of a user's own transport only the keys ``alive`` and
+    ``every`` are removed.
+    """
+    transports = {name: _silent(table) for name, table in description.transports.items()}
+    return replace(description, transports=transports, greetings=Greetings((), (), ()))
+
+
+def _silent(table: Mapping[str, Any]) -> dict[str, Any]:
+    if table.get("kind") == KIND:
+        return {**table, "commands": False}
+    kept = {key: value for key, value in table.items() if key != "alive"}
+    messages = kept.get("messages")
+    if isinstance(messages, Mapping):
+        kept["messages"] = {
+            name: {key: value for key, value in one.items() if key != "every"}
+            if isinstance(one, Mapping)
+            else one
+            for name, one in messages.items()
+        }
+    return kept

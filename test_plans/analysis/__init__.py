@@ -4,6 +4,9 @@ A harmonic motion is ``x(t) = Re(X e^{iωt})`` with the complex amplitude X. The
 real part K' stores energy, its imaginary part K'' loses it: ``c = K''/ω``, and ``π K'' |X|²`` per cycle.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import pi, tau
@@ -11,6 +14,11 @@ from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.words import SIDES
+from test_plans.description import lag_of
 
 Samples = npt.NDArray[np.float64]
 Wave = Literal["sine", "triangle"]
@@ -245,3 +253,20 @@ def without_inertia(force: complex, motion: complex, mass: float, frequency: flo
     ``force`` (N) and ``motion`` (m) count in the same direction; ẍ = −ω² x.
     """
     return force + mass * (tau * frequency) ** 2 * motion
+
+
+VERTICAL_CELLS: Final = BY_GROUP[Group.VERTICAL_LOAD_CELL]
+SHEAR_CELLS: Final = BY_GROUP[Group.LATERAL_LOAD_CELL]
+HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
+CHAMBERS: Final = ("bellows", "auxiliary")
+PRESSURES: Final = BY_GROUP[Group.PRESSURE]
+BELLOWS_TEMPERATURES: Final = tuple(f"{side}.bellows_temperature" for side in SIDES)
+#: Where the generator is in its program.
+GENERATOR: Final = ("rig.program", "rig.generator_cycle")
+
+
+def harmonic(
+    rig: Mapping[str, float], times: Samples, series: Samples, frequency: float, *signals: str
+) -> complex:
+    """Return the first harmonic of a ``series`` that was computed of these ``signals``, free of their mean lag."""
+    return without_lag(first_harmonic(times, series, frequency), lag_of(rig, *signals), frequency)

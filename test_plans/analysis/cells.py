@@ -11,9 +11,8 @@ import numpy as np
 from bench_protocol import places
 from bench_protocol.dimensions import LOAD_CELLS, direction, place
 from drivers.errors import NotAvailable
-from test_plans.analysis import Samples
+from test_plans.analysis import SHEAR_CELLS, VERTICAL_CELLS, Samples
 from test_plans.analysis.geometry import Rig, bolster_weight, share_of_spring
-from test_plans.analysis.readings import SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import once_for_a_rig
 
 #: Dimensions of the upright cells: positions and directions.

@@ -9,10 +9,9 @@ import numpy as np
 from bench_protocol.units import mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import straight_line
+from test_plans.analysis import PRESSURES, VERTICAL_CELLS, straight_line
 from test_plans.analysis.cells import CELLS, bearing, load_on
 from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
-from test_plans.analysis.readings import PRESSURES, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.plan import plan

@@ -14,7 +14,7 @@ from bench_protocol.words import SIDES
 from bench_records.curves import Axis
 from drivers.generator import Wave
 from test_plans import steps
-from test_plans.analysis import NotMeasured, Samples, Stiffness
+from test_plans.analysis import HEIGHTS, PRESSURES, SHEAR_CELLS, NotMeasured, Samples, Stiffness, harmonic
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
 from test_plans.analysis.geometry import (
     ACTUATORS,
@@ -28,7 +28,6 @@ from test_plans.analysis.geometry import (
     shear_of,
     stop_travel_of,
 )
-from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS, harmonic
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
 from test_plans.description import lags

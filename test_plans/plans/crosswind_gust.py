@@ -10,10 +10,9 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
 from bench_records.curves import Axis
 from test_plans import steps
-from test_plans.analysis import NotMeasured, Samples
+from test_plans.analysis import SHEAR_CELLS, NotMeasured, Samples
 from test_plans.analysis.cells import CELLS_ACROSS, guiding, sideways_force
 from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, SEEING, Rig, roll_of, shear_of
-from test_plans.analysis.readings import SHEAR_CELLS
 from test_plans.analysis.uncertainty import EVEN, SAMPLING
 from test_plans.check_names import CheckName
 from test_plans.parameters import ParameterRefused, Range

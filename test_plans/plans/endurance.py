@@ -15,9 +15,8 @@ from bench_records.twin import Deviation
 from drivers.errors import BenchTimeout
 from drivers.generator import MARGIN
 from test_plans import steps
-from test_plans.analysis import Samples, Stiffness, straight_line
+from test_plans.analysis import HEIGHTS, Samples, Stiffness, straight_line
 from test_plans.analysis.geometry import Rig
-from test_plans.analysis.readings import HEIGHTS
 from test_plans.analysis.uncertainty import Measured, counted
 from test_plans.check_names import CheckName
 from test_plans.loads import Load

@@ -12,8 +12,7 @@ from bench_protocol.units import mbar, minutes, mm, s
 from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout
 from test_plans import steps
-from test_plans.analysis import Samples, straight_line
-from test_plans.analysis.readings import HEIGHTS
+from test_plans.analysis import HEIGHTS, Samples, straight_line
 from test_plans.analysis.uncertainty import EVEN, SAMPLING, Measured
 from test_plans.check_names import CheckName
 from test_plans.loads import AW0, AW3, Limits, SpecimenError

@@ -14,7 +14,7 @@ from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, mrad, s
 from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
-from test_plans.analysis import Samples, straight_line
+from test_plans.analysis import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, Samples, straight_line
 from test_plans.analysis.cells import (
     CELLS,
     CELLS_ACROSS,
@@ -33,7 +33,6 @@ from test_plans.analysis.geometry import (
     height_of_spring,
     pressed_on,
 )
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.check_names import CheckName
 from test_plans.loads import Band, within
 from test_plans.parameters import Range

@@ -4,10 +4,9 @@ from typing import Annotated, Final, Literal
 
 from bench_protocol.units import Hz, mrad, s
 from test_plans import steps
-from test_plans.analysis import Samples, Stiffness, dynamic_stiffness
+from test_plans.analysis import GENERATOR, HEIGHTS, VERTICAL_CELLS, Samples, Stiffness, dynamic_stiffness
 from test_plans.analysis.cells import CELLS, bearing, cell_moment
 from test_plans.analysis.geometry import Rig, roll_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.parameters import Range

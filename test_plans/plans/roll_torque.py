@@ -9,10 +9,9 @@ import numpy as np
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Samples
+from test_plans.analysis import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, Samples, harmonic
 from test_plans.analysis.cells import cell_moment, sideways_force, upward_force
 from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, Rig, roll_of
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, harmonic
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
 from test_plans.description import lags

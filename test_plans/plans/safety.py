@@ -14,8 +14,7 @@ from drivers.errors import BenchTimeout
 from drivers.receiver import Capture
 from test_plans import steps
 from test_plans.air_left import RESIDUAL_PRESSURE
-from test_plans.analysis import Samples
-from test_plans.analysis.readings import HEIGHTS
+from test_plans.analysis import HEIGHTS, Samples
 from test_plans.analysis.uncertainty import EVEN, SAMPLING, Measured, timed, yes_or_no
 from test_plans.check_names import CheckName
 from test_plans.loads import AW0

@@ -10,15 +10,15 @@ import numpy.typing as npt
 
 from bench_protocol.units import FACTORS, Hz, s
 from test_plans import steps
-from test_plans.analysis import Samples
-from test_plans.analysis.cells import CELLS, CELLS_ACROSS, sideways_force, upward_force
-from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, shear_of
-from test_plans.analysis.readings import (
+from test_plans.analysis import (
     HEIGHTS,
     PRESSURES,
     SHEAR_CELLS,
     VERTICAL_CELLS,
+    Samples,
 )
+from test_plans.analysis.cells import CELLS, CELLS_ACROSS, sideways_force, upward_force
+from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, shear_of
 from test_plans.analysis.spectra import SIGMAS_OF_95, Spectra, spectra
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags

@@ -14,10 +14,9 @@ from bench_protocol.units import FACTORS, m, mm, mrad, ms, s
 from bench_records.curves import Axis
 from drivers.errors import Misuse, NotAvailable
 from test_plans import steps
-from test_plans.analysis import NotMeasured, Samples
+from test_plans.analysis import HEIGHTS, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS, NotMeasured, Samples
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS
 from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, stop_travel_of
-from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.check_names import CheckName
 from test_plans.description import lags
 from test_plans.parameters import File, Range

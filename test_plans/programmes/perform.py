@@ -13,9 +13,8 @@ from bench_protocol.units import Hz, s
 from drivers.errors import Refused
 from test_plans import steps
 from test_plans.air_left import zeros_off
-from test_plans.analysis import Samples
+from test_plans.analysis import GENERATOR, HEIGHTS, Samples
 from test_plans.analysis.geometry import PLACING, POSE_SIGNALS, Rig, shear_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS
 from test_plans.analysis.uncertainty import counted
 from test_plans.check_names import CheckName
 from test_plans.description import ours

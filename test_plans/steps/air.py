@@ -10,10 +10,9 @@ import numpy as np
 
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, straight_line
+from test_plans.analysis import CHAMBERS, HEIGHTS, VERTICAL_CELLS, Samples, straight_line
 from test_plans.analysis.cells import CELLS, bearing, cells_under, described, load_on, unseen
 from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
-from test_plans.analysis.readings import CHAMBERS, HEIGHTS, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import EVEN, Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags

@@ -12,8 +12,8 @@ from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import BenchTimeout, NotAvailable, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty, zeros_off
+from test_plans.analysis import CHAMBERS, HEIGHTS
 from test_plans.analysis.geometry import WEIGHT
-from test_plans.analysis.readings import CHAMBERS, HEIGHTS
 from test_plans.loads import Load
 from test_plans.preconditions import HEADROOM
 

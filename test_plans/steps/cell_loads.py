@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.units import mm
-from test_plans.analysis import Samples, straight_line
+from test_plans.analysis import VERTICAL_CELLS, Samples, straight_line
 from test_plans.analysis.cells import against_each_other, ahead_of, described, upward_force
-from test_plans.analysis.readings import VERTICAL_CELLS
 from test_plans.check_names import CheckName
 from test_plans.loads import Band
 from test_plans.steps.shaking import check_band

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from bench_protocol.units import mbar, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import straight_line
+from test_plans.analysis import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS, straight_line
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS, sideways_force, upward_force
 from test_plans.analysis.geometry import (
     PLACING,
@@ -21,7 +21,6 @@ from test_plans.analysis.geometry import (
     shear_of,
     stop_travel_of,
 )
-from test_plans.analysis.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import lag_of, lags
 from test_plans.steps.carrying import FILL_WITHIN, HELD_SIDEWAYS
 

@@ -11,10 +11,9 @@ import numpy as np
 from bench_protocol.units import Hz, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Stiffness
+from test_plans.analysis import PRESSURES, Stiffness
 from test_plans.analysis.cells import cells_in, sideways_force
 from test_plans.analysis.geometry import Rig, roll_of, shear_of
-from test_plans.analysis.readings import PRESSURES
 from test_plans.loads import Load
 from test_plans.steps.poses import Home, restore_the_air, take_pose
 from test_plans.steps.tables import DAMPING, ROLL, SECANT, STORAGE, Quantity, keep

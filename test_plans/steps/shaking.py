@@ -15,6 +15,9 @@ from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
 from bench_records.curves import Axis
 from test_plans.analysis import (
+    GENERATOR,
+    HEIGHTS,
+    SHEAR_CELLS,
     Samples,
     Stiffness,
     Wave,
@@ -33,7 +36,6 @@ from test_plans.analysis.cells import (
     sideways_force,
 )
 from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
-from test_plans.analysis.readings import GENERATOR, HEIGHTS, SHEAR_CELLS
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lags
 from test_plans.loads import Band

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from bench_protocol.words import SIDES
 from test_plans.analysis import (
+    HEIGHTS,
+    SHEAR_CELLS,
+    VERTICAL_CELLS,
     Samples,
     Stiffness,
     dynamic_stiffness,
+    harmonic,
     without_inertia,
 )
 from test_plans.analysis.cells import CELLS, cells_under, upward_force
 from test_plans.analysis.geometry import Rig
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS, harmonic
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.loads import Band, Load

@@ -13,10 +13,9 @@ import numpy.typing as npt
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
 from bench_records.result import CheckVerdict
-from test_plans.analysis import Samples, first_harmonic, without_lag
+from test_plans.analysis import GENERATOR, HEIGHTS, Samples, first_harmonic, without_lag
 from test_plans.analysis.cells import CELLS, bearing, cell_moment, guiding
 from test_plans.analysis.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
-from test_plans.analysis.readings import GENERATOR, HEIGHTS
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
 from test_plans.loads import Load

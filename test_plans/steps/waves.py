@@ -12,9 +12,16 @@ from bench_protocol.dimensions import lag
 from bench_protocol.units import Hz, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import (
+    BELLOWS_TEMPERATURES,
+    GENERATOR,
+    HEIGHTS,
+    PRESSURES,
+    SHEAR_CELLS,
+    VERTICAL_CELLS,
     Samples,
     Stiffness,
     dynamic_stiffness,
+    harmonic,
     whole_cycles,
 )
 from test_plans.analysis.cells import (
@@ -27,15 +34,6 @@ from test_plans.analysis.cells import (
     upward_force,
 )
 from test_plans.analysis.geometry import LASERS, POSE_SIGNALS, SEEING, Rig, roll_of
-from test_plans.analysis.readings import (
-    BELLOWS_TEMPERATURES,
-    GENERATOR,
-    HEIGHTS,
-    PRESSURES,
-    SHEAR_CELLS,
-    VERTICAL_CELLS,
-    harmonic,
-)
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lag_of, lags
 from test_plans.steps.shaking import spring_motion

@@ -14,7 +14,7 @@ from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.units import NS
 from bench_records.twin import Deviation, DeviationState, TwinStory, write_twin
 from test_plans.plans.endurance import ASKED_EVERY, _wait_done
-from test_plans.twin_state import NoTwin
+from test_plans.run import NoTwin
 
 
 def story(until, *all_deviations):

@@ -17,7 +17,7 @@ from drivers.errors import LinkLost, MapMismatch, Misuse, NotAvailable, Refused,
 from drivers.wiring.contract import Refusal, Remark
 from drivers.wiring.described import DescribedWiring
 from drivers.wiring.description import describe
-from drivers.wiring.listening import listening
+from drivers.wiring.lines import listening
 from tests.drivers.strange_rig import PointsInMemory
 
 TEXT = """

@@ -11,7 +11,7 @@ from bench_protocol.dimensions import Dimensions, across, ordinary, place
 from bench_sim.parameters import load
 from bench_sim.parameters.dimensions import dimensions_of
 from bench_sim.rig.rig import Rig
-from test_plans.analysis.readings import VERTICAL_CELLS
+from test_plans.analysis import VERTICAL_CELLS
 from test_plans.instruments import ordinary as instruments
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.slow]

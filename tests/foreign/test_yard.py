@@ -23,7 +23,7 @@ from drivers.errors import LinkLost, Refused
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe, read_description
-from drivers.wiring.listening import listening
+from drivers.wiring.lines import listening
 from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute

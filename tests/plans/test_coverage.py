@@ -9,9 +9,8 @@ from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
 from bench_sim.rig.controls import TICK_NS
 from test_plans import steps
-from test_plans.analysis import Stiffness, dynamic_stiffness
+from test_plans.analysis import VERTICAL_CELLS, Stiffness, dynamic_stiffness
 from test_plans.analysis.cells import cells_under
-from test_plans.analysis.readings import VERTICAL_CELLS
 from test_plans.description import lag_of
 from test_plans.instruments import ordinary
 from test_plans.loads import AW0

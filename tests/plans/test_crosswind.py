@@ -12,8 +12,7 @@ from bench_protocol.dimensions import ordinary as ordinary_dimensions
 from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.parameters import load
-from test_plans.analysis import NotMeasured
-from test_plans.analysis.readings import SHEAR_CELLS
+from test_plans.analysis import SHEAR_CELLS, NotMeasured
 from test_plans.analysis.spectra import SIGMAS_OF_95, spectra
 from test_plans.description import ours
 from test_plans.discovery import plans

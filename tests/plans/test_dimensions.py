@@ -35,8 +35,7 @@ from bench_sim.rig.rig import Rig
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import read_map
 from drivers.errors import NotAvailable
-from test_plans.analysis import cells, geometry
-from test_plans.analysis.readings import VERTICAL_CELLS
+from test_plans.analysis import VERTICAL_CELLS, cells, geometry
 from test_plans.analysis.uncertainty import EVEN, measured
 from test_plans.description import Description, ours
 from test_plans.discovery import plans

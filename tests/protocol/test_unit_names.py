@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench_protocol.base_units import base_exponents
-from bench_protocol.unit_names import UnknownUnit, is_unit, read_unit, unit_in_name
+from bench_protocol.unit_names import UnknownUnit, base_exponents, is_unit, read_unit, unit_in_name
 from bench_protocol.units import UNITS
 
 

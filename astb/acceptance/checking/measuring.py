@@ -27,13 +27,11 @@ from astb.acceptance.checking.rigid_body import (
 from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, place
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, first_harmonic
+from test_plans.analysis import GENERATOR, SHEAR_CELLS, VERTICAL_CELLS, Samples, first_harmonic
 from test_plans.analysis.cells import CELLS, ahead_of, described, unseen
-from test_plans.analysis.readings import GENERATOR, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import STEP, measured
-from test_plans.description import Description
+from test_plans.description import Description, stamps_of
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
-from test_plans.stamps import stamps_of
 from test_plans.steps.cell_loads import CENTRED
 from test_plans.steps.shaking import generator_cycles
 

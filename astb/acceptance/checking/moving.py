@@ -20,7 +20,7 @@ from bench_protocol.units import N, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import PLATFORM_AXES, SIDES
 from drivers.bench import Bench
 from drivers.errors import BenchError, NotAvailable, RigFault
-from test_plans.analysis.readings import SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis import SHEAR_CELLS, VERTICAL_CELLS
 
 LIFT: Final = 5 * mm
 STEP: Final = 2 * mm

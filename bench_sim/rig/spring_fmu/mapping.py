@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace as with_keys
 
-from bench_protocol.base_units import base_exponents
 from bench_protocol.rates import TICK
 from bench_protocol.suggestion import did_you_mean
+from bench_protocol.unit_names import base_exponents
 from bench_protocol.units import ATMOSPHERE, UNITS, WRITTEN_UNITS
 from bench_protocol.words import SIDES
 from bench_protocol.written_values import NotAValue, read_written

@@ -27,13 +27,57 @@ from drivers.stamps import StampClock
 from drivers.wiring.astb.can import AstbListener, AstbOutlet, stale_limits
 from drivers.wiring.astb.keys import AstbKeys
 from drivers.wiring.astb.modbus import AstbRegisters, other_map
-from drivers.wiring.astb.watchdog import WatchdogFeeder
 from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples
 from drivers.wiring.keys import convert
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.clock import Task
+from bench_protocol.units import NS, ms, s
+
+if TYPE_CHECKING:
+    from drivers.wiring.astb.modbus import AstbRegisters
+
+
+#: The rig holds the bench after this time without a write.
+WATCHDOG: Final = 1 * s
+#: Two late feedings are tolerated.
+_PERIOD: Final = round(400 * ms * NS)
+
+
+class WatchdogFeeder:
+    """Arms the rig's watchdog and rewrites its register, in its own task, from ``start`` to ``stop``.
+
+    When that fails, ``failure`` keeps the reason and the feeding ends. The watchdog then trips.
+    """
+
+    def __init__(self, registers: AstbRegisters) -> None:
+        self._registers = registers
+        self._task: Task | None = None
+        self.failure: BenchError | None = None
+
+    def start(self, clock: Clock) -> None:
+        """Arm the watchdog, and start to feed it."""
+        self.failure = None
+        self._registers.watch(WATCHDOG)
+        self._task = clock.every(_PERIOD, lambda: self._registers.between_requests(self._feed))
+
+    def stop(self) -> None:
+        """Stop feeding it."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    def _feed(self) -> None:
+        if self.failure is not None or self._task is None:
+            return
+        try:
+            self._registers.watch(WATCHDOG)
+        except BenchError as failure:
+            self.failure = failure
 
 
 def _bus_lost(reason: str) -> str:

@@ -6,16 +6,16 @@ import math
 import re
 import struct
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
 
-from bench_protocol.modbus import BITS_READ_MAX, REGISTERS_READ_MAX
+from bench_protocol.modbus import BITS_READ_MAX, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REGISTERS_READ_MAX
 from bench_protocol.suggestion import did_you_mean
-from drivers.errors import WiringError
+from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.keys import AllAtOnce, convert
 
 TableName = Literal["input", "holding", "coil", "discrete"]
@@ -352,3 +352,52 @@ def spans(points: Iterable[RegisterPoint], gap: int, request_max: int = REGISTER
         else:
             found.append(Span(point.table, point.address, point.size, (point,)))
     return found
+
+
+Read = Callable[[Span], Sequence[int]]
+#: Number of points that are polled one by one.
+_TRIED_MAX: Final = 32
+
+
+def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError:
+    """Return ``error``, of a reading of ``span``, with the reason found by smaller readings."""
+    if span.count == 1 or (isinstance(error, Refused) and error.code not in (ILLEGAL_ADDRESS, ILLEGAL_VALUE)):
+        return error
+    points = span.points[:_TRIED_MAX]
+    alone = [Span(one.table, one.address, one.size, (one,)) for one in points]
+    if isinstance(error, LinkLost) and not _reads(alone[0], read):
+        return error
+    bad = [f"{one.points[0].name} ({one.table} {one.address})" for one in alone if not _reads(one, read)]
+    if bad:
+        hint = f"it refuses {', '.join(bad)}" + (", and reads the others" if len(bad) < len(points) else "")
+    else:
+        narrow = _most(span, read)
+        hint = (
+            f"it reads {narrow} at once: request_max = {narrow}"
+            if narrow
+            else "it reads each point by itself"
+        )
+        if gap:
+            hint += ", or gap = 0, if there is a hole between the points"
+    said = f"{error}; {hint}"
+    return Refused(said, error.code) if isinstance(error, Refused) else LinkLost(said)
+
+
+def _reads(span: Span, read: Read) -> bool:
+    try:
+        read(span)
+    except BenchError:
+        return False
+    return True
+
+
+def _most(span: Span, read: Read) -> int:
+    """Return how many registers from the beginning of ``span`` are read at once."""
+    low, high = 0, span.count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _reads(Span(span.table, span.address, middle, ()), read):
+            low = middle
+        else:
+            high = middle
+    return low

@@ -71,8 +71,7 @@ from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.modbus.keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
-from drivers.wiring.modbus.limits import explained
-from drivers.wiring.modbus.registers import Span, read_points, spans
+from drivers.wiring.modbus.registers import Span, explained, read_points, spans
 from drivers.wiring.modbus.writing import Writer
 
 if TYPE_CHECKING:

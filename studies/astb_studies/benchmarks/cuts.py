@@ -14,7 +14,7 @@ from bench_protocol.words import ACTUATORS, LIVE_STATES, SIDES, STATES
 from bench_sim.rig.can_bus import Stage
 from bench_sim.rig.safe_position import EMPTY, LOWERING_SPEED, SET_DOWN
 from drivers.bench import Bench
-from drivers.wiring.astb.watchdog import WATCHDOG
+from drivers.wiring.astb.transport import WATCHDOG
 
 #: What the table of states promises: 500 ms until the bench gives its commander up, 9 s to vent 7 bar, and the time to
 #: set down a bolster that hangs as high as the limits allow.

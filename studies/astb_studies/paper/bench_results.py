@@ -21,8 +21,7 @@ from bench_records.record import read
 from bench_records.result import Outcome, Result, read_result
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
-from test_plans.analysis import first_harmonic
-from test_plans.analysis.readings import HEIGHTS, VERTICAL_CELLS
+from test_plans.analysis import HEIGHTS, VERTICAL_CELLS, first_harmonic
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.steps.waves import COUNT_LATE, LEAD

@@ -15,7 +15,7 @@ from astb_studies.paper.hybrid.car import STEP, Ride
 from astb_studies.paper.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
 from bench_protocol.places import Springs
 from bench_protocol.units import ms
-from test_plans.analysis.readings import HEIGHTS
+from test_plans.analysis import HEIGHTS
 from test_plans.description import lag_of
 
 if TYPE_CHECKING:

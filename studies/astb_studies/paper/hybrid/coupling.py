@@ -17,6 +17,7 @@ from bench_protocol.rates import COMMAND_RATE, FAST_RATE, TICK
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import SIDES
 from drivers.errors import LinkLost
+from test_plans.analysis import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS, cell_moment, sideways_force, upward_force
 from test_plans.analysis.geometry import (
     ACTUATORS,
@@ -27,7 +28,6 @@ from test_plans.analysis.geometry import (
     roll_of,
     shear_of,
 )
-from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.description import lag_of, lags
 
 if TYPE_CHECKING:

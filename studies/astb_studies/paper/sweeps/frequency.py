@@ -11,9 +11,8 @@ import numpy as np
 from bench_protocol.units import MN, Hz, kN, m, mm
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Stiffness, first_harmonic
+from test_plans.analysis import BELLOWS_TEMPERATURES, Stiffness, first_harmonic
 from test_plans.analysis.geometry import drive
-from test_plans.analysis.readings import BELLOWS_TEMPERATURES
 from test_plans.analysis.uncertainty import EVEN
 from test_plans.check_names import CheckName
 from test_plans.loads import Load

@@ -12,8 +12,7 @@ import numpy as np
 from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Samples, Stiffness, one_cycle
-from test_plans.analysis.readings import PRESSURES
+from test_plans.analysis import PRESSURES, Samples, Stiffness, one_cycle
 from test_plans.check_names import CheckName
 from test_plans.loads import Load
 from test_plans.steps.fittings import PLATE

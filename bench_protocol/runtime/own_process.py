@@ -1,6 +1,7 @@
-"""Functions for an interactive terminal."""
+"""Functions for this process and its terminal: keyboard input, signals, threads of linear algebra."""
 
 import os
+import signal
 from contextlib import suppress
 from typing import IO
 
@@ -23,3 +24,16 @@ def in_the_foreground(terminal: IO[str]) -> bool:
         return not hasattr(os, "tcgetpgrp") or os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     except OSError:  # a terminal of another session has no job control
         return True
+
+
+def keep_algebra_to_one_core() -> None:
+    """Limit numpy to one core; must be called before numpy is loaded.
+
+    On a machine with other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def available_signals(*names: str) -> list[signal.Signals]:
+    """Return those of the signals ``names`` that there are; Windows has only a few."""
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
