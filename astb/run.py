@@ -5,7 +5,7 @@ import platform
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
@@ -20,6 +20,7 @@ from astb.live.outline import kept_outline
 from astb.operators import with_hand
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
+from astb.run_queue import Ticket, queued
 from astb.session import MAP_HASH, Session, open_session
 from astb.software import commit
 from astb.tables import shared_console
@@ -67,6 +68,7 @@ class Keeping:
     pdf: bool = False
     messages: "Messages | None" = None
     twin: bool = False
+    wait: bool = False  #: until earlier runs on the rig have ended
 
     def called(self, operator: "Operator | None", plan: "Plan") -> "Operator | None":
         """Return ``operator``, who gets a message for each question of ``plan`` if anybody does."""
@@ -99,6 +101,7 @@ def run_plans(
     with (
         ProgressDisplay(shared_console()) as display,
         held_by_keyboard() as suspension,
+        nullcontext() if is_virtual else _turn(plans, rig, path, keeping, display.say),
         nullcontext()
         if is_virtual
         else opened_door(path, Door(lambda: display.live, suspension, box_of(operator))),
@@ -117,6 +120,20 @@ def run_plans(
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
     return results
+
+
+def _turn(
+    plans: Sequence["Plan"], rig: RigFile, path: Path, keeping: Keeping, say: Callable[[str], None]
+) -> AbstractContextManager[None]:
+    """Take a place in the queue of the rig, and wait for the turn if ``keeping`` asks for it."""
+
+    def tell(before: list[Ticket]) -> None:
+        say(f"waits for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
+
+    lasts = sum(plan.lasts for plan in plans)
+    return queued(
+        path, [plan.name for plan in plans], lasts, keeping.operator, tell if keeping.wait else None
+    )
 
 
 def deviates(directory: Path) -> bool:

@@ -52,6 +52,11 @@ _KEPT: Final = (
         help="Compare the rig with its model during the run, and print deviations as `astb watch` does.",
     ),
     click.option(
+        "--wait",
+        is_flag=True,
+        help="Wait until earlier runs on this rig have ended, and print the place in the queue.",
+    ),
+    click.option(
         "--operator",
         "run_by",
         envvar="ASTB_OPERATOR",
@@ -172,6 +177,7 @@ def _keeping(
     keep_frames: bool,
     pdf: bool,
     twin: bool,
+    wait: bool,
     run_by: str,
     ambient: str,
     message: str,
@@ -183,7 +189,7 @@ def _keeping(
         messages = Messages(receiver(message, elsewhere=message_elsewhere)) if message else None
     except MessageError as error:
         misuse(error)
-    return Keeping(run_by, ambient, keep_frames, pdf, messages, twin)
+    return Keeping(run_by, ambient, keep_frames, pdf, messages, twin, wait)
 
 
 @click.command("report")

@@ -1,0 +1,102 @@
+"""The queue of runs on one rig: a folder of tickets, each locked by the process that waits or runs.
+
+A lock ends with its process, so a ticket without one is void. The folder belongs to one user of this machine, like the
+door of a run (`astb.live.door`). The rig still decides who commands it: the queue only orders the runs.
+"""
+
+import getpass
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from msgspec.structs import replace
+
+from astb.live.door import door_path
+from bench_protocol.clock import RealClock
+from bench_protocol.runtime.file_locks import hold
+from bench_protocol.runtime.own_folder import own_directory
+from bench_protocol.units import NS, s
+
+#: Time between two looks at the tickets.
+_LOOK: Final = 1 * s
+
+
+class Ticket(msgspec.Struct, frozen=True):
+    """A run that waits, or that has the rig since ``since``; ``lasts`` is the stated time of its plans (s)."""
+
+    by: str
+    plans: list[str]
+    lasts: float
+    since: datetime
+
+    def __str__(self) -> str:
+        end = self.since + timedelta(seconds=self.lasts)
+        about = f", until about {end.astimezone():%H:%M}" if self.lasts else ""
+        return f"{self.by} with {', '.join(self.plans)} since {self.since.astimezone():%H:%M}{about}"
+
+
+def queue_path(rig_file: Path) -> Path:
+    """Return the folder with the tickets of the rig of this file."""
+    return door_path(rig_file).with_suffix(".queue")
+
+
+@contextmanager
+def queued(
+    rig_file: Path, plans: list[str], lasts: float, by: str, told: Callable[[list[Ticket]], None] | None
+) -> Iterator[None]:
+    """Keep a ticket for the rig while the block lasts.
+
+    With ``told``, wait first until no ticket is before it; ``told`` gets the tickets before it whenever they change.
+    """
+    folder, clock = queue_path(rig_file), RealClock()
+    mine = folder / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}-{os.getpid()}"
+    ticket = Ticket(by or getpass.getuser(), plans, lasts, datetime.now(UTC))
+    try:
+        own_directory(folder.parent)
+        own_directory(folder)
+        # The lock of the folder prevents that another process sees the ticket before it is locked and complete.
+        with _alone(folder):
+            file = mine.open("xb")
+            hold(file)
+            mine.write_bytes(msgspec.json.encode(ticket))
+    except OSError:
+        if told:
+            raise
+        yield  # a run without --wait needs no place
+        return
+    with file:
+        try:
+            before: list[Ticket] = []
+            while told and (now := _before(folder, mine)):
+                if now != before:
+                    told(before := now)
+                clock.sleep_until(clock.now() + int(_LOOK * NS))
+            with _alone(folder):
+                mine.write_bytes(msgspec.json.encode(replace(ticket, since=datetime.now(UTC))))
+            yield
+        finally:
+            mine.unlink(missing_ok=True)
+
+
+def _before(folder: Path, mine: Path) -> list[Ticket]:
+    """Return the valid tickets before ``mine``, the first with the rig; remove void ones."""
+    found = []
+    with _alone(folder):
+        for path in sorted(one for one in folder.glob("[0-9]*") if one.name < mine.name):
+            with path.open("rb") as file:
+                if hold(file):
+                    path.unlink()
+                else:
+                    found.append(msgspec.json.decode(file.read(), type=Ticket))
+    return found
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    with (folder / ".lock").open("w") as guard:
+        hold(guard, wait=True)
+        yield
