@@ -15,7 +15,7 @@ from bench_protocol.runtime.mutex import Mutex
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
-from drivers.wiring.contract import CyclicOutlet, CyclicStream, Wiring, refuse_absent
+from drivers.wiring.contract import CyclicStream, Wiring, refuse_absent
 
 CYCLE: Final = round(NS / COMMAND_RATE)  # ns
 
@@ -57,11 +57,9 @@ class Commander:
         self.failure = None
         self._change(*self._checked(self._wiring.given))
         self.origin = self._clock.now()
-        outlet = self._wiring.outlet
-        if isinstance(outlet, CyclicOutlet):
-            self._task = outlet.send_cyclic(
-                CyclicStream(self._setpoints, self._mutex, self._clock, self.origin, CYCLE, self._fail)
-            )
+        self._task = self._wiring.outlet.send_cyclic(
+            CyclicStream(self._setpoints, self._mutex, self._clock, self.origin, CYCLE, self._fail)
+        )
         if self._task is None:
             # After a stall set-points continue from their last values, one step at a time.
             self._task = every_without_late(self._clock, CYCLE, self._cycle)

@@ -12,10 +12,11 @@ a wiring runs in virtual time and in real time alike.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -92,7 +93,7 @@ class Capabilities:
 
 @dataclass(frozen=True, slots=True)
 class CyclicStream:
-    """The data that a `CyclicOutlet` needs to run the cycle itself."""
+    """The data that an `Outlet` needs to run the cycle itself."""
 
     setpoints: Setpoints  #: advance by one cycle before sending, in compiled code that holds the mutex
     mutex: Mutex
@@ -124,52 +125,19 @@ class Stamp(NamedTuple):
     shared: str  #: name of the common stamp; all its signals have the same time error
 
 
-class Outlet(Protocol):
+class Outlet(ABC):
     """The receiver of the set-points of each cycle."""
 
+    @abstractmethod
     def send(self, values: Floats, time: int) -> None:
         """Send set-points: ``values`` (SI) by table row, NaN where nothing is set yet. Raises LinkLost on failure."""
 
-
-@runtime_checkable
-class CyclicOutlet(Outlet, Protocol):
-    """An outlet that can run the cycle itself, in compiled code that does not wait for the interpreter."""
-
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
-        """Send on every cycle from now on. Returns None if it cannot; then call `send` on every cycle."""
+        """Send on every cycle from now on, in compiled code that does not wait for the interpreter.
 
-
-@runtime_checkable
-class LifeSigns(Protocol):
-    """A transport that sends a heartbeat by itself, from the first command on."""
-
-    def begin(self) -> float:
-        """Start the heartbeat. Returns the time (s) until a rig has received some beats, 0 without a heartbeat."""
-
-
-@runtime_checkable
-class Refusing(Protocol):
-    """A transport whose rig may reject streamed set-points."""
-
-    @property
-    def refusal(self) -> Refusal | None:
-        """The present rejection of set-points; None while the rig accepts them."""
-
-
-@runtime_checkable
-class Remarking(Protocol):
-    """A transport that detects unexpected behaviour of its rig."""
-
-    def remarks(self) -> list[Remark]:
-        """Return the remarks since the connection was opened."""
-
-
-@runtime_checkable
-class Stamping(Protocol):
-    """A transport that knows which clock stamps its points."""
-
-    def stamp(self, name: str) -> Stamp | None:
-        """Return the stamp of a point, known after its first samples; None if it is unknown."""
+        Returns None if the outlet cannot; then call `send` on every cycle.
+        """
+        return None
 
 
 class Wiring(Protocol):
@@ -294,7 +262,7 @@ def refuse_absent(wiring: Wiring, *names: str) -> None:
             raise NotAvailable(f"{wiring.rig} has no {name}: {wiring.absent[name]}")
 
 
-class Transport(Protocol):
+class Transport(ABC):
     """One connection to a rig. It reads and writes the numbers of named points, in the units of the rig.
 
     A point is a signal of a DBC, a register or a node of OPC UA. Only the transport and its description know which; the
@@ -304,27 +272,35 @@ class Transport(Protocol):
     """
 
     @property
+    @abstractmethod
     def period(self) -> float:
         """The longest period (s) of the points that arrive without request; 0 if all are polled on request."""
 
+    @abstractmethod
     def require(self, name: str, *, writable: bool = False) -> None:
         """Raise WiringError, before anything is sent, unless the point exists and can be read, or written."""
 
+    @abstractmethod
     def stale(self, name: str) -> float:
         """Return the age (s) above which a point is stale; 0 if it is polled on request."""
 
+    @abstractmethod
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Connect. Raises LinkLost if there is no answer ``within`` s."""
 
+    @abstractmethod
     def subscribe(self, receive: OnPoints) -> None:
         """Call ``receive(time, points)`` with received points from now on, in order and from one thread at a time."""
 
+    @abstractmethod
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Poll points now, if possible as one snapshot."""
 
+    @abstractmethod
     def write(self, points: Mapping[str, float]) -> None:
         """Write points once, in the given order, in as few messages as possible. Returns when the rig has them."""
 
+    @abstractmethod
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take the present value of streamed points; the transport sends them at the rig's own rate.
 
@@ -332,8 +308,29 @@ class Transport(Protocol):
         running while another transport carries the set-points.
         """
 
+    @abstractmethod
     def alive(self) -> float:
         """Return the time (s) since anything was received; infinite before the first reception."""
 
+    @abstractmethod
     def close(self) -> None:
         """Disconnect. No callback follows after this returns. Repeated calls are harmless."""
+
+    # -- defaults, for a rig without the function ----------------------------------------------------------------
+
+    def begin(self) -> float:
+        """Start the heartbeat. Returns the time (s) until a rig has received some beats, 0 without a heartbeat."""
+        return 0.0
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """The present rejection of streamed set-points; None while the rig accepts them."""
+        return None
+
+    def stamp(self, name: str) -> Stamp | None:
+        """Return the stamp of a point, known after its first samples; None if it is unknown."""
+        return None
+
+    def remarks(self) -> list[Remark]:
+        """Return the remarks on the rig since the connection was opened."""
+        return []

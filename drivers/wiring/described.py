@@ -29,10 +29,8 @@ from drivers.wiring.contract import (
     Order,
     Outlet,
     Remark,
-    Remarking,
     Sequences,
     Stamp,
-    Stamping,
     Transport,
     refuse_absent,
 )
@@ -77,7 +75,7 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
     return DescribedWiring(rig, description, transports, direct, ports)
 
 
-class DescribedWiring:
+class DescribedWiring(Outlet):
     """The wiring of ``rig`` by ``description``, over ``transports`` by name, which it closes.
 
     Signals without a line use ``direct``, the transport that carries signals, if there is one. ``ports`` replace the
@@ -320,14 +318,11 @@ class DescribedWiring:
         if name not in self._sources.limits:
             return None
         transport, _, point = self._description.sources[name].points[0].partition(".")
-        one = self._transports[transport]
-        return one.stamp(point) if isinstance(one, Stamping) else None
+        return self._transports[transport].stamp(point)
 
     def remarks(self) -> dict[str, list[Remark]]:
         """Return the remarks of the transports on the rig, by transport."""
-        noticed = {
-            name: one.remarks() for name, one in self._transports.items() if isinstance(one, Remarking)
-        }
+        noticed = {name: one.remarks() for name, one in self._transports.items()}
         return {name: remarks for name, remarks in noticed.items() if remarks}
 
     def write(self, values: Mapping[str, float]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, Misuse, Refused
-from drivers.wiring.contract import Floats, LifeSigns, Refusing, Transport
+from drivers.wiring.contract import Floats, Transport
 from drivers.wiring.lines import Description
 
 #: Time for which an active rig may refuse set-points, because single ones may get lost during a change of state.
@@ -46,9 +46,7 @@ class Streaming:
 
     def _give_life_signs(self) -> float:
         self.commanded = True
-        return max(
-            (one.begin() for one in self._transports.values() if isinstance(one, LifeSigns)), default=0.0
-        )
+        return max((one.begin() for one in self._transports.values()), default=0.0)
 
     def send(
         self, values: Floats, offsets: Mapping[int, float], time: int, *, active: bool
@@ -78,7 +76,7 @@ class Streaming:
 
     def _refused(self, time: int) -> BenchError | None:
         for name, one in self._transports.items():
-            refusal = one.refusal if isinstance(one, Refusing) else None
+            refusal = one.refusal
             if refusal is not None and time - max(refusal.since, self._active_since) > _REFUSED_FOR:
                 said = f"{self._rig} refuses set-points on {name}: {refusal.error}"
                 error = refusal.error

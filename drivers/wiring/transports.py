@@ -140,10 +140,9 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
         raise
     except Exception as error:  # for example a missing key
         raise WiringError(f"{place} could not be made: {error!r}") from error
-    missing = [part for part in _PARTS if not hasattr(transport, part)]
-    if missing:
-        raise WiringError(f"{place} makes a {type(transport).__name__} without {', '.join(missing)}")
+    if not isinstance(transport, Transport):
+        raise WiringError(
+            f"{place} returns a {type(transport).__name__}, which is no Transport: derive its class from "
+            "drivers.wiring.contract.Transport"
+        )
     return transport
-
-
-_PARTS: Final = sorted(part for part in vars(Transport) if not part.startswith("_"))

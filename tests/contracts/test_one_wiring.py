@@ -44,11 +44,11 @@ def test_no_part_of_the_product_asks_which_wiring_it_has():
     assert asked == []
 
 
-def test_only_transports_have_optional_members():
-    """What only some wirings could do would have to be asked of each."""
+def test_no_interface_has_optional_members():
+    """Callers would have to check for each optional member."""
     partial = [
         name
         for name, one in vars(contract).items()
         if getattr(one, "_is_runtime_protocol", False) and one.__module__ == contract.__name__
     ]
-    assert set(partial) <= {"CyclicOutlet", "LifeSigns", "Refusing", "Remarking", "Stamping"}
+    assert partial == []

@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench_protocol.clock import Clock, Task
 from drivers.errors import LinkLost, WiringError
+from drivers.wiring.contract import Transport
 
 
-class PointsInMemory:
+class PointsInMemory(Transport):
     """A ``Transport`` whose far end is a mapping of numbers; what is written calls ``react``."""
 
     def __init__(self, points: dict[str, float], every: float = 0.05, asked: Sequence[str] = ()) -> None:
-        self.points, self.period, self.asked = points, every, set(asked)
+        self.points, self._period, self.asked = points, every, set(asked)
         self.writes: list[dict[str, float]] = []
         self.streams: list[tuple[int, dict[str, float]]] = []
         self.react: Callable[[str, float], None] = lambda point, number: None
@@ -25,6 +26,10 @@ class PointsInMemory:
         self._clock: Clock | None = None
         self._task: Task | None = None
         self._heard = -1
+
+    @property
+    def period(self) -> float:
+        return self._period
 
     def require(self, name: str, *, writable: bool = False) -> None:
         if name not in self.points:

@@ -13,7 +13,7 @@ from bench_protocol.words import STATES
 from drivers.bench import Bench
 from drivers.commander import CYCLE
 from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault, WiringError
-from drivers.wiring.contract import Capabilities, Order, Sequences, Step
+from drivers.wiring.contract import Capabilities, Order, Outlet, Sequences, Step
 from drivers.wiring.transports import open_transport
 
 ABSENT = {
@@ -31,7 +31,7 @@ ABSENT = {
 }
 
 
-class Tiny:
+class Tiny(Outlet):
     """A rig of two words, STOP and RUN, that measures whatever it is told; it and its wiring in one."""
 
     rig, table, given, commanded = "plant T", TABLE, {}, True

@@ -28,7 +28,7 @@ def block(words: str) -> str:
 
 POINTS = ["height", "target", "broken"]
 lines = ModuleType("lines")
-exec(compile(block("class Controller:"), "lines.py", "exec"), vars(lines))
+exec(compile(block("class Controller(Transport):"), "lines.py", "exec"), vars(lines))
 Good = lines.Controller
 
 
@@ -99,7 +99,7 @@ def test_the_how_tos_check_prints_what_the_page_shows(rig: Controller, dead_port
 
 def test_the_how_tos_wiring_file_finds_it(tmp_path: Path) -> None:
     table = tomllib.loads(block("[transports.press]"))["transports"]["press"]
-    (tmp_path / "lines.py").write_text(block("class Controller:"))
+    (tmp_path / "lines.py").write_text(block("class Controller(Transport):"))
     transport = open_transport("press", table, tmp_path)
     assert type(transport).__name__ == "Controller"
     transport.require("height")

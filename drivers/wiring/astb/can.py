@@ -19,7 +19,7 @@ from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
 from drivers.stamps import StampClock
-from drivers.wiring.contract import CyclicStream, Floats, Ints, OnSamples
+from drivers.wiring.contract import CyclicStream, Floats, Ints, OnSamples, Outlet
 
 if TYPE_CHECKING:
     from bench_protocol.clock import Clock
@@ -109,7 +109,7 @@ class AstbListener:
             return {kind.name.lower(): int(self._decoder.tally[kind]) for kind in Tally}
 
 
-class AstbOutlet:
+class AstbOutlet(Outlet):
     """Sends the protected command messages, one block per cycle.
 
     In real time the stream continues while a computation holds the interpreter, for ``AUTONOMY`` at most

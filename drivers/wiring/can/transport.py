@@ -70,7 +70,7 @@ from drivers.wiring.can.keys import CanKeys
 from drivers.wiring.can.message import Message
 from drivers.wiring.can.messages import read_messages
 from drivers.wiring.can.reception import Reception
-from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp
+from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp, Transport
 from drivers.wiring.keys import convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener
 
@@ -81,7 +81,7 @@ if TYPE_CHECKING:
 _LOOK: Final = round(5 * ms * NS)
 
 
-class CanTransport:
+class CanTransport(Transport):
     """A `Transport` on a CAN bus. The constructor raises WiringError for an invalid description.
 
     ``functions`` is the Python file of the description. ``port`` opens a bus that replaces the described one. Start

@@ -67,7 +67,7 @@ from bench_protocol.modbus import MEANING
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
-from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
+from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark, Transport
 from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
 from drivers.wiring.modbus.keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
@@ -88,7 +88,7 @@ _COUNTED: Final = {"silent": "got no answer", "refused": "were refused", "busy":
 _MEANING: Final = {**MEANING, _BUSY: "the device is busy"}
 
 
-class ModbusTransport:
+class ModbusTransport(Transport):
     """A `Transport` to a Modbus device. The constructor raises WiringError for an invalid description.
 
     ``port`` opens the device instead of a socket at ``host``, for example in memory.

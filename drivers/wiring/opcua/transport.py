@@ -43,7 +43,7 @@ from bench_protocol.extras import installed, lacking
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
-from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
+from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark, Transport
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration
 from drivers.wiring.listener import LIFE_SIGNS, Grant, Listener, WriteBuffer
@@ -84,7 +84,7 @@ def opcua(name: str, table: Mapping[str, Any], where: Path) -> OpcUaTransport:
     return OpcUaTransport(name, table)
 
 
-class OpcUaTransport:
+class OpcUaTransport(Transport):
     """A `Transport` to an OPC UA server. The constructor raises WiringError for an invalid description."""
 
     def __init__(self, name: str, table: Mapping[str, Any]) -> None:
