@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from astb.extend import write_extended
-from astb.frames_columns import columns_of_frames
+from astb.frames_import import columns_of_frames
 from astb.menu import experiments
 from astb.stiffness import StiffnessChecks
 from astb.tables import open_table

@@ -83,7 +83,7 @@ def car_command(**given: Any) -> None:
 
 def _write(kind: str, *, out: Path, fmi: str, native: bool, **sets: Any) -> None:
     from astb.fmu.export import ExportError, write_unit
-    from astb.fmu.models.kinds import unit_of
+    from astb.fmu.models import unit_of
     from bench_sim.parameters import ParameterError
 
     try:

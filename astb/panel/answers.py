@@ -1,6 +1,8 @@
 """What a view is answered: a page that stands for itself, or JSON, computed in a thread."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -9,6 +11,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from astb.panel.access import Access
+from astb.panel.runs import Runs
+from astb.panel.watch import Watch
 from bench_records.layout import RecordError
 
 #: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
@@ -46,3 +50,13 @@ def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
         return Response(msgspec.json.encode(found), media_type="application/json")
 
     return endpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What routes are made of: the rig as it is watched, its runs, who may do what, where records go."""
+
+    watch: Watch
+    runs: Runs
+    access: Access
+    out: Path

@@ -24,7 +24,7 @@ from drivers.errors import BenchError
 from drivers.stamps import StampClock
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
     from astb.panel.watch import Watch
     from bench_protocol.frames import Block
     from drivers.can_port import CanPort

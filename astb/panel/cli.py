@@ -50,8 +50,8 @@ def panel_command(
     the panel starts it. A run continues when the panel ends, and the next panel shows it.
     """
     from astb.panel.access import Access, kept_token
+    from astb.panel.answers import Parts
     from astb.panel.kept_rig import KeptRig
-    from astb.panel.parts import Parts
     from astb.panel.runs import Runs
     from astb.panel.server import application
     from astb.panel.watch import Watch

@@ -10,7 +10,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from astb.panel.access import NotAllowed
-from astb.panel.parts import Parts
+from astb.panel.answers import Parts
 from astb.panel.runs import CannotDo
 
 _BODY_MAX: Final = 64 * 1024

@@ -16,7 +16,7 @@ from astb.panel.runs import CannotDo
 from bench_sim.rig.control_socket import ask, control_path
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
     from astb.rig_file import RigFile
 
 

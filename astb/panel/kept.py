@@ -31,7 +31,7 @@ from bench_records.trend import trend_of
 from diagnosis.report.words import prose
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
 
 FINDING: Final = "finding.json"
 #: Where runs lie that are kept and no longer listed among the others.

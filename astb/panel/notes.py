@@ -20,7 +20,7 @@ from bench_records.layout import RecordError
 from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
 
 #: What a browser may show as a picture; everything else is a file to be saved, which no browser runs.
 PICTURES: Final = {

@@ -23,7 +23,7 @@ from bench_records.layout import RecordError
 from bench_records.result import read_result
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
 
 #: What a rehearsal leaves, beside its record.
 PAGE: Final = "rehearsal.html"

@@ -1,8 +1,9 @@
 """The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
 
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -13,19 +14,47 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 import bench_records
+from astb.panel import bus, faults, kept, rehearsals, specimens, twin
 from astb.panel.access import Doorkeeper, NotAllowed
-from astb.panel.answers import Threads, answered
+from astb.panel.answers import Parts, Threads, answered
 from astb.panel.commands import command, json_answer, json_body, settings_of, text_of
-from astb.panel.parts import Parts
 from astb.panel.runs import CannotDo
 from astb.panel.specimens import Specimens
 from astb.panel.stream import Stream
-from astb.panel.views import VIEWS
 from astb.panel.watch import CONTACTS
 from astb.rig_limits import ASSUMED
 from bench_records.layout import RecordError
 from test_plans.discovery import plans, unusable
 from test_plans.holding import can_be_held
+
+if TYPE_CHECKING:
+    from starlette.routing import BaseRoute
+
+
+def _no_routes(parts: Parts) -> "Sequence[BaseRoute]":
+    del parts
+    return ()
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A view: its name (that of its file in ``page/``), its title, and what makes its routes."""
+
+    name: str
+    title: str
+    routes: "Callable[[Parts], Sequence[BaseRoute]]" = _no_routes
+
+
+VIEWS: Final = (
+    View("live", "Live", rehearsals.routes),
+    View("twin", "Twin", twin.routes),
+    View("runs", "Runs", kept.routes),
+    View("diagnoses", "Diagnoses"),
+    View("specimens", "Specimens", specimens.routes),
+    View("faults", "Faults", faults.routes),
+    View("bus", "Bus", bus.routes),
+)
+
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"

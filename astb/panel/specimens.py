@@ -24,7 +24,7 @@ from test_plans.loads import SpecimenError
 from test_plans.specimen import ORDINARY, PACKAGE, Specimen, packaged, read_specimen
 
 if TYPE_CHECKING:
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
 
 #: Where the files lie that were brought, in the folder of the runs.
 FOLDER: Final = "specimens"

@@ -19,7 +19,7 @@ from bench_records.twin import PARTS, TWIN, Deviation, LastMinute, read_twin
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from astb.panel.parts import Parts
+    from astb.panel.answers import Parts
 
 
 def routes(parts: Parts) -> Sequence[Route]:

@@ -12,8 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from astb.cli import HEADINGS, commands
-from astb.old_names import renamed
-from astb.plugins import CommandGroup, own_summaries
+from astb.plugins import CommandGroup, own_summaries, renamed
 
 #: Command lines of the last release, and the ones that replace them.
 OLD = {

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from astb.commands.exchange import import_command
 from astb.exit_codes import MISUSE, PASS
-from astb.frames_columns import columns_of_frames
+from astb.frames_import import columns_of_frames
 from bench_records.record import read
 from bench_records.result import read_result
 from diagnosis.contracts import Dataset, DiagnosisError

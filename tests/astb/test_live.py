@@ -14,9 +14,8 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from astb.cli import commands
-from astb.display import ProgressDisplay
+from astb.display import ProgressDisplay, drawn
 from astb.live.door import Door
-from astb.live.drawing import drawn
 from astb.live.model import Live
 from astb.live.outline import NONE, Follower, Outline, kept_outline
 from astb.live.snapshot import LiveReading, Snapshot

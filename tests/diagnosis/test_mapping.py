@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from astb.frames_columns import columns_of_frames
+from astb.frames_import import columns_of_frames
 from diagnosis.contracts import DataQuality, Dataset, DiagnosisError
 from diagnosis.engine.diagnose import verdict_on
 from diagnosis.finding import Verdict

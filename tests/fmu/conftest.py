@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from astb.fmu.export import compile_code, write_unit
-from astb.fmu.models.kinds import unit_of
+from astb.fmu.models import unit_of
 from bench_protocol.runtime.file_locks import hold
 
 HERE = Path(__file__).parent

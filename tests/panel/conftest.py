@@ -18,8 +18,8 @@ import pytest
 from astb.live.door import NoRun
 from astb.panel import runs as runs_module
 from astb.panel.access import Access
+from astb.panel.answers import Parts
 from astb.panel.connections import Server
-from astb.panel.parts import Parts
 from astb.panel.runs import Runs
 from astb.panel.server import application
 from astb.panel.watch import Status, Watch

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 from astb.cli import commands
 from astb.panel import runs as runs_module
 from astb.panel.access import SEAT_KEPT, Access, kept_token
-from astb.panel.parts import Parts
+from astb.panel.answers import Parts
 from astb.panel.stream import HEAD
 from astb.panel.watch import BLIND, Status, first_out
 from bench_protocol.clock import VirtualClock

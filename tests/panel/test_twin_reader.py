@@ -2,7 +2,7 @@
 
 import os
 
-from astb.panel.twin_reader import TwinReader
+from astb.panel.watch import TwinReader
 from bench_records.twin import TWIN, Deviation, Judged, TwinStory, write_twin
 
 SOUND = TwinStory(

@@ -11,8 +11,8 @@ from starlette.testclient import TestClient
 
 from astb.cli import commands
 from astb.panel.access import Access
+from astb.panel.answers import Parts
 from astb.panel.bus import Bus
-from astb.panel.parts import Parts
 from astb.panel.runs import Runs
 from astb.panel.server import application
 from astb.panel.watch import Watch

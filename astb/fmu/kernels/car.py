@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from astb.fmu.kernels.motion import gone_on
+from astb.fmu.kernels.springs import gone_on
 from bench_protocol import car as law
 from bench_protocol.car import MovingCar
 from bench_protocol.words import SIDES

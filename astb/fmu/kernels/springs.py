@@ -6,7 +6,6 @@ Within a communication step the displacements go on with the speeds and accelera
 from enum import IntEnum
 from typing import Any, Final
 
-from astb.fmu.kernels.motion import gone_on
 from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
@@ -15,6 +14,19 @@ from bench_sim.model.replay import Before, Gas, settle
 from bench_sim.model.rest import settled_temperature
 from bench_sim.model.runge_kutta import integrate, step_scheme
 from bench_sim.model.step_start import begin
+
+#: Displacements of a motion; their speeds and accelerations stand behind them.
+WAYS: Final = 3
+
+
+@compiled
+def gone_on(motion: Any, place: int, rate: int, since: float) -> float:
+    """One displacement of a ``motion`` that was given ``since`` s ago or, where ``rate`` is 1, its speed."""
+    speed, acceleration = motion[place + WAYS], motion[place + 2 * WAYS]
+    if rate == 1:
+        return speed + since * acceleration
+    return motion[place] + since * (speed + 0.5 * since * acceleration)
+
 
 #: Working rows: four slopes and a state, pressures, temperatures, and rows of nothing for what the rubber remembers.
 ROWS: Final = 7 + EXTRA_BRANCHES

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from astb.fmu.export import ExportError, compile_code, write_unit
-from astb.fmu.models.kinds import unit_of
+from astb.fmu.models import unit_of
 from astb_studies.benchmarks.measure import Effort, Section, Skipped, compare, cpu, interleaved
 from bench_protocol.rates import TICK
 from bench_sim.model.plant import Plant

@@ -6,7 +6,7 @@ import numpy as np
 from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability
 
 from astb.fmu.kernels.springs import OUTPUTS, ROWS, advance, start
-from astb.fmu.models.kinds import unit_of
+from astb.fmu.models import unit_of
 from astb.fmu.unit import Kind
 from bench_protocol.rates import TICK
 from bench_sim.model.compiled import compiled_entry
