@@ -111,7 +111,7 @@ def _refuse_limits_that_pass_anything(limits: Limits) -> None:
 def leveling(
     run: Run,
     *,
-    step: Annotated[float, Range(12 * mm, 25 * mm, "mm")] = 15 * mm,
+    step: Annotated[float, Range(14 * mm, 25 * mm, "mm")] = 15 * mm,
     within: Annotated[float, Range(20 * s, 10 * minutes, "s")] = 60 * s,
 ) -> None:
     """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
@@ -128,7 +128,7 @@ def leveling(
     """
     limits = run.specimen.limits
     dead_band = limits.band("leveling.dead_band", "mm")
-    opening, delay = limits.band("leveling_opening"), limits.band("leveling_delay")
+    opening = limits.band("leveling_opening")
     fill, exhaust = limits.band("leveling_fill_time"), limits.band("leveling_exhaust_time")
     home = go_home(run)
     steps.lock_the_air(run)
@@ -158,8 +158,20 @@ def leveling(
                 took = _took(run, side, way, times, values, target, within)
                 check_band(run, TIME.of(side=side, verb=verb, name=name), took, "s", band)
                 if verb == "fill":
-                    late = run.measured(partial(_delay, side, times), values)
-                    check_band(run, DELAY.of(side=side), late, "s", delay)
+                    _check_delay(run, side, step, times, values)
+
+
+def _check_delay(run: Run, side: str, step: float, times: Samples, values: Mapping[str, Samples]) -> None:
+    """Check the delay after a ``step`` (m): a larger one opens the valve sooner."""
+    check, limits = DELAY.of(side=side), run.specimen.limits
+    stated = limits.curve("leveling_delay")
+    if not min(stated) <= step <= max(stated):
+        steps_stated = f"{min(stated) / mm:g} to {max(stated) / mm:g} mm"
+        run.lack([check], f"step = {step / mm:g} mm; the specimen states limits for steps of {steps_stated}")
+        return
+    low, high = limits.curve_at("leveling_delay", step)
+    late = run.measured(partial(_delay, side, times), values)
+    run.check(check, late, "s", low=low, high=high)
 
 
 def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]]]:

@@ -16,6 +16,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN, ordinary
 from test_plans.run import PLAIN
+from test_plans.specimen import read_specimen
 
 NO_VALUE = {CheckVerdict.ERROR, CheckVerdict.NOT_AVAILABLE}
 
@@ -123,7 +124,9 @@ def judged(tmp_path):
     A fault is a name, its values, and from when on (s) if not from the beginning.
     """
 
-    def run(name, seed=1, *, given=(), effects=(), faults=(), instruments=UNKNOWN, **changes):
+    def run(
+        name, seed=1, *, given=(), effects=(), faults=(), instruments=UNKNOWN, specimen="astb", **changes
+    ):
         parameters = load("astb").with_values(**changes)
         effects = {effect: read_effect_text(effect, text) for effect, text in effects}
         rig = Rig(with_effects(parameters, effects), seed=seed)
@@ -132,7 +135,9 @@ def judged(tmp_path):
         with RigInMemory(rig).bench(seed=seed) as bench:
             bench.instruments = instruments
             chosen = plans()[name].given(dict(given))
-            result = explained(execute(chosen, bench, tmp_path / name, rig="virtual", seed=seed))
+            springs = read_specimen(specimen)
+            ran = execute(chosen, bench, tmp_path / name, rig="virtual", seed=seed, specimen=springs)
+            result = explained(ran)
         return result, {one.name for one in result.checks if not one.passed}
 
     return run

@@ -23,8 +23,8 @@ FOUND: Final = Path(__file__).with_name("healthy.csv")
 UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 #: A part beyond its tolerance is not delivered: that many standard deviations.
 CUT: Final = 2.0
-#: How the reason of a plan begins that did not begin.
-NOT_READY: Final = "not ready: "
+#: How the reason of a plan begins that did not begin: a precondition was not met, or its parameters were refused.
+NOT_BEGUN: Final = ("not ready: ", "the parameters: ")
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -103,8 +103,8 @@ class SoundRun(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def refused(self) -> bool:
-        """Whether the plan did not begin, because a precondition was not met."""
-        return self.told.startswith(NOT_READY)
+        """Whether the plan did not begin."""
+        return self.told.startswith(NOT_BEGUN)
 
     @property
     def rejected(self) -> bool:

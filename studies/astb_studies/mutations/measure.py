@@ -32,6 +32,8 @@ from test_plans.parameters import Parameter
 LIMIT = 600.0
 #: Parameters that only make a run longer.
 LENGTHS = frozenset({"duration", "cycles", "intervals", "hold", "within"})
+#: Parameters that state what stands on the bench: on the virtual one springs do.
+STANDS_THERE = frozenset({"dummy"})
 
 
 def sound_case(plan: str) -> PlanCase:
@@ -86,11 +88,12 @@ def sound_cases(plans: list[str], count: int, first: int = 0) -> list[PlanCase]:
 def drawn_values(plan: str, index: int) -> dict[str, str]:
     """Return the values of a plan's parameters at a point of a Halton design over their whole ranges.
 
-    Parameters that only make a run longer, and files, have their defaults.
+    Parameters that only make a run longer, that state what stands on the bench, and files have their defaults.
     """
     from scipy.stats import qmc
 
-    drawn = [one for one in all_plans()[plan].parameters if not one.file and one.name not in LENGTHS]
+    fixed = LENGTHS | STANDS_THERE
+    drawn = [one for one in all_plans()[plan].parameters if not one.file and one.name not in fixed]
     if not drawn:
         return {}
     places = qmc.Halton(len(drawn), seed=0).fast_forward(index).random(1)[0]

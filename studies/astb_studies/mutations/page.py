@@ -47,12 +47,13 @@ def _lines(table: Mutations, cells: Sequence[Cell], sound: Sequence[SoundRun]) -
 
 def _summary(rows: Sequence[Row], plans: Sequence[str], sound: Sequence[SoundRun]) -> Iterator[str]:
     caught = sum(_is_caught(cells) for _, cells in rows)
-    rejected = sum(run.rejected for run in sound)
+    begun = [run for run in sound if not run.refused]
+    rejected = sum(run.rejected for run in begun)
     yield (
         f"This page counts the faults that the plans detect. {len(rows)} faults of a realistic size were each set "
         f"alone on a simulated rig, under {len(plans)} plans. {caught} of them are detected by an intended check. "
         " [The table of faults](../astb_studies/mutations/mutations.toml) states the intended checks; it was "
-        f"written before the plans ran. Of {len(sound)} fault-free rigs with different parameters, "
+        f"written before the plans ran. Of {len(begun)} fault-free rigs with different parameters, "
         f"{rejected or 'none'} {'was' if rejected == 1 else 'were'} rejected.\n"
     )
     yield (
@@ -139,24 +140,30 @@ def _plans(cells: Sequence[Cell], plans: Sequence[str]) -> Iterator[str]:
     yield ""
 
 
-def _sound(sound: Sequence[SoundRun]) -> Iterator[str]:
+def _sound(runs: Sequence[SoundRun]) -> Iterator[str]:
     from scipy.stats import binomtest
 
+    sound = [run for run in runs if not run.refused]
     rejected = [run for run in sound if run.rejected]
     interval = binomtest(len(rejected), len(sound)).proportion_ci(CONFIDENCE)
     yield "## Fault-free rigs\n"
     yield (
-        f"{len(sound)} fault-free rigs with random parameters within the tolerances below, one plan each in turn: "
-        f"{len(rejected)} rejected, {100 * len(rejected) / len(sound):.1f} % ({100 * CONFIDENCE:.0f} % interval of "
-        f"Clopper and Pearson: {100 * interval.low:.2f} to {100 * interval.high:.1f} %). Version of the code: "
+        f"{len(sound)} fault-free rigs with random parameters within the tolerances below, one plan each in turn, over "
+        f"the ranges of its parameters: {len(rejected)} rejected, {100 * len(rejected) / len(sound):.1f} % "
+        f"({100 * CONFIDENCE:.0f} % interval of Clopper and Pearson: {100 * interval.low:.2f} to "
+        f"{100 * interval.high:.1f} %). {len(runs) - len(sound)} more runs were refused before the start, most of them "
+        f"because the bolster would have reached its bump stop. Version of the code: "
         f"{', '.join(sorted({run.version for run in sound}))}.\n"
     )
     counts = Counter(run.plan for run in sound)
     yield ", ".join(f"`{plan}` {count}" for plan, count in sorted(counts.items())) + ".\n"
+    if incomplete := sum(run.verdict == "incomplete" for run in sound):
+        yield f"{incomplete} of them are *incomplete*: a check was not available for these parameters.\n"
     if interval.high > WANTED:
         yield f"A proof that fewer than {100 * WANTED:g} % are rejected needs more rigs.\n"
     for run in rejected:
-        yield f"* `{run.plan}`, seed {run.seed}: {run.told}"
+        values = f" ({run.values})" if run.values else ""
+        yield f"* `{run.plan}`, seed {run.seed}{values}: {run.told}"
     if rejected:
         yield ""
 

@@ -38,6 +38,10 @@ CELLS_TELL: Final = "gain of the load cells"
 NOISE: Final = "noise of the load cells"
 PART, LATE = "how far the springs went", "how late the springs came"
 SCATTER: Final = "finite time"
+#: How much springs may differ from their drawing, by the limits of the specimen's file.
+STIFFER_SIDEWAYS, STIFFER_UPWARD, DAMPED_MORE = (
+    f"tolerance of the springs, {what}" for what in ("lateral stiffness", "vertical stiffness", "damping")
+)
 CARRIED: Final = "load on the springs"
 #: Of the difference between both rides so many pieces tell how much it scatters.
 PIECES: Final = 5
@@ -176,6 +180,30 @@ def of_the_loop(
     return {
         name: {cause: abs(one[name] - value) for cause, one in changed.items()}
         for name, value in as_it_is.items()
+    }
+
+
+def of_the_springs(
+    stated: tuple[Floats, Floats],
+    otherwise: Mapping[str, tuple[Floats, Floats]],
+    start: Callable[[], tuple[Ride, float]],
+    amounts: Amounts,
+    times: tuple[float, float],
+    hold: float = HOST_STEP,
+) -> dict[str, dict[str, float]]:
+    """Return by check and cause how a ride changes from the ``stated`` linear springs to those that are ``otherwise``.
+
+    Springs are their stiffness and damping, each way.
+    """
+
+    def on(springs: tuple[Floats, Floats]) -> Mapping[str, float]:
+        ride, whole = start()
+        return amounts(LinearSprings(*springs, hold=hold).carry(ride, whole), *times)
+
+    changed = {cause: on(springs) for cause, springs in otherwise.items()}
+    return {
+        name: {cause: abs(one[name] - value) for cause, one in changed.items()}
+        for name, value in on(stated).items()
     }
 
 
