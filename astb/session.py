@@ -259,7 +259,8 @@ def open_wiring(rig: RigFile, path: Path) -> "Wiring":
 
 
 def describe_rig(bench: Bench, rig: RigFile, path: Path) -> None:
-    """Tell a bench what the rig file at ``path`` knows of its rig: instruments and dimensions."""
+    """Set the properties of a bench that the rig file states: instruments, dimensions, amplitude control."""
+    bench.amplitude_control = rig.amplitude_control
     bench.instruments, bench.dimensions = instruments_of(rig, path), dimensions_of(rig, path)
 
 

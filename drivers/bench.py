@@ -53,6 +53,7 @@ class Bench(Link):
         "about": "What records say of where this bench is from, by keyword.",
         "action": "The coils: `bench.action.program_stop()`.",
         "air": "The valves of both springs.",
+        "amplitude_control": "Whether plans correct the command of a wave until its amplitude is reached.",
         "car": "A car that the rig computes in its tick.",
         "closing": "What else ends with this bench: a context stack that `close` closes.",
         "control": "The bits of the Control message.",
@@ -100,6 +101,7 @@ class Bench(Link):
         self.car = Car(self, "car")
         self.waveform = Waveform(self, "waveform")
         self.about: Mapping[str, Any] = {}
+        self.amplitude_control = False
         self.hand: Any = None
         self.dimensions: Any = None
         self.instruments: Any = None

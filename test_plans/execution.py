@@ -27,6 +27,7 @@ from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
 from test_plans.description import clocks
+from test_plans.driven import drive_curves
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.interruptions import Interruptions
 from test_plans.loads import SpecimenError
@@ -179,7 +180,7 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
         plan.instruction,
         run.checks,
         reason=reason,
-        curves=run.curves,
+        curves=[*run.curves, *drive_curves(run.driven)],
         phases=phases_of(run.phases, run.start, run.now),
         parameters=plan.written,
         specimen=SpecimenFacts(**run.specimen.facts),

@@ -23,6 +23,7 @@ from test_plans.analysis.uncertainty import Captured, Evaluation, Exact, Measure
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension, stamps_of
+from test_plans.driven import Driven
 from test_plans.holding import can_still_be_held
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
@@ -155,6 +156,7 @@ class Run:
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
+    driven: list[Driven] = field(default_factory=list)  #: waves under amplitude control
     disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks during the measurement, by check
     #: Parts of the plan that follow the present one; None outside the execution of a plan.
     to_come: Sequence[Any] | None = None

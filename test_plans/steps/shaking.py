@@ -22,6 +22,7 @@ from test_plans.analysis import (
     Stiffness,
     Wave,
     distortion,
+    harmonic,
     loop_energy,
     secant_stiffness,
     whole_cycles,
@@ -39,6 +40,7 @@ from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lags
 from test_plans.loads import Band
+from test_plans.steps.amplitude import controlled
 from test_plans.steps.tables import DAMPING, FREQUENCY, LOSS, STORAGE, TANGENT, keep
 
 if TYPE_CHECKING:
@@ -92,11 +94,31 @@ def shake(
     """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude.
 
     A wave that was disturbed is run again. If it never becomes one, the bench moves so by itself: the best is returned,
-    and the result warns.
+    and the result warns. A rig with amplitude control repeats it until the motion has this amplitude.
     """
+    moving = MOTION[axis]
+
+    def harmonic_of(times: Samples, values: Values) -> complex:
+        motion = sum((values[name] for name in moving), np.zeros_like(times)) / len(moving)
+        return harmonic(run.rig, times, motion, frequency, *moving)
+
+    def once(command: float) -> tuple[Samples, Values]:
+        return _undisturbed(run, axis, frequency, names, wave, command)
+
+    return controlled(run, axis, wave, frequency, AMPLITUDE, once, harmonic_of)
+
+
+def _undisturbed(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    names: tuple[str, ...],
+    wave: Wave,
+    amplitude: float,
+) -> tuple[Samples, Values]:
     disturbed = []
     for left in reversed(range(TRIES)):
-        times, values = _once(run, axis, frequency, names, wave)
+        times, values = _once(run, axis, frequency, names, wave, amplitude)
         moved = [values[name] for name in MOTION[axis] if name in values]
         part = max(distortion(times, one, frequency, wave) for one in moved)
         if part <= DISTORTED[wave]:
@@ -120,11 +142,12 @@ def _once(
     frequency: float,
     names: tuple[str, ...],
     wave: Wave,
+    amplitude: float,
 ) -> tuple[Samples, dict[str, Samples]]:
     cycles = 2 + ceil(MEASURED * frequency)
     names = (*names, *LOADED[axis](run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
-        run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
+        run.bench.generator.run(axis, wave, amplitude=amplitude, frequency=frequency, cycles=cycles)
     return _at_full_amplitude(capture, frequency, cycles)
 
 

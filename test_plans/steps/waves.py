@@ -36,6 +36,7 @@ from test_plans.analysis.cells import (
 from test_plans.analysis.geometry import LASERS, POSE_SIGNALS, SEEING, Rig, roll_of
 from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lag_of, lags
+from test_plans.steps.amplitude import controlled
 from test_plans.steps.shaking import spring_motion
 
 if TYPE_CHECKING:
@@ -100,7 +101,30 @@ def shake(
     lead: float = LEAD,
     measured: float = MEASURED,
 ) -> tuple[Samples, Values]:
-    """Run a sine (m, Hz); return times and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s."""
+    """Run a sine (m, Hz); return times and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s.
+
+    A rig with amplitude control repeats it until the motion of springs or bolster has the ``amplitude``.
+    """
+    moving = HEIGHTS if axis == "vertical" else ("lateral.displacement",)
+
+    def harmonic_of(times: Samples, values: Values) -> complex:
+        motion = sum((values[name] for name in moving), np.zeros_like(times)) / len(moving)
+        return harmonic(run.rig, times, motion, frequency, *moving)
+
+    def once(command: float) -> tuple[Samples, Values]:
+        return _once(run, axis, frequency, command, lead, measured)
+
+    return controlled(run, axis, "sine", frequency, amplitude, once, harmonic_of)
+
+
+def _once(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    amplitude: float,
+    lead: float,
+    measured: float,
+) -> tuple[Samples, Values]:
     before = max(1, ceil(lead * frequency))
     count = max(1 if frequency < 0.3 else 2, ceil(measured * frequency))
     cycles = before + count + ceil(COUNT_LATE * frequency)
