@@ -101,7 +101,11 @@ def runs_command(
         return
     if as_json:
         print_json(runs)
-        return
+    else:
+        _list_runs(runs, folder)
+
+
+def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
     table = open_table(
         f"{len(runs)} runs in {folder}",
         "",
