@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import fnmatch
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
 
+from bench_protocol.account import Account
 from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import Misfits, converted
-from bench_records.tables.keys import FileKeys, Source, TimeSource
+from bench_records.layout import RecordError
+from bench_records.tables import reading
+from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
+from bench_records.tables.reading import Series
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.dimensions import described
 from bench_sim.parameters.model_file import read_changes, with_changes
@@ -30,7 +35,6 @@ from diagnosis.systems.system import (
     difference,
     quantity,
 )
-from diagnosis.systems.tables import column_names
 
 _BUILT_IN: Final = (PISTON, CHAMBER)
 _SYSTEMS: Final = ", ".join(("air_spring", *(system.name for system in _BUILT_IN)))
@@ -293,3 +297,25 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
             + ", ".join(signal.name for signal in system.outputs)
         )
     return tuple(channels)
+
+
+def read_columns(
+    path: Path, keys: FileKeys, time: TimeSource, wanted: Mapping[str, Source], account: Account
+) -> dict[str, Series]:
+    """Return the ``wanted`` columns, each with its own times, by the name that the map gives them.
+
+    ``account`` is told how the file was taken and what was left out. DiagnosisError names file, key and column, and the
+    columns that are there.
+    """
+    try:
+        return reading.read_series(path, keys, time, wanted, account)
+    except RecordError as error:
+        raise DiagnosisError(str(error)) from None
+
+
+def column_names(path: Path, wanted: Sequence[ColumnName]) -> list[str]:
+    """Return the names of all columns of a file whose head holds some of the ``wanted``. DiagnosisError for none."""
+    try:
+        return reading.column_names(path, FileKeys(), Account(), wanted)
+    except RecordError as error:
+        raise DiagnosisError(str(error)) from None

@@ -46,6 +46,7 @@ from diagnosis.systems.map_file import (
     channels_of,
     held_inputs,
     plain_map,
+    read_columns,
     read_map,
     settings_of,
 )
@@ -58,7 +59,6 @@ from diagnosis.systems.system import (
     quantity,
     unit_of,
 )
-from diagnosis.systems.tables import read_columns
 
 #: Reads the columns of a log of CAN frames, of which the keys lie in a folder; None for a file that is none.
 FrameReader = Callable[[Path, FrameKeys, Path, Mapping[str, Source], Account], dict[str, Series] | None]

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from astb_studies import oscillator as system
+from astb_studies.oscillator import Laboratory, ar1_noise
 from diagnosis.contracts import Array, Surface
-from diagnosis.systems import oscillator as system
-from diagnosis.systems.oscillator_specimen import Laboratory, ar1_noise
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from astb.diagnose import show
+from astb_studies.oscillator import OSCILLATOR_EFFECTS, Oscillator
 from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
@@ -17,8 +18,6 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
 from diagnosis.finding import Finding
 from diagnosis.report.page import render
-from diagnosis.systems.oscillator import Oscillator
-from diagnosis.systems.oscillator_effects import OSCILLATOR_EFFECTS
 
 
 def believed(simulator, **nominal):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import Oscillator
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.engine.config import POWER95, Config
 from diagnosis.engine.confusability import Company, confusability, typical, unseen
@@ -19,7 +20,6 @@ from diagnosis.engine.next_run import rank, sensors, separation
 from diagnosis.engine.noise import white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import fit_and_screen
-from diagnosis.systems.oscillator import Oscillator
 
 #: Nothing was found, and no more than the noise remains.
 NONE = Company(0.0, 100, 1.0, Config())

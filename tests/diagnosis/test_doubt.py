@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import REACH, SURFACE_SHAPE, coefficients_of
 from diagnosis.engine.config import CLEAR_OF_FORM, Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.doubt import no_clearer, vague
@@ -18,7 +19,6 @@ from diagnosis.engine.footprints import candidates, footprints, with_surfaces
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.noise import white
 from diagnosis.engine.screening import fit_and_screen
-from diagnosis.systems.oscillator import REACH, SURFACE_SHAPE, coefficients_of
 
 #: A damper (N) that acts in one direction only.
 ONE_WAY = np.maximum(np.linspace(-REACH[1], REACH[1], SURFACE_SHAPE[1]), 0.0) * np.ones((SURFACE_SHAPE[0], 1))

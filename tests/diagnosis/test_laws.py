@@ -6,13 +6,13 @@ from functools import cache
 import pytest
 
 from astb_studies.benchmarks.diagnosis.oscillator_cases import OscillatorCases
+from astb_studies.oscillator import Oscillator
 from bench_sim.model.effects import CATALOGUE
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.laws import alike_laws
 from diagnosis.finding import Finding
 from diagnosis.systems.chamber_effects import chamber_effects
-from diagnosis.systems.oscillator import Oscillator
 from diagnosis.systems.piston_effects import PISTON_EFFECTS
 
 #: Two branches of a λ of 20 to 40, and one branch of 20 to 70: each is near to the other.

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import SURFACE_SHAPE, Oscillator, coefficients_of, force_surface
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.fitting.fit import fit
@@ -18,7 +19,6 @@ from diagnosis.engine.gates import not_above
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.noise import white
 from diagnosis.engine.screening import fit_and_screen
-from diagnosis.systems.oscillator import SURFACE_SHAPE, Oscillator, coefficients_of, force_surface
 
 
 def screened(laboratory, seed, hidden):

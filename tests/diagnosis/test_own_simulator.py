@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from numba import njit
 
+from astb_studies.oscillator import Laboratory, Oscillator, force_surface
 from diagnosis.contracts import Channel, DiagnosisError, Experiment, Hypothesis, Nuisance, Parameter
 from diagnosis.engine.contract_check import check_contract
 from diagnosis.estimates import Z95
 from diagnosis.finding import Finding
 from diagnosis.systems.integration import integrate
 from diagnosis.systems.mapping import read_mapped
-from diagnosis.systems.oscillator import Oscillator, force_surface
-from diagnosis.systems.oscillator_specimen import Laboratory
 from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.splines import SplineAxis, TensorSplines, spline_value
 

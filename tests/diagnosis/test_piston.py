@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosis.contracts import Experiment
-from diagnosis.systems.friction import friction_state
 from diagnosis.systems.piston import PISTON, lagged
+from diagnosis.systems.piston_effects import friction_state
 
 STEP = 0.01
 SETTINGS = {"bore": 25e-3, "stroke_from": -5e-3, "stroke_to": 45e-3, "ambient_pressure": 101_325.0}

@@ -9,14 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from astb_studies.oscillator import Laboratory, Oscillator
 from diagnosis.contracts import Channel, Experiment, MeasuredRun
 from diagnosis.engine.config import REMAINDER_RATIO, Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.remainder import Remainder, held_back, part_left
 from diagnosis.engine.verdict import final
 from diagnosis.finding import Verdict
-from diagnosis.systems.oscillator import Oscillator
-from diagnosis.systems.oscillator_specimen import Laboratory
 
 
 def left(before=20.0, after=1.1, part=0.05, **without):

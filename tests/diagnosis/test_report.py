@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import REACH, UNIT_SPEED
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Finding, Suspect, Verdict
 from diagnosis.report.page import HEADLINES, TONES, first_screen, render, write_report
 from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset
-from diagnosis.systems.oscillator import REACH, UNIT_SPEED
 from tests.pictures import LOOK, faults
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}

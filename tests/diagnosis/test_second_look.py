@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import OSCILLATOR_EFFECTS
 from diagnosis.contracts import Hypothesis, Parameter
 from diagnosis.engine import search as searching
 from diagnosis.engine.config import SIZES, Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
-from diagnosis.systems.oscillator_effects import OSCILLATOR_EFFECTS
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-other-data.md"
 ONE = Config(workers=1, with_panel=False)

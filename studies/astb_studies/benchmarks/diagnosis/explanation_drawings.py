@@ -11,6 +11,7 @@ import numpy as np
 from astb.menu import experiments
 from astb_studies.benchmarks.diagnosis.dense_screening import DenseScreening, dense_screening
 from astb_studies.benchmarks.diagnosis.rate_drawings import save
+from astb_studies.oscillator import Laboratory, Oscillator
 from astb_studies.places import DOCS
 from bench_protocol.units import Hz, kN, mm, s
 from bench_records.plots import ALARM, INK, PALETTE, SHADE, SOFT, heading, style
@@ -19,9 +20,7 @@ from bench_sim.parameters import load
 from diagnosis.contracts import Array, Effects, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.systems.air_spring.simulator import AirSpring
-from diagnosis.systems.friction import friction_state
-from diagnosis.systems.oscillator import Oscillator
-from diagnosis.systems.oscillator_specimen import Laboratory
+from diagnosis.systems.piston_effects import friction_state
 from test_plans.loads import AW0
 from test_plans.plans.screening import SCREENING
 from test_plans.programmes.motions import Part, Programme, Stretch, Wave

@@ -20,16 +20,16 @@ from astb_studies.benchmarks.diagnosis.ground_truth import (
     even_in_logarithm,
 )
 from astb_studies.benchmarks.diagnosis.linearised_base import LinearisedBase
-from diagnosis.contracts import Array, Dataset, Effects, Experiment
-from diagnosis.engine.footprints import Candidate, candidates
-from diagnosis.systems.oscillator import (
+from astb_studies.oscillator import (
     REACH,
     SURFACE_SHAPE,
+    Laboratory,
     Oscillator,
     coefficients_of,
     force_surface,
 )
-from diagnosis.systems.oscillator_specimen import Laboratory
+from diagnosis.contracts import Array, Dataset, Effects, Experiment
+from diagnosis.engine.footprints import Candidate, candidates
 
 #: Steps with which a specimen is integrated, for one step of the model with which it is diagnosed.
 FINER: Final = 4

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from astb_studies.oscillator import Oscillator
 from diagnosis.contracts import Array, Effects, Experiment
-from diagnosis.systems.oscillator import Oscillator
 
 #: Rounds until the motion stays what it is.
 _ROUNDS: Final = 5

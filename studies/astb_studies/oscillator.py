@@ -4,22 +4,96 @@
 
 The drive f is given, the displacement x and the force on the ground are measured. Whatever is to be diagnosed is a
 class with the attributes and the method `run` of `diagnosis.contracts.Simulator`; nothing is inherited or registered.
-The causes that may be missing stand in `diagnosis.systems.oscillator_effects`, measurements of a virtual specimen in
-`diagnosis.systems.oscillator_specimen`.
+`OSCILLATOR_EFFECTS` are the causes that may be missing. A `Laboratory` measures virtual specimens.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from bench_sim.model.compiled import compiled, compiled_parallel
-from diagnosis.contracts import Array, Channel, Effects, Experiment, Hypothesis, Nuisance, Parameter, Surface
-from diagnosis.systems.oscillator_effects import OSCILLATOR_EFFECTS
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    Dataset,
+    Effects,
+    Experiment,
+    Hypothesis,
+    MeasuredRun,
+    Nuisance,
+    Parameter,
+    Role,
+    Surface,
+)
+
+
+def _effect(
+    name: str, unit: str, spread: float, *, family: str, low: float = -np.inf, **more: Any
+) -> Hypothesis:
+    amplitude = Parameter("amplitude", unit, 0.0, spread, low)
+    return Hypothesis(name=name, family=family, title=name, amplitude=amplitude, **more)
+
+
+def _time_constant(name: str, nominal: float) -> Parameter:
+    return Parameter(name, "s", nominal, 1.5 * nominal, 0.01, 10.0, logarithmic=True)
+
+
+_EFFECTS: Final = (
+    _effect("cubic", "N/m³", 2e6, family="spring", confusers=("quadratic",), equation="F = a x³"),
+    _effect("quadratic", "N/m²", 2e4, family="spring", equation="F = a x²"),
+    _effect(
+        "coulomb",
+        "N",
+        5.0,
+        low=0.0,
+        family="loss",
+        confusers=("maxwell",),
+        equation="F = a tanh(v/v_0)",
+    ),
+    _effect(
+        "maxwell",
+        "N/m",
+        300.0,
+        low=0.0,
+        family="rubber",
+        shapes=(_time_constant("tau", 0.1),),
+        grid=((0.02,), (0.1,), (0.5,)),
+        confusers=("coulomb",),
+        richer=("maxwell_two",),
+        phenomenon="relaxation of the rubber",
+        equation="F = a (x − q), dq/dt = (x − q)/τ",
+    ),
+    _effect(
+        "maxwell_two",
+        "N/m",
+        300.0,
+        low=0.0,
+        family="rubber",
+        shapes=(
+            _time_constant("tau", 0.05),
+            Parameter("ratio", "1", 1.0, 1.0, 0.05, 20.0, logarithmic=True),
+            _time_constant("tau_two", 0.5),
+        ),
+        grid=((0.03, 1.0, 0.3), (0.03, 1.0, 1.0), (0.1, 1.0, 1.0)),
+        phenomenon="relaxation of the rubber",
+        separated_by="free decays and slow sines, over two decades of frequency",
+        equation="F = a ((x − q) + r (x − q_2)), dq/dt = (x − q)/τ, dq_2/dt = (x − q_2)/τ_2",
+    ),
+    _effect("lag", "s", 5e-3, low=0.0, family="sensor", equation="a ẋ_m + x_m = x"),
+    _effect("force_gain", "1", 0.02, family="sensor", equation="F_m = (1 + a) F"),
+    _effect("drift", "N/s", 0.1, family="sensor", equation="F_m = F + a t"),
+)
+#: Every cause by name.
+OSCILLATOR_EFFECTS: Final[Mapping[str, Hypothesis]] = MappingProxyType(
+    {effect.name: effect for effect in _EFFECTS}
+)
+
 
 #: Coefficients of a smooth force over displacement and asinh(speed/`UNIT_SPEED`), and how far these reach to each side.
 SURFACE_SHAPE: Final = (8, 4)
@@ -217,3 +291,97 @@ def _oscillate(drive: Array, dt: float, p: Any, surface: Array) -> Array:
             state = _moved(state, dt / 3.0, c)
             state = _moved(state, dt / 6.0, d)
     return out
+
+
+#: What the runs of other names than these are for: to be fitted.
+ROLES: Final[Mapping[str, Role]] = MappingProxyType({"noise large": "select", "report": "report"})
+#: Samples after which autoregressive noise has forgotten that it began at 0.
+_FORGOTTEN: Final = 200
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """Measures specimens of a ``simulator``: so many ``samples`` in each run, every ``dt`` s."""
+
+    simulator: Oscillator = field(default_factory=Oscillator)
+    samples: int = 1500
+    dt: float = 0.01
+
+    def experiments(self) -> list[Experiment]:
+        """Return what is done with every specimen."""
+        time: Array = self.dt * np.arange(self.samples, dtype=np.float64)
+        return [
+            Experiment(name, time, {"drive": drive}, minutes=0.25) for name, drive in _drives(time).items()
+        ]
+
+    def measure(
+        self,
+        seed: int,
+        effects: Effects | None = None,
+        *,
+        colour: float = 0.0,
+        dropped: float = 0.0,
+        quantised: bool = False,
+        loud: float = 1.0,
+    ) -> Dataset:
+        """Return the runs of a specimen whose nuisances are drawn from their priors.
+
+        ``effects`` are hidden in it. ``colour`` is the AR(1) coefficient of the noise and ``loud`` its size over that
+        of the data sheet; a part ``dropped`` of the samples is lost; ``quantised`` rounds to two standard deviations.
+        """
+        rng = np.random.default_rng(seed)
+        shared = self._drawn(rng, per_run=False)
+        runs = []
+        channels = self.simulator.channels
+        for experiment in self.experiments():
+            own = self._drawn(rng, per_run=True)
+            outputs = self.simulator.run(experiment, shared | own, effects or {})
+            for i, channel in enumerate(channels):
+                outputs[:, i] += loud * channel.noise * ar1_noise(rng, len(outputs), colour)
+                if quantised:
+                    step = _quantised(channel).resolution
+                    outputs[:, i] = step * np.round(outputs[:, i] / step)
+            outputs[rng.random(len(outputs)) < dropped] = np.nan
+            everywhere = np.ones(len(outputs), np.bool_)
+            role = ROLES.get(experiment.name, "fit")
+            runs.append(MeasuredRun(experiment, outputs, everywhere, ~everywhere, role))
+        if quantised:
+            channels = tuple(_quantised(channel) for channel in channels)
+        return Dataset(channels, tuple(runs))
+
+    def _drawn(self, rng: np.random.Generator, *, per_run: bool) -> dict[str, float]:
+        return {
+            nuisance.name: nuisance.nominal + nuisance.spread * rng.standard_normal()
+            for nuisance in self.simulator.nuisances
+            if nuisance.per_run == per_run
+        }
+
+
+def ar1_noise(rng: np.random.Generator, n: int, coefficient: float) -> Array:
+    """Return AR(1) noise (n,) of unit variance: each value remembers the one before by ``coefficient``."""
+    from scipy.signal import lfilter
+
+    innovations = rng.standard_normal(n + _FORGOTTEN) * np.sqrt(1.0 - coefficient**2)
+    noise: Array = lfilter([1.0], [1.0, -coefficient], innovations)[_FORGOTTEN:]
+    return noise
+
+
+def _quantised(channel: Channel) -> Channel:
+    return replace(channel, resolution=2.0 * channel.noise)
+
+
+def _drives(t: Array) -> dict[str, Array]:
+    """The force (n,) over time by the name of the run, in N."""
+    rng = np.random.default_rng(7)
+
+    def multisine(level: float, low: float, high: float) -> Array:
+        lines = [np.sin(2 * np.pi * (f * t + rng.uniform())) for f in np.linspace(low, high, 24)]
+        return level * np.asarray(sum(lines)) / np.sqrt(12.0)
+
+    return {
+        "slow": 60.0 * np.sin(2 * np.pi * 0.4 * t),
+        "sweep": 25.0 * np.sin(2 * np.pi * (0.3 * t + 0.5 * (5.0 - 0.3) / t[-1] * t**2)),
+        "noise small": multisine(15.0, 0.2, 8.0),
+        "noise large": multisine(40.0, 0.2, 6.0),
+        "report": multisine(30.0, 0.2, 7.0) + 20.0 * np.sin(2 * np.pi * 0.7 * t),
+    }

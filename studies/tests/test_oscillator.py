@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from astb_studies.oscillator import (
+    NUISANCES,
+    Laboratory,
+    Oscillator,
+    ar1_noise,
+    coefficients_of,
+    force_surface,
+)
 from diagnosis.contracts import Experiment
-from diagnosis.systems.oscillator import NUISANCES, Oscillator, coefficients_of, force_surface
-from diagnosis.systems.oscillator_specimen import Laboratory, ar1_noise
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-other-data.md"
 NOMINAL = {nuisance.name: nuisance.nominal for nuisance in NUISANCES}
