@@ -123,7 +123,7 @@ clean:  ## remove the environment, caches and demo runs
 # The stamp is newer than pyproject.toml only after a complete installation.
 $(READY): pyproject.toml studies/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "ASTB needs Python 3.11 or newer and $(PYTHON) is $$($(PYTHON) -V 2>&1): try make PYTHON=python3.12" >&2; exit 2; }
+		{ echo "ASTB needs Python 3.11 or newer and $(PYTHON) is $$($(PYTHON) -V 2>&1): try make PYTHON=python3.11" >&2; exit 2; }
 	@echo "installing ASTB and its tools into .venv (once, about a minute)"
 	@$(PYTHON) -m venv .venv || \
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }

@@ -19,6 +19,9 @@ from click.shell_completion import CompletionItem
 _KINDS: Final = "(rigs|specimens|instruments|dimensions|wirings|parameters|demos)"
 #: Old beginnings of a command line and the new ones. Words are separated by `_GAP`, which no word contains.
 RENAMED: Final = (
+    # A rig was one file and is a folder.
+    (r"rigs ([^ ]+) --copy[ =]([^ ]+)\.toml", r"copy rig \1 \2"),
+    (r"rigs --copy[ =]([^ ]+)\.toml ([^ ]+)", r"copy rig \2 \1"),
     (rf"{_KINDS} ([^ ]+) --copy[ =]([^ ]+)", r"copy \1 \2 \3"),
     (rf"{_KINDS} --copy[ =]([^ ]+) ([^ ]+)", r"copy \1 \3 \2"),
     (r"specimens new (.*?)--base[ =]([^ ]+)", r"copy specimen \2 \1"),
