@@ -24,7 +24,7 @@ settings.load_profile("astb")
 HERE = Path(__file__).parent
 #: Where tests are, in a directory for each subject.
 TESTS = (HERE, HERE.parent / "studies" / "tests")
-# The asserts of modules that tests share say what they saw, as those of the tests do.
+# The asserts of modules that tests share show their values, as those of the tests do.
 pytest.register_assert_rewrite(
     *(f"tests.{one.stem}" for one in HERE.iterdir() if one.stem != "conftest" and one.name != "__pycache__")
 )
@@ -112,7 +112,7 @@ def no_test_hurries_those_after_it(request: pytest.FixtureRequest) -> Iterator[N
 def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], Any]], Any]:
     """Make what several tests need once in a whole run, in whichever process asks first: ``once(name, make)``.
 
-    ``make`` is given a folder that stays. What it returns is pickled: each test file that asks gets a copy of its own.
+    ``make`` is given a folder that stays. What it returns is pickled: each test file gets a separate copy.
     """
     base = tmp_path_factory.getbasetemp()
     place = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once"

@@ -18,7 +18,7 @@ REFUSED = {
 
 
 class FailingDisk:
-    """Counts what is written below ``folder``; the ``at``-th time and later the disk refuses with ``number``.
+    """Counts writes below ``folder``; from the ``at``-th one on the disk refuses with ``number``.
 
     With ENOENT the folder is removed then, and the disk is well.
     """
@@ -68,7 +68,7 @@ class FailingDisk:
 
 @contextmanager
 def failing_disk(folder: Path, at: float = float("inf"), number: int = errno.ENOSPC, now=lambda: 0):
-    """Let the disk below ``folder`` fail while the block lasts; yield what tells how often something was written."""
+    """Let the disk below ``folder`` fail during the block; yield the counter of writes."""
     disk = FailingDisk(folder, at, number, now)
     opened, allocated = io.open, os.posix_fallocate
 

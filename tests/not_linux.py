@@ -1,6 +1,6 @@
 """Another system, as our own packages see it: `python tests/not_linux.py win32 run aw0 --virtual` runs aw0 there.
 
-Only for our own code is something missing; libraries bring what is theirs for each system. What is there:
+Only for our own code is something missing; libraries have files for each system. Available:
 modules that do not exist (a hook of the import), attributes that modules lack, functions that the C library lacks or
 that cannot be asked for, `sys.platform`; on Windows also texts that are cp1252 with two characters at the end of a line
 unless said otherwise, names that files cannot have, and files that cannot be renamed or removed while they are open.
@@ -220,7 +220,7 @@ MODULES = {
         "nis",
     },
 }
-#: Of what the C library of macOS lacks, all that somebody might call.
+#: Functions that the C library of macOS lacks.
 NOT_ON_MAC = {
     "clock_nanosleep",
     "eventfd",

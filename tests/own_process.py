@@ -1,4 +1,4 @@
-"""Python text that runs in a process of its own, which has compiled and imported nothing yet."""
+"""Python text that runs in a separate process, which has compiled and imported no module yet."""
 
 import os
 import subprocess

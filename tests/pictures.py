@@ -1,4 +1,4 @@
-"""What a reader sees of the words in a picture: a browser tells where each of them stands."""
+"""The words of a picture as a reader sees them: a browser gives the place of each."""
 
 import re
 from typing import Any, NamedTuple
@@ -45,7 +45,7 @@ BENCH_WORDS = """() => {
     frame: [Math.max(0, frame.left), frame.top, Math.min(innerWidth, frame.right), frame.bottom] };
 }"""
 MARKUP = re.compile(r"\$|\\[a-z]|\{|\}|</?[a-z]+>|&[a-z]+;")
-#: Letters may touch what is beside them by so much (px).
+#: Letters may touch their neighbours by so much (px).
 TOUCH = 1.0
 
 
@@ -59,7 +59,7 @@ class Word(NamedTuple):
 
 
 def faults(drawing: dict[str, Any]) -> list[str]:
-    """Return what is wrong with the words of a drawing, as `LOOK` tells of it; nothing if all is well."""
+    """Return the errors in the words of a drawing, as reported by `LOOK`; empty if there are none."""
     words = [
         Word(one["text"], np.array(one["corners"]), one["axes"], one["legend"]) for one in drawing["words"]
     ]

@@ -1,4 +1,4 @@
-"""A scenario of the model run twice: compiled in this process, and in one of its own as plain Python."""
+"""A scenario of the model run twice: compiled in this process, and in a separate one as plain Python."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The conformance suite: a sound rig is found sound, every spoilt one is found out, and two rigs are told apart."""
+"""The conformance suite: a sound rig passes, each faulty one is found, and two rigs are distinguished."""
 
 import re
 import struct
@@ -112,7 +112,7 @@ def swapped_words(request: bytes, reply: bytes) -> bytes:
 
 
 def lax(request: bytes, reply: bytes) -> bytes:
-    """What is written wrongly is accepted."""
+    """A rig that accepts wrong writes."""
     return request[:4] + b"\0\6" + request[6:12] if request[7] == 16 and reply[7] & 0x80 else reply
 
 

@@ -1,4 +1,4 @@
-"""The fit of a rigid body, on motions from equations of its own: sound rigs are not accused, each lie is found."""
+"""The fit of a rigid body, on motions from independent equations: sound rigs pass, each wrong dimension is found."""
 
 from dataclasses import replace
 from math import sqrt, tau
@@ -14,7 +14,7 @@ from test_plans.instruments import ordinary as instruments
 slow = pytest.mark.slow
 CELLS = tuple(f"load_cell.{k}" for k in range(1, 7))
 SHARED = ("spring_half_spacing", "bolster_mass", "lateral_actuator_height", "centre_height", "column_height")
-#: What is lied about, and which dimensions that changes.
+#: The false statement, and the dimensions that it changes.
 LIES = {
     **{name: (name,) for name in SHARED},
     "left laser": (across("left.height"),),

@@ -1,4 +1,4 @@
-"""A kept run is gone through again, and on from an instant: without a change as before, with one otherwise."""
+"""A stored run is simulated again, also from an instant: equal without a change, different with one."""
 
 import pytest
 from click.testing import CliRunner

@@ -1,4 +1,4 @@
-"""Logs become records: which message a frame is, on which channel, from whom; and what was left out stays with them."""
+"""Logs become records: the message of a frame, its channel and sender; omitted frames are counted."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ J1939 = (
 
 @pytest.fixture
 def came(tmp_path):
-    """Imports a log; returns the exit code, what was said, and where the record is."""
+    """Import a log; return the exit code, the output, and the path of the record."""
 
     def come(name: str, content: str | bytes, dbc: str, *options: str) -> tuple[int, str, Path]:
         (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)

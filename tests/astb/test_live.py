@@ -87,12 +87,12 @@ def test_a_snapshot_says_what_the_run_does(watch):
     assert (back.in_step, back.said) == (0.0, "nearly done")
     one = reading(there, "lateral.displacement")
     assert one.value == place == pytest.approx(20 * mm, abs=0.2 * mm)
-    assert one.used == pytest.approx(0.5, abs=0.01), "half of the way to the 40 mm that the rig's file tells"
+    assert one.used == pytest.approx(0.5, abs=0.01), "half of the way to the 40 mm that the rig's file states"
     assert one.limit == "upper 40 mm"
     assert (there.checks, back.checks) == ({}, {"pass": 1})
     assert back.last_check.startswith("place = ")
     assert (there.late, there.assumed) == (0, 15)
-    assert (begin.next, begin.left, begin.outline) == ("", None, ""), "nobody has seen this plan before"
+    assert (begin.next, begin.left, begin.outline) == ("", None, ""), "this plan was never run before"
 
 
 def test_the_run_before_tells_what_comes(watch, tmp_path):
@@ -215,7 +215,7 @@ def test_on_a_terminal_the_run_is_drawn(tmp_path):
 
 
 def read_from(descriptor: int) -> bytes:
-    """What a terminal was told; nothing once nobody tells any more."""
+    """The output of a terminal; empty after the end."""
     try:
         return os.read(descriptor, 65536)
     except OSError:

@@ -25,7 +25,7 @@ RESULT = conclude("aw0", "Title.", "Title.", [check("height", 2.0, "m", low=0.0,
 
 @pytest.fixture
 def server():
-    """A web server that keeps what it is sent: ``server.heard``; it answers with ``server.answer``."""
+    """A web server that stores requests in ``server.heard`` and answers with ``server.answer``."""
 
     class Keeps(BaseHTTPRequestHandler):
         def do_POST(self):

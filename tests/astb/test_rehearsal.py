@@ -70,7 +70,7 @@ def run(directory, amplitude, rig):
 
 
 def tripped(record) -> tuple[str, float] | None:
-    """Signal and time (s) of the first limit that tripped, as the rig told it on the wire."""
+    """Signal and time (s) of the first limit that tripped, as the rig sent it."""
     for event in record.events:
         if event.kind == "trip":
             return event.data["signal"], record.time_of(event)

@@ -1,4 +1,4 @@
-"""A specimen with another preload: what the model gives is what is expected, and a sound spring passes."""
+"""A specimen with another preload: the model gives the expected values, and a sound spring passes."""
 
 import tomllib
 from pathlib import Path

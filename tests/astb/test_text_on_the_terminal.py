@@ -180,7 +180,7 @@ def test_a_run_shows_the_stated_data(capsys):
 
 
 def test_consoles_are_made_in_one_place():
-    """Elsewhere, rich would take what stands in square brackets for its own."""
+    """Without this, rich would interpret text in square brackets as markup."""
     found = []
     for folder in ("astb", "bench_records", "diagnosis", "studies/astb_studies/paper", "test_plans"):
         for path in sorted((ROOT / folder).rglob("*.py")):

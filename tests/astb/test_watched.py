@@ -1,4 +1,4 @@
-"""A run with its twin as its plan sees it: what is known by now in real time, all of it in virtual time."""
+"""A run with its twin as seen by its plan: the story until now in real time, all of it in virtual time."""
 
 import queue
 import subprocess

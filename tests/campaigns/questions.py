@@ -1,4 +1,4 @@
-"""What the campaigns of these tests compute: in a module of its own, as workers import it."""
+"""The computations of the campaigns of these tests, in a separate module that workers import."""
 
 import os
 import time
@@ -10,7 +10,7 @@ def square(number: int) -> dict:
 
 
 def whatever(what: str) -> dict:
-    """Do what is asked for, most of which is no good."""
+    """Do the requested action, which fails in most cases."""
     match what:
         case "raise":
             raise ValueError("this case\nraises")

@@ -1,4 +1,4 @@
-"""A campaign file says which cases there are, each of which can run; and the page about it is true."""
+"""A campaign file lists its cases, each of which can run; the page about it is correct."""
 
 import contextlib
 import io

@@ -35,7 +35,7 @@ if __name__ == "__main__":
 
 @contextmanager
 def process(*command: str, wanted: str) -> Iterator[tuple[subprocess.Popen, str]]:
-    """Run a command, in a process group of its own, while the block lasts; yield it, and its line with ``wanted``."""
+    """Run a command, in a separate process group, during the block; yield it, and its line with ``wanted``."""
     with subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -56,7 +56,7 @@ def process(*command: str, wanted: str) -> Iterator[tuple[subprocess.Popen, str]
 
 @contextmanager
 def cluster_of_others(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """Yield the address of a scheduler and its two workers, which nobody restarts."""
+    """Yield the address of a scheduler and its two workers, which are not restarted."""
     dask = str(Path(sys.executable).with_name("dask"))
     with ExitStack() as stack:
         _, said = stack.enter_context(

@@ -1,4 +1,4 @@
-"""What a campaign tells at its end: which kind of case failed which check, on a page, in Excel, on the terminal."""
+"""The end of a campaign: which kind of case failed which check, on a page, in Excel, on the terminal."""
 
 import io
 import re

@@ -19,7 +19,7 @@ def test_rows_come_back_with_the_columns_of_all_of_them(tmp_path):
     assert first["checks"] == [{"name": "x", "low": None, "note": None}]
     assert second["checks"] == rows[1]["checks"]
     assert (first["more"], second["more"], first["none"]) == (None, "text", None)
-    assert list(pd.read_parquet(tmp_path)["key"]) == ["a", "b"]  # by somebody who knows nothing of us
+    assert list(pd.read_parquet(tmp_path)["key"]) == ["a", "b"]  # by an independent library
 
 
 def test_a_row_is_on_the_disk_when_it_has_been_added(tmp_path):

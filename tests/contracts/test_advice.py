@@ -1,4 +1,4 @@
-"""Whoever follows the advice of a message finds what it names: commands, options, and libraries for pip."""
+"""The advice of a message is valid: its commands, options, and libraries for pip exist."""
 
 import ast
 import re
@@ -13,12 +13,12 @@ from tests.contracts.test_imports import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 ENDINGS = (".py", ".j2", ".js", ".html", ".toml")
-#: What is no command: the first words of the format of a record.
+#: Not commands: the first words of the format of a record.
 FORMAT = "record"
 
 
 def texts():
-    """Every text of the product, with the file that it stands in: of Python its strings, help texts included."""
+    """Every text of the product with its file: the strings of Python, help texts included."""
     folders = [ROOT / name for name in PACKAGES.values()]
     for path in sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in ENDINGS):
         if path.suffix != ".py":

@@ -1,4 +1,4 @@
-"""The examples for CI servers: they are what they say they are, call options that exist, and find what a run leaves."""
+"""The examples for CI servers: their syntax is valid, their options exist, and they find the files of a run."""
 
 import re
 import shlex

@@ -133,7 +133,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-#: Breaks the tree in the working directory in one way after the other, and says what the linter makes of each.
+#: Breaks the tree in the working directory in several ways, and prints the linter's answer to each.
 SABOTEUR = """
 import contextlib, io, json, pathlib, sys
 from importlinter.cli import lint_imports
@@ -247,7 +247,7 @@ def circles(graph: grimp.ImportGraph) -> list[set[str]]:
 
 
 def test_no_package_imports_a_part_that_imports_it() -> None:
-    """What the contract of siblings does not see: a package's own file and the files beside it."""
+    """Not covered by the contract of siblings: a package's own file and the files in its folder."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     assert circles(graph) == []
     graph.add_import(importer="bench_sim.parameters.effects", imported="bench_sim.parameters")

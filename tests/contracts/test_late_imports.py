@@ -10,7 +10,7 @@ import pytest
 
 from tests.contracts.test_imports import PACKAGES, ROOT
 
-#: How many imports stand inside functions, as what they import is an extra, or heavy and seldom used. May only shrink.
+#: Imports inside functions, because the module is an extra, or heavy and seldom used. May only shrink.
 INSIDE_FUNCTIONS = {
     "astb": 133,
     "astb_studies": 42,

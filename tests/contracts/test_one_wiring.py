@@ -1,4 +1,4 @@
-"""Nobody asks of a wiring which one it is: every wiring answers the whole contract, and says what its rig can do."""
+"""No code depends on the kind of a wiring: every wiring implements the contract, and states its rig's capabilities."""
 
 import ast
 from pathlib import Path
@@ -11,7 +11,7 @@ ASKING = "from x import OwnWiring as W\nif isinstance(bench.wiring, (W, Other)):
 
 
 def questions(source: str) -> list[int]:
-    """Return the lines that ask whether something is a wiring of a certain kind, or ask a wiring what it is."""
+    """Return the lines that test the kind of a wiring."""
     tree = ast.parse(source)
     renamed = {
         one.asname or one.name

@@ -31,7 +31,7 @@ OF_THE_EFFECTS = {
 
 
 class Copy:
-    """A copy of what git knows and what is compiled, in which a recipe is done."""
+    """A copy of the tracked and the compiled files, in which a recipe is done."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -50,7 +50,7 @@ class Copy:
         self.before = self._contents()
 
     def with_compiled(self) -> "Copy":
-        """Take over what is compiled, for a recipe that leaves the compiled code as it is."""
+        """Copy the compiled files, for a recipe that leaves the compiled code as it is."""
         for source in {name.parent for name in self.before}:
             for one in (ROOT / source / "__pycache__").glob("*.nb[ic]"):
                 place = self.folder / source / "__pycache__" / one.name
@@ -274,7 +274,7 @@ def test_an_effect(copy: Copy) -> None:
 
 @pytest.mark.slow
 def test_a_plan(copy: Copy) -> None:
-    """The plan of the page: one file, found by its name, and what its report will show is told before."""
+    """The plan of the page: one file, found by its name, with the predicted contents of its report."""
     code = re.search(r"`test_plans/plans/symmetry\.py`:\n\n```python\n(.*?)```", PAGE, re.DOTALL)
     assert code is not None
     (copy.folder / "test_plans/plans/symmetry.py").write_text(code[1], encoding="utf-8")
@@ -352,7 +352,7 @@ def test_a_fault(copy: Copy) -> None:
 
 
 def test_a_transport(copy: Copy) -> None:
-    """The transport of the how-to moves into the tree: a package of its own and one row."""
+    """The transport of the how-to moves into the tree: a separate package and one row."""
     page = (ROOT / "docs/how-to/connect-a-rig.md").read_text(encoding="utf-8")
     code = next(one for one in page.split("```python\n") if "class Controller" in one).split("```")[0]
     folder = copy.folder / "drivers/wiring/lines_of_text"

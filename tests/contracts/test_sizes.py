@@ -1,4 +1,4 @@
-"""Files of at most 800 lines, functions of at most 60; what is longer is listed with its length and may only shrink."""
+"""Files of at most 800 lines, functions of at most 60; longer ones are listed with their length and may only shrink."""
 
 import ast
 import tomllib
@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILE, FUNCTION = 800, 60
 
-#: Path, or path and function, and how many lines it has. Remove what has become short; a new line here needs a reason.
+#: Path, or path and function, with the number of lines. Remove shortened entries; a new line here needs a reason.
 EXCEPTIONS: dict[str, int] = {
     "tests/records/conftest.py: write_run": 65,
 }
@@ -49,7 +49,7 @@ def too_long(root: Path) -> dict[str, int]:
 
 
 def complaints(found: dict[str, int], listed: dict[str, int]) -> list[str]:
-    """What has grown, what is new, and what the list allows though it is no longer needed."""
+    """Grown entries, new entries, and entries that are no longer needed."""
     said = []
     for name in sorted(found.keys() | listed.keys()):
         lines, allowed = found.get(name), listed.get(name)

@@ -13,7 +13,7 @@ from tests.not_linux import MODULES, ONLY_LINUX, ONLY_UNIX
 ROOT = Path(__file__).resolve().parents[2]
 SHIM = ROOT / "tests" / "not_linux.py"
 PLACE = ROOT / "bench_protocol" / "runtime"
-#: Modules that are loaded by a run in real time alone; what they ask for is there then.
+#: Modules that only a run in real time loads; their imports exist there.
 IN_REAL_TIME = {
     "astb/commands/rig.py",
     "astb/doctor.py",

@@ -96,7 +96,7 @@ def test_a_healthy_rig_has_healthy_springs(healthy):
 
 
 def test_the_biases_that_the_rig_was_built_with_are_found(healthy):
-    """Both lateral cells carry one force: what they differ by is what the rig drew for them from its seed."""
+    """Both lateral cells carry one force; their difference is drawn from the rig's seed."""
     drawn = load("astb").as_built(1).record.sensor_bias
     found = dict(
         zip(
@@ -252,7 +252,7 @@ def test_offsets_add_and_springs_differ_by_side(made):
     wider = made.simulator.run(made.experiment, {"left.effective_area": 0.27}, {})
     assert np.abs(wider - made.base)[:, names.index("left.bellows_pressure")].max() > 100.0
     assert np.abs(wider - made.base)[:, names.index("right.bellows_pressure")].max() < 1e-6
-    # What was varied in between is not remembered in its stead.
+    # Values varied in between are not stored instead.
     assert np.array_equal(made.simulator.run(made.experiment, {}, {}), made.base)
 
 
@@ -311,7 +311,7 @@ def test_what_is_uncertain_of_leveling_valves_counts_where_they_are_connected(ma
     fed = made.simulator.run(open_, low_lever, {})[-1, pressure]
     assert fed > made.base[-1, pressure] + 1e3
     moved = made.simulator.run(open_, low_lever | {name: low}, {})[-1, pressure] - fed
-    # More of what is uncertain lets in more air, but for a gauge: its supply is lower than it reads.
+    # A larger uncertain value admits more air, except for a gauge: its supply is lower than its reading.
     assert -moved > 10.0 if name.startswith("supply") else moved > 10.0
 
 
@@ -374,7 +374,7 @@ def test_a_softer_frame_gives_less_shear_if_its_compliance_is_stated(made):
 
 @pytest.mark.parametrize("give", [0.0, 0.1])
 def test_what_displacements_say_late_has_been_before(made, give):
-    """The springs went through what was read later, the pistons' transducers are late, and all else is as it was."""
+    """The springs have the history of the later readings, the pistons' transducers are late, the rest is unchanged."""
     delay, skip = 7.5e-3, 20
     time = made.experiment.time
     move = {"left.height": 5 * mm, "right.height": -3 * mm, "shear": 6 * mm, "platform.vertical": 2 * mm}

@@ -1,4 +1,4 @@
-"""What is told before the verdict: base parameters that the data contradict, and every doubt of the data."""
+"""Reported before the verdict: base parameters that the data contradict, and every doubt of the data."""
 
 import io
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What is missing beside a much larger cause, and makes that look unphysical, is found with it."""
+"""A second cause that makes a much larger one look unphysical is found with it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def cause(name: str, family: str) -> Hypothesis:
 
 
 class Mixed(CompleteSimulator):
-    """Waves: a drag that is believed to be small, a leak with many relatives, and rubber that is nearly a drag."""
+    """Waves: a drag with a small prior, a leak with many relatives, and rubber that is nearly a drag."""
 
     name = "waves"
     channels = (Channel("force", "N", 1.0),)

@@ -23,7 +23,7 @@ MOTION = (
         )
     ),
 )
-#: What may be named: what is hidden, its neighbours, and whatever else acts on load cells.
+#: Candidates: the hidden effect, its neighbours, and all other effects on load cells.
 CANDIDATES = (
     *(f"seat_offset.{side}" for side in ("left", "right")),
     "load_offset",
@@ -34,7 +34,7 @@ CANDIDATES = (
     "coupling",
     *(f"force_offset.{side}" for side in ("left", "right")),
 )
-#: SI. Off the middle by less than this, one load case does not tell a moment from the zeros of the cells.
+#: SI. For offsets below this, one load case cannot separate a moment from the zeros of the cells.
 HIDDEN = {
     "seat_offset.left": {"ahead": 10e-3},
     "seat_offset.right": {"ahead": -10e-3},
@@ -57,7 +57,7 @@ def found_in(bench_record, hidden, seed=1, effects=CANDIDATES):
 
 
 def assert_named(finding, simulator, name):
-    """It is named alone, and its interval holds what is true."""
+    """It is the only named cause, and its interval contains the true value."""
     assert finding.verdict is Verdict.NAMED, finding.verdict
     assert list(finding.names) == [name]
     (one,) = finding.causes[0].parameters

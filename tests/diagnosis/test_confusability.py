@@ -1,4 +1,4 @@
-"""What cannot be told apart: predicted gaps against fitted ones, detectable sizes, runs that decide."""
+"""Indistinguishable causes: predicted gaps against fitted ones, detectable sizes, runs that decide."""
 
 from __future__ import annotations
 
@@ -101,11 +101,11 @@ def test_detectable_size_is_threshold_and_power_over_root_information(laboratory
     needed = one.smallest * float(screen.root_information[0])
     assert needed == pytest.approx(screen.threshold + POWER95 + abs(float(screen.z[0])))
     assert f"{one.smallest:.3g} N/m³" in one.sentence
-    # Beside a cause in plain view, what adds less than a small part of it may be no more than its roughness.
+    # Next to a large cause, an addition of less than a small part of it may be its roughness.
     beside = replace(NONE, explained=1000.0**2)
     (more,) = unseen(screen, model.linearisation, beside)
     assert more.smallest * float(screen.root_information[0]) > 0.03 * 1000.0 + POWER95
-    # Where more than the noise remains, nobody knows what passes.
+    # Where the residual exceeds the noise, the threshold is unknown.
     (unknown,) = unseen(screen, model.linearisation, replace(NONE, noise_ratio=1.3))
     assert unknown.smallest is None and "no size is known" in unknown.sentence
 
@@ -150,7 +150,7 @@ def test_typical_lambda_is_that_of_a_prior_spread(laboratory):
 
 @pytest.fixture(scope="module")
 def ambiguous(laboratory):
-    """Coulomb friction or a Maxwell branch: one slow sine does not tell."""
+    """Coulomb friction or a Maxwell branch: one slow sine cannot distinguish them."""
     bench = Bench(laboratory, 2, {"coulomb": {"amplitude": 0.05}}, runs=("slow",))
     return bench, bench.with_effect("coulomb", 0.05), bench.with_effect("maxwell", 5.0, 0.1)
 
@@ -229,7 +229,7 @@ def test_a_menu_without_costs_is_refused(ambiguous):
 def test_a_drift_that_an_offset_imitates_needs_its_reference(laboratory):
     bench = Bench(laboratory, 4, {"drift": {"amplitude": 0.1}}, runs=("slow",))
     found = sensors(bench.with_effect("drift", 0.1), bench.with_effect("cubic", 0.0))
-    # Beside a free constant, a ramp from 0 keeps a quarter of its square.
+    # With a free constant, a ramp from 0 keeps a quarter of its square.
     assert [sensor.name for sensor in found] == ["force_offset"]
     assert "measure force_offset against a reference" in found[0].sentence
 

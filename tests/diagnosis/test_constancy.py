@@ -60,7 +60,7 @@ def fitted(seed, drift=0.0, drifting=CAUSE, sound=1.0):
 
 
 def by_brute_force(X, residual, parts):
-    """How far χ² falls if each stretch has amounts of its own of the cause and of its imitation, beyond chance.
+    """How far χ² falls if each stretch has separate amounts of the cause and of its imitation, beyond chance.
 
     A least-squares fit of each stretch, and the trace of what the common fit, with its priors, leaves of white noise.
     """
@@ -96,7 +96,7 @@ def test_a_constant_cause_is_seldom_called_inconstant():
 
 
 def test_what_sound_rigs_show_speaks_against_no_cause():
-    """What is beyond counts on, and a drift that is no clearer than what sound rigs show counts for nothing."""
+    """A larger deviation counts further, and a drift within the range of sound rigs does not count."""
     chi2, freedom = np.transpose(changes(fitted(1, 1.0)[0], "cause"))
     excess = inconstancy(fitted(1, 1.0, sound=1.5)[0], "cause")
     assert excess == pytest.approx(np.max(chi2 - 1.5 * freedom))
@@ -105,7 +105,7 @@ def test_what_sound_rigs_show_speaks_against_no_cause():
 
 
 def test_only_what_makes_room_for_a_cause_speaks_against_it():
-    """The same drift speaks against a cause in the parameter that imitates it, and in another as noise does at most."""
+    """A drift contradicts a cause in the parameter that imitates it, and in another at most as noise does."""
     in_the_way = [inconstancy(fitted(seed, 1.0, ROOM)[0], "cause") for seed in range(6)]
     elsewhere = [inconstancy(fitted(seed, 1.0, STRANGE)[0], "cause") for seed in range(6)]
     assert min(in_the_way) > 60.0

@@ -1,4 +1,4 @@
-"""Doubt: a name is not told where the form of the model errs so much that its effect may be nothing."""
+"""Doubt: a cause is not named if the model error is so large that its effect may be zero."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ QUADRATIC = {"quadratic": {"amplitude": 1500.0}}
 
 
 def named_quadratic(laboratory, force_surface, hidden):
-    """Fit a quadratic spring to what was hidden, and test the surface beside it."""
+    """Fit a quadratic spring to the hidden effect, and test the surface with it."""
     lab = laboratory()
     replay = Replay(replace(lab.simulator, surfaces=(force_surface,)), lab.measure(3, hidden).of("fit"), 1)
     quadratic = lab.simulator.catalogue["quadratic"]
@@ -58,7 +58,7 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
 
 @pytest.mark.parametrize("surfaces", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_cause_within_the_repeatability_is_not_named(laboratory, oscillator, force_surface, surfaces):
-    # Three specimens, of which one has the contrary of the others: their mean foretells the select run well.
+    # Three specimens, one of them with the opposite sign: their mean predicts the select run well.
     lab = laboratory(samples=600)
     runs = [
         replace(run, experiment=replace(run.experiment, name=f"{run.experiment.name} of {size}"))

@@ -1,4 +1,4 @@
-"""The finding: what is written is read again, what contradicts itself is refused, intervals are closed forms."""
+"""The finding: written data are read again, contradictions are refused, intervals are closed forms."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def test_the_predictive_density_is_that_of_the_joint_normal():
 
 
 def test_columns_of_a_neighbour_lead_to_as_good_a_fit(laboratory):
-    """A fit that borrows all nuisance columns is compared by its cost: 0.1 is nothing where a BIC gap of 10 decides."""
+    """A fit that borrows all nuisance columns is compared by its cost: 0.1 is negligible for a BIC gap of 10."""
     lab = laboratory()
     data = lab.measure(3, {"cubic": {"amplitude": 2e5}})
     replay = Replay(lab.simulator, data.of("fit"), 1)
@@ -223,7 +223,7 @@ def test_parts_of_one_record_share_its_nuisances_whatever_they_are_for(laborator
     assert cut.coordinates == one.coordinates
     assert cut.numbers == pytest.approx(one.numbers, abs=1e-6)
     assert fits[1].penalised_chi2 == pytest.approx(fits[0].penalised_chi2, rel=1e-9)
-    # A part that was not fitted finds no start of its own: what the fit knows of it is all there is.
+    # A part that was not fitted has no separate start: only the fit describes it.
     first = fit(Replay(lab.simulator, parts[:1], 1), noise, base_point(lab.simulator.nuisances, ["slow"]))
     there = predict(first, parts[1:], fixed=True).linearisation.point
     assert [c.label for c in there.coordinates] == [c.label for c in first.point.coordinates]

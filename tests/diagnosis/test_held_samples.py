@@ -1,4 +1,4 @@
-"""Readings that are held between rare samples: the data tell the period, to a part in a hundred thousand."""
+"""Readings held between rare samples: the period follows from the data within a part in a hundred thousand."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_the_period_is_found(period, held, late, lost):
     seed=st.integers(0, 1000),
 )
 def test_a_reported_period_is_correct(period, held, late, seed):
-    """Nothing is told where motion has the same line; a reading held for long is later than rates tell."""
+    """No period is reported where the motion has the same line; a long hold is later than rates show."""
     found = held_period(measured(held, period, seed, late=late), SHORTEST, LONGEST)
     assert found is None or found == pytest.approx(period, rel=5e-5)
 

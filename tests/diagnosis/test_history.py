@@ -43,7 +43,7 @@ def test_a_load_that_was_raised_is_remembered_as_an_exponential(memory, at):
     exact = LOW * (1.0 - np.exp(-(at + LATE) / memory))
     if at > CHANGE:
         exact += (HIGH - LOW) * (1.0 - np.exp(-(at - CHANGE) / memory))
-    # Between the memories that are told, an eighth of a decade of a curve over two decades.
+    # Between the stated memories, an eighth of a decade of a curve over two decades.
     close = 1e-6 if memory in MEMORIES else 0.02
     for side in ("left", "right"):
         assert remembered(told, side, memory) == pytest.approx(exact, rel=close)
@@ -65,7 +65,7 @@ TEMPERATURES += [Algebraic.AUXILIARY_TEMPERATURE + i for i in range(2)]
 
 
 def test_a_spring_that_has_crept_goes_on_from_there():
-    """A replay of a hold from its middle is the second half of the whole, if it is told how far the first half crept.
+    """A replay of a hold from its middle is the second half of the whole, if it receives how far the first half crept.
 
     Without rubber and walls that remember of their own, which a replay finds at rest.
     """
@@ -143,7 +143,7 @@ def test_fast_dash_pots_have_followed():
 
 
 def test_a_slow_branch_goes_on_from_where_it_was():
-    """A replay of a hold after a lift is the end of the whole, if it is told how far the dash-pots were behind."""
+    """A replay of a hold after a lift is the end of the whole, if it receives how far the dash-pots were behind."""
     bare = {"maxwell_ratio": 0.0, "wall_heat_capacity": 0.0}
     bare |= {f"friction_{way}{part}": 0.0 for way in ("vertical", "lateral") for part in ("", "_slope")}
     bare |= {"sensor_noise": 0.0, "sensor_resolution": 0.0, "sensor_lag": 0.0}

@@ -1,4 +1,4 @@
-"""Identification: unknown springs are told from their records, as well as is said; what is not told is said, too."""
+"""Identification: unknown springs are identified from their records with the stated accuracy; the rest is reported."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ LATERAL = {name for name in ASKED if "lateral" in name or "membrane" in name}
 
 
 def drawn(seed):
-    """Values of springs that nobody knows, each within two standard deviations of what is believed."""
+    """Values of unknown springs, each within two standard deviations of its prior."""
     chance, parameters, values = np.random.default_rng(seed), load("astb"), {}
     for name, asked in ASKED.items():
         away = np.clip(chance.standard_normal(2), -2.0, 2.0)
@@ -91,7 +91,7 @@ def test_constant_signals_identify_no_cause_and_a_sufficient_run_is_predicted():
 
 @pytest.mark.slow
 def test_intervals_of_an_oscillator_hold_with_their_stated_probability(laboratory):
-    """Of specimens whose parameters are drawn from what is believed, 95 % of the intervals hold; noise is AR(1)."""
+    """For specimens with parameters drawn from the prior, 95 % of the intervals hold; noise is AR(1)."""
     here, away = laboratory(samples=400), []
     for seed in range(16):
         data = here.measure(seed, colour=0.5)
@@ -144,7 +144,7 @@ def test_springs_that_were_drawn_are_identified_and_their_file_is_a_model(
     scale = {one.name: one.scale for one in UnknownSpring(load("astb")).nuisances}
     held = [row.low <= truth(values, row.name) / scale[row.name] <= row.high for row in answer.rows]
     assert sum(held) >= len(held) - 5, [r.name for r, one in zip(answer.rows, held, strict=True) if not one]
-    # Told is what was found, not what was believed.
+    # The result is reported, not the prior.
     assert np.mean([row.left for row in told]) < 0.15
 
     places = {(one.side, one.height, one.shear) for one in answer.shapes}
@@ -165,7 +165,7 @@ def test_springs_that_were_drawn_are_identified_and_their_file_is_a_model(
     assert {"torsional_stiffness", "torsional_stiffness_slope"} & {
         one.name for one in answer.rows if not one.told
     }
-    # Under one load nobody parts what is there without pressure from what comes with it.
+    # Under one load, parts without pressure and parts with it cannot be separated.
     untold = [one.name for one in answer.rows if not one.told]
     assert len(answer.further) == len(untold)
     for name, text in zip(untold, answer.further, strict=True):

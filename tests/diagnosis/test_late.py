@@ -1,4 +1,4 @@
-"""What is late is told as such: a channel by its name, a clock only where all channels of its device fall behind."""
+"""Late data: a channel is named, and a clock only where all channels of its device fall behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where runs do not tell laws of one phenomenon apart, the phenomenon is named, and no law plainly."""
+"""Where runs cannot distinguish the laws of a phenomenon, the phenomenon is named, and no law."""
 
 from collections import Counter
 from functools import cache

@@ -29,7 +29,7 @@ def packed(columns):
 
 
 def problem(rng, samples=40, channels=3):
-    """Two shared numbers (one believed), one of each run: the linearisation, and X (N, k), r (N,) in full."""
+    """Two shared numbers (one with a prior), one of each run: the linearisation, and X (N, k), r (N,) in full."""
     coordinates = (
         Coordinate(Parameter("free", "1", 0.0, np.inf, step=0.01)),
         Coordinate(Parameter("known", "1", 0.0, 1.0)),

@@ -73,7 +73,7 @@ def test_a_column_without_numbers_is_doubted_in_one_file_and_refused_in_all(tmp_
         read_mapped(paths[1:], mapping)
 
 
-#: How a displacement stands still: as a constant, as noise of a laser, as the last bit of a converter.
+#: A displacement at rest: a constant, noise of a laser, the last bit of a converter.
 STILL = {
     "constant": lambda rng, n: np.zeros(n),
     "noise": lambda rng, n: 0.01 * rng.standard_normal(n),
@@ -96,7 +96,7 @@ force = { column = "f", unit = "N" }
 def test_signs_at_a_constant_displacement_are_doubted_at_most_once(
     kind: str, sign: int, tmp_path: Path
 ) -> None:
-    """Of a force beside pressure times area the sign is known; of a displacement that stands still nothing is."""
+    """The sign of a force is known from pressure times area; that of a constant displacement is unknown."""
     mapping = tmp_path / "map.toml"
     mapping.write_text(PRESSED, encoding="utf-8")
     time = np.arange(0.0, 10.0, 0.02)

@@ -1,4 +1,4 @@
-"""Files that somebody else wrote: all formats give the same numbers, gaps stay gaps, errors say what would be right."""
+"""Third-party files: all formats give the same numbers, gaps stay gaps, errors state the fix."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

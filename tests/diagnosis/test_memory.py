@@ -1,4 +1,4 @@
-"""Pages of their own for what is large: they are there when written to, and gone when dropped."""
+"""Separate pages for large arrays: they exist when written to, and are freed when dropped."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def test_an_error_without_a_trace_widens_only_similar_parameters(laboratory):
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_of_a_rough_model(laboratory):
-    """Of a stiffness, with a random force over displacement and speed that nobody models: plain intervals miss it."""
+    """A stiffness with an unmodelled random force over displacement and speed: plain intervals miss it."""
     missed, inside = 0, 0
     for seed in range(12):
         chance = np.random.default_rng(seed).standard_normal(SURFACE_SHAPE)

@@ -79,7 +79,7 @@ def test_waves_are_not_weakened(frequency, size):
 )
 @settings(max_examples=30, deadline=None)
 def test_a_parabola_comes_back_exactly_through_gaps(coefficients, missing):
-    """Its third difference is nothing: no penalty, whatever is missing."""
+    """Its third difference is zero: no penalty, whatever is missing."""
     s = np.linspace(-1.0, 1.0, 200)
     x = coefficients[0] + coefficients[1] * s + coefficients[2] * s * s
     measured = x.copy()
@@ -139,7 +139,7 @@ def rolled(frequency, size, seed, lost=0.0):
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])
 def test_a_wave_that_noise_hides_is_found_in_step_with_a_larger_one(lost):
-    """Of 20 µm at 12.5 Hz, smoothing by itself leaves next to nothing; a larger motion tells when to look for it."""
+    """At 20 µm and 12.5 Hz, smoothing leaves nearly zero; a larger motion shows when to look for it."""
     sideways, height, measured = rolled(12.5, 20e-6, 1, lost)
     alone = smooth(measured, NOISE)
     found = alone + in_step(measured - alone, sideways, STEP, NOISE)
@@ -161,7 +161,7 @@ def test_random_signals_are_not_synchronous():
 
 @pytest.mark.parametrize(("samples", "scatter"), [(20, 1.0), (50, 1.0), (4000, 1.0), (4000, 3.0)])
 def test_short_runs_ends_and_a_data_sheet_that_is_too_good_invent_no_motion(samples, scatter):
-    """Beyond the ends there is nothing: mirrored, noise would count twice there."""
+    """Beyond the ends the values are zero: mirrored, noise would count twice there."""
     time = STEP * np.arange(samples)
     sideways = 2e-3 * np.sin(2 * np.pi * 8.0 * time)
     found = []
@@ -207,7 +207,7 @@ def test_abrupt_marks_only_corners():
 def swung(parameters, seconds, swing, platform=lambda t: (0.0, 0.0)):
     """Readings by name, heights and shear that there were, of a bench whose actuators and platform swing.
 
-    ``swing`` tells where the pistons go from where they stand, ``platform`` its roll and where it goes sideways. The
+    ``swing`` gives the motion of the pistons from their position, ``platform`` its roll and where it goes sideways. The
     first quarter is left out.
     """
     plant = Plant.at_rest(parameters.record)

@@ -1,4 +1,4 @@
-"""A simulator of one's own: the how-to as it is typed, its integrator and surfaces, and what is refused at once."""
+"""A user's simulator: the how-to as typed, its integrator and surfaces, and its refusals."""
 
 import os
 import re
@@ -344,7 +344,7 @@ def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
     answer = identify_data(asked, own / "found.toml", plain_console(stderr=True))
     (row,) = answer.rows
     assert row.told and not answer.doubts
-    # As the sum of squares tells it, or wider by the scatter of few runs.
+    # As given by the sum of squares, or wider by the scatter of few runs.
     width, least = row.high - row.value, Z95 * 0.1 / np.sqrt(1800 * 0.5)
     assert abs(row.value - 2.1) < 1.5 * width and 0.9 * least < width < 2.5 * least
     assert tomllib.loads((own / "found.toml").read_text())["parameters"].keys() == {"gain"}

@@ -1,4 +1,4 @@
-"""The residual panel: uniform p-values where the model is right, and each test reacts to what it is made for."""
+"""The residual panel: uniform p-values where the model is right, and each test detects its kind of error."""
 
 from __future__ import annotations
 

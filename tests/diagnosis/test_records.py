@@ -107,7 +107,7 @@ def test_steps_on_both_sides_of_a_quick_stretch_are_two():
 
 @pytest.mark.parametrize("hertz", [0.7, 1.3, 2.1, 3.3])
 def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
-    """Half-way between samples a wave is further out than half-way between their readings: each stands for itself."""
+    """Half-way between samples a wave is further out than half-way between their readings: each is used separately."""
     time = np.arange(0.0, 200.0, STEP)
     cooling, wave = 295.0 - 0.0037 * time, 0.2 * np.sin(2.0 * np.pi * hertz * time)
     kept = at_its_steps(sampled_thermometer(time, cooling + wave))
@@ -127,7 +127,7 @@ def sampled_thermometer(time, true):
 
 @pytest.fixture(scope="module")
 def rounded(bench_record):
-    """A rig whose first load cell has a coarse converter, which no data sheet tells."""
+    """A rig whose first load cell has a coarse converter, which no data sheet states."""
     return bench_record("rounded", SHORT[:1], sensor_resolution={Sensor.LOAD_CELL_1: 100.0})
 
 

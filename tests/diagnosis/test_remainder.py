@@ -1,4 +1,4 @@
-"""What is left on unseen runs lowers the verdict, and is told in words."""
+"""The residual on unseen runs lowers the verdict, and is reported."""
 
 import math
 import re
@@ -35,7 +35,7 @@ def test_no_effect_is_for_what_reaches_the_noise():
 
 
 class Plain(Oscillator):
-    """An oscillator without a form for what has no name."""
+    """An oscillator without a form for the unknown effect."""
 
     surfaces = ()
 
@@ -70,7 +70,7 @@ HIDDEN = [
 
 @pytest.mark.parametrize(("hidden", "expected"), [(0, Verdict.NO_EFFECT), (1, Verdict.UNRESOLVED)])
 def test_a_catalogue_without_the_cause_and_without_surfaces_does_not_acquit(laboratory, hidden, expected):
-    """Fifteen times the noise were told as nothing."""
+    """Fifteen times the noise were reported as zero."""
     data = laboratory(samples=400).measure(31, HIDDEN[hidden])
     finding = diagnose(data, Plain(), Config(workers=1, effects=("lag",)))
     assert finding.verdict is expected
@@ -145,7 +145,7 @@ def test_a_channel_that_reaches_its_noise_by_chance_does_not_speak_for_the_other
 
 
 def test_hysteresis_without_a_candidate_gives_no_maxwell_branch(laboratory):
-    """Friction in plain view and a catalogue of relatives: no plain name, and the sentence says what is left."""
+    """A large friction and a catalogue of relatives: no plain name, and the sentence states the residual."""
     lab = laboratory(samples=400)
     data = lab.measure(31, {"coulomb": {"amplitude": 3.0}})
     finding = diagnose(data, lab.simulator, Config(workers=1, effects=("maxwell",)))
@@ -171,7 +171,7 @@ def test_the_sentence_contains_the_improvement(laboratory):
 
 
 def test_a_second_cause_that_may_be_roughness_of_the_first_is_mentioned(laboratory):
-    """A score of 8 was dropped without a word, since what was found may be inexact by as much."""
+    """A score of 8 was dropped silently, since the found cause may be inexact by as much."""
     lab = laboratory(samples=400)
     data = lab.measure(33, {"cubic": {"amplitude": 1e6}, "lag": {"amplitude": 1e-4}})
     finding = diagnose(data, lab.simulator, Config(workers=1, effects=("cubic", "lag"), rough=0.9))

@@ -148,7 +148,7 @@ def test_a_wrong_spring_does_not_read_the_same(free):
 
 
 def test_the_integration_is_of_fourth_order(free):
-    """Where nothing has a corner or a tolerance of its own, halving the step divides the error by 16.
+    """Without a corner or a separate tolerance, halving the step divides the error by 16.
 
     So without friction and emergency spring, and with an orifice whose flow is linear as far as the pressures go.
     """

@@ -1,4 +1,4 @@
-"""The report page: it stands alone, shows every part of the finding, and is the same for the same finding."""
+"""The report page: it loads no other file, shows every part of the finding, and is reproducible."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VOID = {"meta", "br", "hr", "img", "link", "input"}
 
 
 class Balance(HTMLParser):
-    """Counts what is opened and closed, and collects the text."""
+    """Counts opened and closed tags, and collects the text."""
 
     def __init__(self):
         super().__init__()
@@ -192,7 +192,7 @@ def test_value_and_error_of_a_fitted_number_end_with_the_same_digit(found):
 
 @pytest.mark.slow
 def test_no_bar_stands_on_a_logarithmic_scale(found):
-    """A bar is a patch; beside background, axes and two spines there is none."""
+    """A bar is a patch; except for background, axes and two spines there are none."""
     scores = re.search(r'<svg class="plot"(?:(?!</svg>).)*id="scores-.*?</svg>', render(found), re.DOTALL)[0]
     assert 'id="scores-patch_5"' not in scores and 'id="scores-line2d' in scores
 

@@ -110,12 +110,12 @@ def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench, air):
 
 
 def test_differences_of_rough_runs_are_those_of_good_ones(bench):
-    """Of the whole catalogue: within two hundredths of each, most within a thousandth; none of what is too quick."""
+    """Over the whole catalogue: all within two hundredths, most within a thousandth; too quick ones excluded."""
     names, jobs = zip(*everything(bench.simulator, shaken("rough", 3.0)), strict=True)
     fine = list(bench.simulator.run_many(jobs))
     rough = list(bench.simulator.run_roughly(jobs))
     error = np.abs(rough[0] - fine[0]).max(axis=0) / bench.noise
-    assert 0.01 < error.max() < 1.0, "the longer step has errors of its own"
+    assert 0.01 < error.max() < 1.0, "the longer step has additional errors"
     apart, alone = {}, set()
     for name, one, other in zip(names[1:], fine[1:], rough[1:], strict=True):
         if other is None:
@@ -190,13 +190,13 @@ def test_springs_are_separate_while_the_valve_between_them_is_shut(bench, pressu
     assert (simulator.effort["packs"], simulator.effort["alone"]) == (packs, 0)
     other = Job(experiment, {"left.bellows_volume": 0.031}, job.effects)
     together = list(simulator.run_many([other, job]))
-    assert np.array_equal(together[1], many), "bit for bit, whatever is integrated beside it"
+    assert np.array_equal(together[1], many), "bit for bit, in any batch"
     assert simulator.effort["packs"] == packs + 1
     assert [outputs is None for outputs in simulator.run_roughly([job])] == [leak or packs > 1]
 
 
 def test_a_valve_opened_by_one_job_does_not_affect_others(bench):
-    """Whether it opens is asked of each job. Bit for bit, whatever was asked before, in whatever batch."""
+    """Each job decides whether it opens. Bit for bit, after any previous job, in any batch."""
     begin = {"left.bellows_pressure": 3.235e5}
     experiment = shaken("nearly", 1.0, inputs={"dpv": np.ones(200)}, **begin)
     shut = [Job(experiment, {}, effects) for effects in ({}, {"leak.left": {"area": 1e-7}})]
@@ -393,7 +393,7 @@ def test_what_is_too_alike_is_never_rough(too_alike, slopes, monkeypatch):
 
 
 def test_the_discharge_coefficient_shows_above_tolerances_of_both_sides(bench):
-    """It is their sum, but for what is believed of these: rough differences, wrong by a fiftieth, hide that."""
+    """It is their sum, except for the prior of these: rough differences, wrong by a fiftieth, hide that."""
     experiment = shaken("orifice", seconds=5.0)
     nothing = np.zeros(len(experiment.time), np.bool_)
     run = MeasuredRun(experiment, bench.simulator.run(experiment, {}, {}), ~nothing, nothing)

@@ -155,7 +155,7 @@ def test_a_stop_is_in_no_catalogue_and_stays_unknown(laboratory, oscillator, for
 
 
 def test_what_two_effects_do_alike_is_called_ambiguous(laboratory, oscillator):
-    """The same cause under two names: nothing can part them, and nobody is accused alone."""
+    """The same cause under two names: they cannot be separated, and neither is named alone."""
     from dataclasses import replace
 
     catalogue = oscillator().catalogue
@@ -282,7 +282,7 @@ NULLS = int(os.environ.get("ASTB_NULLS", "100"))
     ids=str,
 )
 def test_false_alarms(laboratory, conditions, most):
-    """Targets of 1 % for white noise, with what chance may add to it, and of 3 % otherwise."""
+    """Targets of 1 % for white noise, with the tolerance of chance, and of 3 % in other cases."""
     lab = laboratory(samples=1000)
     alarms = 0
     for seed in range(NULLS):

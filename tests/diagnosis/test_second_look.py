@@ -101,7 +101,7 @@ def test_what_diverges_at_a_finite_amplitude_is_left_out(laboratory, oscillator,
 
 @pytest.mark.parametrize("seed", [1001, pytest.param(1, marks=SLOW)])
 def test_a_stop_that_is_not_looked_for_makes_no_other_cause(laboratory, oscillator, seed):
-    """What leaves most of the error is not taken for it: the verdict says that something is wrong, or what remains."""
+    """A candidate that leaves most of the error is not named: the verdict reports an unknown error."""
     lab = laboratory(oscillator())
     finding = diagnose(lab.measure(seed, HIDDEN), lab.simulator, ONE)
     assert finding.verdict in {Verdict.UNRESOLVED, Verdict.REMAINDER}

@@ -1,4 +1,4 @@
-"""What left for the sake of others comes back where it predicts better: more candidates make no poorer model."""
+"""A removed cause returns where it predicts better: more candidates do not worsen the model."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ SHARED = [
 
 
 def thrown_out(problem, cause, understudy):
-    """Judge a search in which a cause left beside its understudy, which had to leave thereafter."""
+    """Judge a search in which a cause was removed for its substitute, which was removed later."""
     found = search(problem)
     effect = problem.hypotheses[understudy]
     coordinates = effect_coordinates(effect)

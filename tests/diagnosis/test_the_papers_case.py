@@ -1,4 +1,4 @@
-"""The paper's own case: relaxing rubber is left out, damping is off by some 5 %, and one sine has to say why."""
+"""The paper's case: relaxing rubber is left out, damping is off by some 5 %, and one sine must show why."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 #: What the paper measures: forces over displacements. Pressures would make it easier.
 CELLS = tuple(f"load_cell.{k}" for k in (1, 2, 3, 4))
 SINE = Wave("vertical", 5 * mm, 1.2 * Hz, 12)
-#: What is hidden, in SI, and the deviation of the damping that it makes, at least and at most. Half of 0.65 k_sh at its
+#: Hidden, in SI, and the deviation of the damping that it makes, at least and at most. Half of 0.65 k_sh at its
 #: peak is 13 kN/m, 5 % of the orifice's 261 kN/m; a lag of the force takes |K| ωτ = 18 kN/m of them away.
 CASES = {
     "maxwell": ({"ratio": 0.65, "time": 0.13}, 0.03, 0.06),
@@ -36,13 +36,13 @@ def recorded(bench_record, stretches, name="maxwell", seed=1):
 
 
 def by_force(*records):
-    """Runs of one rig, and the simulator without what is hidden in it; forces are all that it predicts."""
+    """Runs of one rig, and the simulator without the hidden effect; it predicts only forces."""
     simulator = AirSpring(records[0].parameters, effects=CATALOGUE, only=CELLS)
     return read_records([record.directory for record in records], simulator), simulator
 
 
 def assert_named(finding, name, simulator):
-    """The finding has this cause alone, and every interval holds what is true."""
+    """The finding has only this cause, and every interval contains the true value."""
     assert finding.verdict is Verdict.NAMED
     assert list(finding.names) == [name]
     effect = simulator.catalogue[name]
@@ -52,7 +52,7 @@ def assert_named(finding, name, simulator):
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request, bench_record):
-    """What is hidden in a rig, the simulator without it, and one sine on that rig."""
+    """The hidden effect of a rig, the simulator without it, and one sine on that rig."""
     name = request.param
     data, simulator = by_force(recorded(bench_record, [Stretch((SINE,))], name))
     return name, simulator, data
@@ -75,7 +75,7 @@ def test_damping_is_off_by_some_percent(case):
 
 
 def test_each_of_three_causes_is_identified_by_force(case):
-    """Rubber and orifice deviate by the same amount, the lag by as much the other way: nothing but shape tells them."""
+    """Rubber and orifice deviate by the same amount, the lag in the other direction: only the shape differs."""
     name, simulator, data = case
     finding = diagnose(data, simulator, Config(effects=tuple(CASES)))
     assert_named(finding, name, simulator)

@@ -1,4 +1,4 @@
-"""Threads of a diagnosis, and those of the linear algebra beside them."""
+"""Threads of a diagnosis, and those of the linear algebra used with it."""
 
 from threadpoolctl import threadpool_info, threadpool_limits
 

@@ -1,4 +1,4 @@
-"""A cause that is hidden in the bench is found in what came over its wires, with the whole catalogue."""
+"""A cause that is hidden in the bench is found from the recorded signals, with the whole catalogue."""
 
 from astb.diagnose import read_data
 from bench_protocol.units import Hz, mm, s
@@ -6,7 +6,7 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from test_plans.programmes.motions import RestPose, Stretch, Wave
 
-#: A screening of a quarter of a minute. Its conditioning is short because nothing is asked of friction.
+#: A screening of a quarter of a minute. Its conditioning is short because friction is not identified.
 SHORT = Stretch(
     (Wave("vertical", 4 * mm, 1.25 * Hz, 4), RestPose(8 * mm, rest=3 * s)),
     condition=(Wave("vertical", 10 * mm, 1 * Hz, 3),),

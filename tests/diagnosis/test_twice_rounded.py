@@ -1,4 +1,4 @@
-"""A load cell that counts in 8 N and is told in 25 N, in the noise of 20 N."""
+"""A load cell that counts in 8 N and is stated to count in 25 N, in the noise of 20 N."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ CONVERTER, WIRE, NOISE = 8.0, 25.0, 20.0
 
 
 def read(force, seed, converter=CONVERTER, wire=WIRE):
-    """Return what is read of a force (n,)."""
+    """Return the reading of a force (n,)."""
     noisy = force + NOISE * np.random.default_rng(seed).standard_normal(len(force))
     if converter:
         noisy = converter * np.round(noisy / converter)
@@ -49,7 +49,7 @@ def test_corrections_repeat_and_are_odd_about_where_both_grids_meet():
             read(swinging(200_000), 4, converter=0.0),
             CONVERTER,
             NOISE,
-        ),  # readings speak against what the sheet says
+        ),  # readings contradict the data sheet
         (read(swinging(), 5), 0.0, NOISE),  # nothing is known of a converter
         (read(swinging(), 6), 12.5, NOISE),  # numbers half-way between two codes get either
         (read(swinging(), 6, converter=10.0, wire=16.0), 10.0, NOISE),

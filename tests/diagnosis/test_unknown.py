@@ -1,4 +1,4 @@
-"""The unknown: a surface sees what is in no catalogue, is silent where nothing is, and is never a cause."""
+"""The unknown: a surface finds effects outside the catalogue, is zero without one, and is never a cause."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ CANDIDATES = ("pressure_gain", "leak.left", *(f"pressure_{what}.left" for what i
 
 
 def test_half_a_bar_too_much_is_found_in_a_run_of_two_load_cases(tmp_path):
-    """The rig lets nobody reach under the bolster for the second one; what came of the first tells why."""
+    """The rig prevents access under the bolster for the second one; the result of the first shows why."""
     sound, offset = load("astb"), 0.5 * bar
     rig = Rig(with_effects(sound, {"pressure_offset.left": {"offset": offset}}), seed=3)
     programme = Programme(

@@ -1,4 +1,4 @@
-"""Data that nobody on this project made: an actuator and two chambers, measured at TU Delft in 2021 by E. Zillen."""
+"""Independent data: an actuator and two chambers, measured at TU Delft in 2021 by E. Zillen."""
 
 import os
 import re
@@ -21,7 +21,7 @@ TUTORIALS = ROOT / "docs" / "tutorials"
 DEMOS = ROOT / "astb" / "data" / "demos"
 SEALS = ("NAPN", "O-ring", "PK")
 PAGE = (TUTORIALS / "diagnose-measured-data.md").read_text(encoding="utf-8")
-#: What the page calls the effects, and where it says how strong a seal's friction is at 4 bar, with its interval.
+#: The page's names of the effects, and its statement of a seal's friction at 4 bar, with its interval.
 TOLD = {"seal_presliding": "seal friction with presliding", "force_lag": "force lag"}
 SEALED = {
     "NAPN": r"friction is ([\d.]+) N for NAPN \(95 %: ([\d.]+) to ([\d.]+)\)",
@@ -31,7 +31,7 @@ SEALED = {
 
 
 def row_of(seal: str) -> list[str]:
-    """What the table of the tutorial says of a seal: its friction by the loops, what was named, and three errors."""
+    """The tutorial's table for a seal: its friction by the loops, the named causes, and three errors."""
     (row,) = re.findall(rf"^\| {seal} \|(.*)\|$", PAGE, flags=re.MULTILINE)
     return [cell.strip().removesuffix(" N") for cell in row.split("|")]
 
@@ -78,7 +78,7 @@ def test_every_file_gives_eight_double_strokes(seal: str) -> None:
 
 @pytest.mark.parametrize("seal", SEALS)
 def test_pressure_times_area_leaves_a_friction_that_grows_with_the_pressure(seal: str) -> None:
-    # Told from the loops alone, without any fit of a model: half the distance between in-stroke and out-stroke.
+    # From the loops only, without any fit of a model: half the distance between in-stroke and out-stroke.
     simulator, dataset = actuator(seal)
     half = []
     for pressure in (1, 3, 5, 7):
@@ -93,7 +93,7 @@ def test_pressure_times_area_leaves_a_friction_that_grows_with_the_pressure(seal
     assert explained > 0.97  # affine in the pressure
     assert 1.0 < line.coef[0] < 4.0  # N, at no pressure
     assert 0.5 < line.coef[1] < 2.0  # N/bar
-    # So the tutorial tells it, to the digit that it gives.
+    # The tutorial states it, to the last digit.
     assert [float(n) for n in row_of(seal)[0].split(" / ")] == pytest.approx(half, abs=0.051)
 
 
@@ -209,7 +209,7 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
 ) -> None:
     simulator, dataset = actuator(seal)
     finding = typed("friction__PK") if seal == "PK" else diagnose(dataset, simulator)
-    # Beside a lag, the friction has no presliding that samples 60 to 110 µm apart would show, and without it one that
+    # With a lag, the friction has no presliding that samples 60 to 110 µm apart would show, and without it one that
     # does the same: at 7 bar it is predicted as well.
     lagging = "force_lag" in finding.names
     assert finding.verdict == ("ambiguous" if lagging else "named + unexplained remainder")
@@ -224,12 +224,12 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
     gain = next(gain for gain in finding.gains if gain.channel == "force")
     assert gain.rmse_after < 0.2 * gain.rmse_before
     assert gain.rmse_after < least
-    assert gain.rmse_after > 2.0 * gain.floor  # what remains is no noise
+    assert gain.rmse_after > 2.0 * gain.floor  # the residual is not noise
     assert f"to {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
     assert gain.rmse_before < 1.02 * textbook(dataset)
     share = next(one for one in finding.causes[0].parameters if one.name == "pressure_share")
     assert 0.0 <= share.low < share.value < share.high <= 100.0  # no seal drives its piston
-    # The tutorial says the same, to the last digit that it gives or one beside it.
+    # The tutorial states the same, to the last digit or one next to it.
     _, names, *told = row_of(seal)
     assert names.split(", ") == [TOLD[one] for one in finding.names]
     assert [float(n) for n in told] == pytest.approx(

@@ -88,7 +88,7 @@ def xor_of(identifier: int, data: bytes) -> int:
 
 
 class FarEnd:
-    """The rig: cantools codes, autosar-e2e checks what is commanded, and what is commanded comes back as an echo."""
+    """The rig: cantools codes, autosar-e2e checks commands, and commands come back as an echo."""
 
     def __init__(self) -> None:
         self.left, self.right_raw, self.bellows, self.rate = 12.34, -2048, 500.0, -1.5
@@ -117,7 +117,7 @@ class FarEnd:
                 frame(heights.frame_id, bytes(data), extended=True),
                 frame(513, DATABASE.encode_message("Air", air)),
                 frame(514, DATABASE.encode_message("Echo", self.echo)),
-                frame(0x7FF, b"\1\2\3"),  # somebody else's
+                frame(0x7FF, b"\1\2\3"),  # a third-party frame
             ]
         )
 

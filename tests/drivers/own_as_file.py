@@ -122,7 +122,7 @@ def _points():
 
 
 def _line(signal: Signal) -> dict[str, Any]:
-    """Return what stands for a signal: on CAN where CAN has it, else in the registers."""
+    """Return the source of a signal: on CAN where CAN has it, else in the registers."""
     place = next(
         (
             f"bus.{message.name}.{_bus_name(signal.name)}"

@@ -11,7 +11,7 @@ from drivers.wiring.contract import Transport
 
 
 class PointsInMemory(Transport):
-    """A ``Transport`` whose far end is a mapping of numbers; what is written calls ``react``."""
+    """A ``Transport`` whose far end is a mapping of numbers; writes call ``react``."""
 
     def __init__(self, points: dict[str, float], every: float = 0.05, asked: Sequence[str] = ()) -> None:
         self.points, self._period, self.asked = points, every, set(asked)

@@ -1,4 +1,4 @@
-"""All lines of a wiring that are wrong are told in one run, and units of other houses are known."""
+"""All wrong lines of a wiring are reported in one run, and third-party units are known."""
 
 import tomllib
 from pathlib import Path
@@ -81,7 +81,7 @@ def test_all_errors_of_a_file_are_reported_in_one_run(wrong):
     said = str(told.value)
     assert [words for *_, words in wrong if words not in said] == []
     assert "transports.bus: " in said, "it has neither a DBC nor messages"
-    assert "is missing" not in said, "what only follows from another line is not told"
+    assert "is missing" not in said, "consequences of another line are not reported"
 
 
 def test_all_wrong_points_are_reported_in_one_run():

@@ -1,4 +1,4 @@
-"""A bench on a wiring that is none of ours: what is absent, how it is led, how late it is."""
+"""A bench on a third-party wiring: its missing signals, its sequences, its delays."""
 
 import math
 
@@ -32,7 +32,7 @@ ABSENT = {
 
 
 class Tiny(Outlet):
-    """A rig of two words, STOP and RUN, that measures whatever it is told; it and its wiring in one."""
+    """A rig with two commands, STOP and RUN, and arbitrary measurements; it and its wiring in one."""
 
     rig, table, given, commanded = "plant T", TABLE, {}, True
     sequences = Sequences(
@@ -122,7 +122,7 @@ def test_a_bench_is_led_as_its_wiring_says(tiny, bench):
     assert bench.state == "ACTIVE"
     assert tiny.keys == [1, 2, 3]
     assert tiny.setpoint("vertical_left.displacement_setpoint") == 7 * mm, "without a bump"
-    assert math.isnan(tiny.setpoint("lateral.force_setpoint")), "nobody can say it"
+    assert math.isnan(tiny.setpoint("lateral.force_setpoint")), "it is unknown"
     tiny.keys.clear()
     bench.disarm()
     assert (bench.state, tiny.keys) == ("DISABLED", [0])
@@ -232,7 +232,7 @@ def test_a_wiring_is_closed_though_the_plan_failed(tiny):
 
 
 def test_a_refused_order_does_not_block_the_others(tiny):
-    """On the way to rest what comes after it may still do it."""
+    """On the way to rest the following orders may still be sent."""
     tiny.sequences = Sequences(tiny.sequences.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
     say = tiny.say
 

@@ -1,4 +1,4 @@
-"""Nothing goes out before somebody commands: neither start values nor signs of life, whatever the wires."""
+"""No command is sent before the first one: neither start values nor heartbeats, on any wire."""
 
 import math
 import re
@@ -96,7 +96,7 @@ at_rest = ["DISABLED"]
 
 
 class Stranger:
-    """A rig on a bus and a PLC in virtual time: it goes into the state that is asked for, and notes what came when."""
+    """A rig on a bus and a PLC in virtual time: it enters the requested state, and logs its inputs with times."""
 
     def __init__(self, directory: Path) -> None:
         (directory / "rig.dbc").write_text(DBC)
@@ -164,9 +164,9 @@ def test_signs_of_life_come_before_the_first_order_and_set_points_once_they_are_
         bench.vertical_left.displacement_setpoint = 13.5 * mm
         bench.wait(0.1)
     sent = [values for name, values in stranger.frames if name == "Set"]
-    assert {values["SetLeft"] for values in sent} == {12.5, 13.5}, "first what is measured, never -1000 mm"
+    assert {values["SetLeft"] for values in sent} == {12.5, 13.5}, "first the measured value, never -1000 mm"
     assert {values["SetRight"] for values in sent} == {11.5}
-    assert {values["Spare"] for values in sent} == {5}, "a start value of what nobody writes"
+    assert {values["Spare"] for values in sent} == {5}, "a start value of an unwritten signal"
 
 
 def test_one_of_two_set_points_in_a_frame_takes_no_start_value_along(stranger):

@@ -1,4 +1,4 @@
-"""The bench as plans see it: arming, bounded waits, faults in words, and what is measured."""
+"""The bench as plans see it: arming, bounded waits, reported faults, and measurements."""
 
 import math
 
@@ -240,7 +240,7 @@ def test_a_watchdog_that_cannot_be_fed_ends_the_plan_and_not_its_tear_down(world
 
 
 def test_the_watchdog_is_fed_while_an_answer_is_awaited(world, armed):
-    """In virtual time whoever waits for an answer lets time pass; two requests must not mingle."""
+    """In virtual time a client that waits for an answer advances the time; two requests must not mix."""
     answer = world.peer.answer
 
     def slow(request):

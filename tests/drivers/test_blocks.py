@@ -33,7 +33,7 @@ class Rig:
         chance = np.random.default_rng(1)
         self.base = chance.integers(0, 2**8, len(table.signals)).astype(float)
         self.step, self.pace, self.asked = 0, pace, []
-        self.bank = RegisterBank(table, self, None)  # nobody writes
+        self.bank = RegisterBank(table, self, None)  # no writer
         self.read_file = self.bank.read_file
 
     @property

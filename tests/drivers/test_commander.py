@@ -232,7 +232,7 @@ def test_in_real_time_many_threads_may_command_while_the_cycles_keep_time():
 
 
 def test_set_points_wait_for_a_cycle_that_holds_the_mutex():
-    """Whoever waits there has let go of the interpreter already, and must not do so twice."""
+    """A waiting client has released the interpreter already, and must not do so twice."""
     line, given = Line(), threading.Event()
     line.commander.set("lateral.force_setpoint", 0.0)
 
@@ -253,7 +253,7 @@ def test_set_points_wait_for_a_cycle_that_holds_the_mutex():
 
 @pytest.mark.parametrize("error", [Refused("not in this state", 4), KeyError("Set.Left")])
 def test_every_end_of_the_stream_is_reported(monkeypatch, error):
-    """A transport of somebody's own may raise anything; in a thread nobody would hear of it."""
+    """A user's transport may raise any error; in a thread it would be lost."""
     clock, port = VirtualClock(), InMemoryCan(lambda block: None)
     wiring = wiring_on(port)
     commander = Commander(wiring, clock)

@@ -55,7 +55,7 @@ PLC = ("device", "state", "left_height", "f1", "slow_pressure", "estop", "latera
 
 
 class WiredRig:
-    """A strange rig of two transports, its wiring, and everything that it tells."""
+    """A third-party rig of two transports, its wiring, and everything that it reports."""
 
     def __init__(self, tmp_path: Path, text: str = TEXT) -> None:
         functions = tmp_path / "own.py"
@@ -91,7 +91,7 @@ class WiredRig:
         return [value for _, one, value in self.heard if one == name][-1]
 
     def cycle(self, count: int = 1, **setpoints: float) -> list[dict[str, float]]:
-        """Send set-points on so many cycles of 20 ms; return what was streamed on them, transports together."""
+        """Send set-points for so many cycles of 20 ms; return the streamed values, transports together."""
         values = np.full(len(TABLE.signals), np.nan)
         for name, value in setpoints.items():
             values[TABLE.index[name.replace("__", ".")]] = value
@@ -112,7 +112,7 @@ def wired(tmp_path):
     return WiredRig(tmp_path)
 
 
-# -- what comes ------------------------------------------------------------------------------------------------------
+# -- received values -------------------------------------------------------------------------------------------------
 
 
 def test_points_become_signals_in_si_with_the_time_at_which_they_came(wired):
@@ -186,7 +186,9 @@ def test_what_does_not_come_by_itself_is_read_when_asked(wired):
     assert told == {
         "supply.pressure": 8 * bar, "interlock.estop": 1, "air.left_mode": 2, "air.dpv": 1, "vertical.control": 1
     }  # fmt: skip
-    assert math.isnan(wired.wiring.read(["air.right_mode"])["air.right_mode"])  # never written, never told
+    assert math.isnan(
+        wired.wiring.read(["air.right_mode"])["air.right_mode"]
+    )  # never written, never reported
     assert wired.wiring.capabilities.notes == {
         "settings": "taken to be what was last written: vertical.control, air.right_mode"
     }
@@ -222,7 +224,7 @@ def test_no_server_is_reported(wired):
     wired.bus.refusing = True
     with pytest.raises(LinkLost, match="nobody answers"):
         wired.open()
-    assert wired.plc.connections == 0  # what was opened is closed again
+    assert wired.plc.connections == 0  # all opened connections are closed
 
 
 def test_a_silent_rig_is_reported_in_bounded_time(wired):
@@ -307,7 +309,7 @@ def test_points_that_cannot_be_written(tmp_path, wired):
         DescribedWiring("hall", wired.description, {"plc": wired.plc, "bus": wired.bus})
 
 
-# -- what goes -------------------------------------------------------------------------------------------------------
+# -- sent values -----------------------------------------------------------------------------------------------------
 
 
 def test_setpoints_are_streamed_in_the_rigs_numbers(wired):

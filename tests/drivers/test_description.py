@@ -1,4 +1,4 @@
-"""A wiring file: what it says is read, and what cannot be right is told with file, key and what would be."""
+"""A wiring file: its contents are read, and errors are reported with file, key and fix."""
 
 import math
 import tomllib
@@ -123,7 +123,7 @@ def test_without_a_generator_the_bench_answers_for_it(good):
 SIGNAL = '[transports.plc]\nkind = "modbus"\n[signals]\n'
 STATE = '"rig.state" = { from = "plc.state", choices = { DISABLED = 0, ACTIVE = 1 } }\n'
 
-#: Lines of a wiring file, and what is said of them.
+#: Lines of a wiring file, and the reported parts.
 BAD_FILES = r"""
 [signals]
 -> the key transports is missing
@@ -334,7 +334,7 @@ at_rest = ["OFF"]
 
 
 def _cases():
-    """Yield files that cannot be right, each with what is to be said of it."""
+    """Yield invalid files, each with the expected report."""
     for texts, head in ((BAD_FILES, ""), (BAD_SIGNALS, SIGNAL), (BAD_SEQUENCES, SIGNAL + STATE)):
         for case in texts.strip().split("\n\n"):
             lines, message = case.split("\n-> ")

@@ -1,4 +1,4 @@
-"""The verbs of axes, air and generator, on a scripted rig: what they do, wait for and refuse."""
+"""The verbs of axes, air and generator, on a scripted rig: their actions, waits and refusals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A transport that carries the signals themselves, alone and beside others: a line leads another way."""
+"""A transport that carries the signals themselves, with and without others: a line redirects a signal."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def described(lines, *, generator=True, **transports):
 
 
 class RigWithBox:
-    """A rig of ours with a box beside it, whose laser stands still and whose valve may refuse."""
+    """Our rig with an additional box, whose laser is constant and whose valve may refuse."""
 
     def __init__(self) -> None:
         self.memory = RigInMemory(Rig(load(), seed=1))

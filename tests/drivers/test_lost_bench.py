@@ -1,4 +1,4 @@
-"""A commander who was away: what he is told when he returns, and that he is not taken for somebody else."""
+"""A commander who was away: the messages on its return, and that it keeps its identity."""
 
 import pytest
 
@@ -47,7 +47,7 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     assert "somebody else" not in bench.describe()
     if taken:
         assert other.rig.state in ("FAULT_DISABLED", "DISABLED")
-        assert "somebody else tries to command the bench" in other.strangers(), "to him it is somebody else"
+        assert "somebody else tries to command the bench" in other.strangers(), "another client to him"
         other.close()
     bench.close()
 

@@ -20,7 +20,7 @@ def counted(number):
 
 
 def through(faults, seed, block):
-    """Return what comes in, what goes out, and what comes back, block by block of 32."""
+    """Return inputs, outputs and echoes, block by block of 32."""
     sent, heard = [], []
     inner = InMemoryCan(sent.append)
     link = FaultyCan(inner, faults, seed)

@@ -1,4 +1,4 @@
-"""Misspelt names: what was meant is said, once, wherever a name can be given."""
+"""Misspelt names: the nearest name is suggested once, wherever a name can be given."""
 
 import copy
 
@@ -27,7 +27,7 @@ def test_did_you_mean_names_the_nearest(bench, ask, error, said):
 def test_python_does_not_say_it_once_more(bench):
     with pytest.raises(AttributeError) as raised:
         bench.left.hight  # noqa: B018
-    assert raised.value.obj is None, "from the object Python would draw a suggestion of its own"
+    assert raised.value.obj is None, "with the object Python would add its suggestion"
 
 
 def test_a_device_can_be_copied_and_asked_for_what_it_lacks(bench):

@@ -83,7 +83,7 @@ OLDER = table({"supply.pressure": None, "load_cell.6": None})
 
 
 class MixedVersions:
-    """A rig that speaks the table, and a driver that knows another one."""
+    """A rig with the table, and a driver that has another one."""
 
     def __init__(self, known: Table) -> None:
         self.rig = Rig(load(), seed=1)
@@ -108,7 +108,7 @@ class MixedVersions:
             for signal in self.table.of_kind(Kind.MEASUREMENT)
             if signal.name not in self.wiring.absent
         }
-        assert not set(self.wiring.absent) & set(self.heard), "nothing is heard of what is elsewhere"
+        assert not set(self.wiring.absent) & set(self.heard), "moved signals are not received"
         told = self.wiring.read(sorted(present))
         for name in present:
             true = self.rig.values[TABLE.index[name]]

@@ -65,7 +65,7 @@ def test_no_frame_is_lost_while_the_plan_computes(live):
         end = bench.now + 0.8
         while bench.now < end:
             sum(range(50_000))  # holds the interpreter
-        assert bench.left.height >= 0  # and what is read afterwards is fresh
+        assert bench.left.height >= 0  # and later readings are fresh
         bench.wait(0.2 * s)  # a busy machine still holds a part in its sockets
     assert capture.times("left.height").size >= 0.8 * 200
     times = np.concatenate([t[r == HEIGHT] for t, r in heard])

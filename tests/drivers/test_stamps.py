@@ -72,7 +72,7 @@ MS, YEAR = 1_000_000, 31_557_600 * S
     drifts=st.booleans(),
 )
 def test_a_step_of_the_other_clock_moves_no_reading(before, size, sign, at, stall, seed, drifts):
-    """Before, between and during, from 1 ms to 1 a; the reader may also stand still, so that frames wait for it."""
+    """Before, between and during, from 1 ms to 1 a; the reader may also stop, so that frames wait for it."""
     clock, chance, gap = StampClock(drifts=drifts), random.Random(seed), 5 * MS
     for k in range(1900):
         sent = k * gap

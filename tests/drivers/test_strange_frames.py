@@ -1,4 +1,4 @@
-"""Frames that are not as the DBC says: what fits is read, what is dropped is told, and no number is wrong."""
+"""Frames that differ from the DBC: valid parts are read, dropped ones are reported, and no number is wrong."""
 
 import math
 import socket
@@ -188,9 +188,7 @@ def test_a_null_that_no_bits_hold_is_refused(bus):
 def test_j1939_is_known_by_its_group(bus):
     rig = bus(J1939)
     height = rig.base.get_message_by_name("Height").frame_id
-    other = (
-        height & ~0x1C0000FF & 0x1FFFFFFF | 3 << 26 | 0x21
-    )  # another priority, a source address of its own
+    other = height & ~0x1C0000FF & 0x1FFFFFFF | 3 << 26 | 0x21  # another priority and source address
     rig.comes((other, struct.pack("<HBB4s", 10_000, 1, 100, b"")), extended=True)
     rig.connect().wait()
     assert rig.read("Height.Left", "Height.Mode", "Height.Level") == pytest.approx([256.0, 1.0, 40.0])

@@ -157,7 +157,7 @@ def test_a_bus_that_cannot_be_opened(where: Path) -> None:
             transport.connect(RealClock(), pytest.fail, within=0.5)
 
 
-# --- what is received ---------------------------------------------------------------------------------------------
+# --- received frames ----------------------------------------------------------------------------------------------
 
 
 def test_numbers_as_cantools_has_them(memory: InMemory, connected: Callable) -> None:
@@ -177,7 +177,7 @@ def test_numbers_as_cantools_has_them(memory: InMemory, connected: Callable) -> 
 
 @pytest.mark.parametrize("begins", [{}, {"burst_begins": "Heights"}])
 def test_a_burst_has_one_time(memory: InMemory, connected: Callable, begins: dict) -> None:
-    """However late a burst ends, or the next one begins, where it is known what is sent first."""
+    """For any delay of a burst, or of the next one, if the first message of a burst is known."""
     transport = connected(burst="10 ms", **begins)
     memory.wait(0.03)
     transport.heard.clear()
@@ -191,7 +191,7 @@ def test_a_burst_has_one_time(memory: InMemory, connected: Callable, begins: dic
     first = [1] * 3 + [11] * 3 + [21] * 2
     if begins:
         assert found == [*first, 32] + [33] * 3 + [41] * 3 + [51] * 3
-    else:  # what came late begins a burst, in which the next one is, from now on
+    else:  # a late frame begins a burst, in which the next one is, from now on
         assert found == [*first] + [32] * 5 + [42] * 3 + [52] * 2
 
 
@@ -301,7 +301,7 @@ def test_received_bytes_become_numbers_or_are_counted(
     assert len(heard) + refused == len(theirs)
 
 
-# --- what is sent -------------------------------------------------------------------------------------------------
+# --- sent frames --------------------------------------------------------------------------------------------------
 
 
 def test_written_once_with_counter_and_checksum(memory: InMemory, connected: Callable) -> None:
@@ -374,12 +374,12 @@ def test_a_new_connection_streams_no_old_values(memory: InMemory, connected: Cal
     assert transport.waiting == {"Stream": ["Value"]}
     memory.far.received.clear()
     memory.wait(0.3)
-    assert memory.far.received == [], "nobody has commanded on this one"
+    assert memory.far.received == [], "no command on this one"
     assert transport.counts == {}, "what passed meanwhile is not lost"
 
 
 def test_background_failures_are_reported(memory: InMemory, where: Path) -> None:
-    """A checksum of the user's own that raises would otherwise end the stream, and nobody would know."""
+    """An exception of a user's checksum would end the stream without a message."""
     (where / "failing.py").write_text("def weighted(identifier, data):\n    return 1 // (data[1] - 3)\n")
     guard = {"signal": "Alive", "scheme": "function:weighted"}
     messages = {

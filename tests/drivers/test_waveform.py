@@ -82,7 +82,7 @@ def bump(height, lasts=2 * s):
 
 
 def test_the_bolster_follows_it(made):
-    """What is measured is the waveform, 50 to 55 ms later: two cycles, the loop of the actuator and the transducer."""
+    """The measured value is the waveform, 50 to 55 ms later: two cycles, the loop and the transducer."""
     _, bench = made
     times, way = bump(20 * mm)
     with bench.capture("lateral.displacement") as capture:

@@ -12,7 +12,7 @@ from bench_sim.rig.rig import Rig
 from drivers.errors import Misuse, Refused, RigFault
 from drivers.generator import Wave
 
-#: The frame that tells the rig's state and that of its program.
+#: The frame with the rig's state and that of its program.
 STATE = 0x282
 
 

@@ -117,7 +117,7 @@ def moved(unit, times, given, names, outputs, *, saved_at=None, other=None):
 
 
 def motion(fresh, running):
-    """Move what is given, twice: the second time with another instance from the middle on."""
+    """Move as given, twice: the second time with another instance from the middle on."""
     given = np.load(sys.argv[4])
     names, times = [str(one) for one in given["names"]], given["times"]
     outputs = [str(one) for one in given["outputs"]] if "outputs" in given else OUTPUTS
@@ -196,7 +196,7 @@ def refusals(fresh, running):
     return answers
 
 
-#: What springs and car tell each other, by the names of each: first ours, then those of `models/RidingCar.py`.
+#: Exchanged variables of springs and car, by the names of each: first ours, then those of `models/RidingCar.py`.
 FORCES = {
     "left.vertical_force": "F_left",
     "right.vertical_force": "F_right",
@@ -225,7 +225,7 @@ FELT = {"car.acceleration": "a_floor", "car.rising": "a_up", "car.bump_stop": "s
 
 
 def ride(fresh, running):
-    """Let a car ride on the springs in common steps; both are FMUs.
+    """Run a car on the springs in common steps; both are FMUs.
 
     The springs go first, to where the car's speeds lead; what the car feels are their forces between both ends.
     """

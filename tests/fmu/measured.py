@@ -91,7 +91,7 @@ def tanks(folder: Path, *, overflow: float, seep: float = 0.0, edge: float = 0.4
 
         def rates(t, h, flow=flow):
             upper, lower = np.maximum(h, 0.0)
-            # Torricelli, smoothed as somebody who built the tanks would not know of.
+            # Torricelli, smoothed in a way unknown to the builder of the tanks.
             down = 2.03e-4 * np.sqrt(2 * 9.81 * upper**2 / (upper + 1e-3))
             away = 2.15e-4 * np.sqrt(2 * 9.81 * lower**2 / (lower + 1e-3)) + seep * lower
             over = overflow * max(upper - edge, 0.0) ** 1.5

@@ -1,4 +1,4 @@
-"""An FMU of an air spring that owes nothing to this project: a C file and a description in units of its own."""
+"""An independent FMU of an air spring: a C file and a description with other units."""
 
 import platform
 import re

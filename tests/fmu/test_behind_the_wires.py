@@ -1,4 +1,4 @@
-"""An FMU in the place of the springs, behind the wires: what it does is measured, and how it fails is told."""
+"""An FMU instead of the springs, behind the wires: its motion is measured, and its failures are reported."""
 
 import math
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_our_own_export_is_judged_as_the_bench_is(spring_fmus, tmp_path, version
     """Verdicts are the same, and values within a ``part`` of the standard uncertainty that they have.
 
     They are not the same bits: within a tick a spring of the bench feels all four stages of its step, and an FMU none.
-    What is left are readings that lie at the edge of a step of their converter. In steps of 5 ms forces are straight
+    The rest are readings at the edge of a step of their converter. In steps of 5 ms forces are straight
     lines of that length: stiffness at 3 Hz misses 0.08 %.
     """
     own = checks(rig_file(tmp_path / "own.toml", None), plan, tmp_path / "own")
@@ -70,7 +70,7 @@ def test_our_own_export_is_judged_as_the_bench_is(spring_fmus, tmp_path, version
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_strangers_spring_is_measured_as_it_is(tmp_path, version):
-    """Its damping is 6 kN·s/m at every frequency, and its stiffness none of ours: both stand in its source."""
+    """Its damping is 6 kN·s/m at every frequency, and its stiffness differs from ours: both are in its source."""
     strange = strange_spring(tmp_path / "strange.fmu", fmi=version)
     found = checks(rig_file(tmp_path / "rig.toml", strange, MAP), "aw0", tmp_path / "out")
     assert found.pop("verdict") is Outcome.FAIL, "aw0 is of our spring"
@@ -228,13 +228,13 @@ bellows_pressure = "p"
 """
 
 
-#: What an FMU without units is told of them.
+#: Units for an FMU that has none.
 UNITS = {"z": "m", "v": "m/s", "air": "kg/s", "F": "N", "p": "Pa"}
 
 
 @pytest.mark.parametrize(("name", "version"), [("PlainSpring", 3), ("OlderSpring", 2)])
 def test_python_inside_of_an_fmu_runs_in_a_process_of_its_own(tmp_path, name, version):
-    """It needs an interpreter, and has that of its own process: the rig's tick keeps without."""
+    """It uses the interpreter of its own process; the rig's tick does not wait for it."""
     fmu = build(HERE / "models" / f"{name}.py", tmp_path, version)
     text = PYTHONS
     if version == 2:
@@ -248,6 +248,6 @@ def test_python_inside_of_an_fmu_runs_in_a_process_of_its_own(tmp_path, name, ve
     rig.run(3000)
     weight = 0.5 * rig.plant.parameters.bolster_mass * rig.plant.parameters.gravity
     z = rig.plant.state[State.BOLSTER_VERTICAL]
-    assert 8e6 * (-0.045 - z) - 3e4 * z == pytest.approx(weight, rel=1e-3), "it stands on its stop, vented"
+    assert 8e6 * (-0.045 - z) - 3e4 * z == pytest.approx(weight, rel=1e-3), "it rests on its stop, vented"
     assert rig.springs.pressures() == pytest.approx(0.0, abs=20.0)
     rig.springs.close()

@@ -136,7 +136,7 @@ def test_its_state_is_all_there_is(bench_fmus, isolated):
 
 
 def test_every_parameter_of_a_law_is_one_of_the_fmu():
-    """What the bench's laws and what is true of its sensors read, and nothing else, can be set."""
+    """Only the inputs of the bench's laws and of its sensors can be set."""
     laws = (
         *(
             "actuator",

@@ -86,7 +86,7 @@ def description(flow: str, words: Mapping[str, str] | None = None) -> str:
 
 @pytest.fixture(scope="session")
 def tanks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The FMU with either variability of its input, each in a folder of its own."""
+    """The FMU with either variability of its input, each in a separate folder."""
     made = {}
     for flow in ("continuous", "discrete"):
         folder = tmp_path_factory.mktemp(flow)
@@ -217,7 +217,7 @@ def test_the_zero_of_a_unit_does_not_count_for_a_difference(
 
 
 def test_a_difference_in_another_unit_is_a_difference(tmp_path: Path) -> None:
-    """A level that an FMU calls a difference of temperatures is what was measured, in any unit of that."""
+    """A temperature that an FMU calls a difference is the measured one, in any unit."""
     words = {
         'name="upper" valueReference="1" causality="output" variability="continuous"><Real unit="m"': (
             'name="upper" valueReference="1" causality="output" variability="continuous">'
@@ -297,7 +297,7 @@ def test_all_errors_of_a_map_are_reported_at_once(tanks: dict[str, Path]) -> Non
 
 @pytest.mark.slow
 def test_named_parameters_are_identified_without_a_catalogue(tanks: dict[str, Path], tmp_path: Path) -> None:
-    """Of each parameter only a range is known; what is found goes into the next diagnosis as a parameter set."""
+    """Only a range of each parameter is known; the result enters the next diagnosis as a parameter set."""
     folder = tanks["discrete"].parent
     base = """[fmu.base]
 upper_hole = { low = "1 l/(s.m)", high = "4 l/(s.m)" }

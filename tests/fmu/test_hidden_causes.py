@@ -1,4 +1,4 @@
-"""What is hidden in measurements that no FMU made: named with its size, or called unknown where no cause is it."""
+"""Causes in measurements of no FMU: named with their size, or reported as unknown."""
 
 import json
 from pathlib import Path

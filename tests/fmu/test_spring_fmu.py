@@ -31,7 +31,7 @@ NAMES = (
     *("left.height", "right.height", "springs.lateral"),
     *("left.height_speed", "right.height_speed", "springs.lateral_speed"),
 )
-#: What `alone.py` asks for after each step: where it stands, and what is taken off.
+#: Outputs that `alone.py` reads after each step: position and forces.
 ATMOSPHERE = 101_325.0
 OUTPUTS = (
     (Algebraic.VERTICAL_FORCE, 0.0),
@@ -83,7 +83,7 @@ def equal(found: np.ndarray, right: np.ndarray, within: float) -> bool:
 
 @pytest.fixture(scope="module")
 def ridden() -> tuple[np.ndarray, np.ndarray]:
-    """A bench at AW0 shaken in all directions for 200 ticks: motion of its springs, and what they did."""
+    """A bench at AW0 shaken in all directions for 200 ticks: motion of its springs, and their forces."""
     plant = Plant.at_rest(load().record)
     rest = plant.inputs.copy()
     motion, rows = [], []

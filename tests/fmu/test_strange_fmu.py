@@ -1,4 +1,4 @@
-"""FMUs of others, diagnosed: what they are called, what is found in them, and what they may do wrong."""
+"""Diagnosis of third-party FMUs: their names, their findings, and their errors."""
 
 import os
 import re
@@ -290,7 +290,7 @@ def test_the_page_does_what_it_says(folder: Path, tmp_path: Path) -> None:
 
 
 def _another_tool_reads(folder: Path, finding: Finding) -> None:
-    """FMPy takes the parameter set, and simulates with it what was measured."""
+    """FMPy reads the parameter set, and simulates the measured runs with it."""
     from fmpy import simulate_fmu
     from fmpy.ssp.ssd import read_ssv
 

@@ -15,7 +15,7 @@ _LINE: Final = re.compile(rb"<([^>]*)>")
 
 
 class Rig(Protocol):
-    """What is on the bus."""
+    """Frames on the bus."""
 
     def receive(self, identifier: int, data: bytes) -> None: ...
 
@@ -113,7 +113,7 @@ def serve(rig: Rig, cycle: int, interface: str) -> None:
     while not select.select([sys.stdin], [], [], 0)[0]:
         due += cycle * 1e-3
         left, heard = 1.0, True
-        while left > 0 or heard:  # a rig that is late hears all the same what has come
+        while left > 0 or heard:  # a late rig still receives the frames
             left = due - time.monotonic()
             heard = False
             for identifier, data in bus.wait(max(left, 0.0)):

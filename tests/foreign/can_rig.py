@@ -1,11 +1,11 @@
 """Rig B, a stranger's: CAN alone, as `hall_b.dbc` describes it, with firmware that packs its frames by hand.
 
-``python -m tests.foreign.can_rig [INTERFACE]`` speaks on a SocketCAN interface, or without one through a socketcand
+``python -m tests.foreign.can_rig [INTERFACE]`` uses a SocketCAN interface, or without one a socketcand
 gateway on 127.0.0.1, until its input ends.
 
-The lateral actuator knows positions only and measures no force. Load cells hang upside down and weigh in kg. Somebody
-must beat like a heart; who sends set-points does not matter. What is refused is ignored: the state and the parameters
-in force, which go round, tell.
+The lateral actuator knows positions only and measures no force. Load cells hang upside down and weigh in kg. A client
+must beat like a heart; who sends set-points does not matter. Refused frames are ignored: the state and the parameters
+in force, which are sent cyclically, show it.
 """
 
 import sys
@@ -111,7 +111,7 @@ class CanRig:
         self.machine = Machine(seed, **BUILT | changes)
         self.state, self.fault = State.SLEEP, Fault.NONE
         self.estop = False
-        self.ignored = 0  # frames that somebody garbled or repeated
+        self.ignored = 0  # corrupt or repeated frames
         self._heard: dict[int, tuple[int, int]] = {}  # counters, and when (ms)
         self._counters: dict[int, int] = {}
         self._parameters = {index: start for index, (_, start, _) in _PARAMETERS.items()}
@@ -121,10 +121,10 @@ class CanRig:
         self._silent = self._since = self._time = 0
         self._due = 0  # when the axes are to be where the set-points want them
 
-    # -- what comes --------------------------------------------------------------------------------------------------
+    # -- received frames ---------------------------------------------------------------------------------------------
 
     def receive(self, identifier: int, data: bytes) -> None:
-        """Take one frame; what is garbled, repeated or not for us is ignored."""
+        """Take one frame; corrupt, repeated and unrelated frames are ignored."""
         take = {
             SET_POSITIONS: self._take_positions,
             SET_FORCES: self._take_forces,
@@ -166,7 +166,7 @@ class CanRig:
         if self.state is State.OPERATE:
             self.machine.stay()
         if target is State.OPERATE:
-            self._positions = self._forces = self._platform = None  # only what comes from now on
+            self._positions = self._forces = self._platform = None  # only later frames
         self._enter(target)
 
     def _take_parameter(self, data: bytes) -> None:

@@ -20,12 +20,12 @@ PROGRAMS = {
 }
 #: Modbus ports that the wirings name.
 PORTS = {"plant_a": "port = 1502", "yard_c": "port = 1503"}
-START_LIMIT = 60  # s: a machine that is busy, and a model that nobody has compiled yet
+START_LIMIT = 60  # s: for a busy machine and a model that is not compiled yet
 
 
 @contextmanager
 def running(name, *arguments):
-    """Start a strange rig and give the address that it tells; it ends when its input does."""
+    """Start a third-party rig and return the address that it prints; it ends when its input does."""
     command = [sys.executable, "-m", PROGRAMS[name], *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, cwd=ROOT) as process:

@@ -1,4 +1,4 @@
-"""What the foreign rigs are built around: the plant with its servo-valves and air valves, and nothing that speaks."""
+"""The core of the foreign rigs: the plant with its servo-valves and air valves, without interfaces."""
 
 from enum import Enum
 from typing import Any, Final
@@ -18,7 +18,7 @@ FULL_OPENING, DEAD_ZONE = 15e3, 500.0  # Pa: of the pressure controllers
 EMPTY: Final = 22e3  # Pa gauge, too little to carry the bolster
 SET_DOWN: Final = -500.0  # N
 LOWERING: Final = -0.04  # m/s
-FLANGE: Final = 30e3  # Pa gauge, up to which somebody may open one
+FLANGE: Final = 30e3  # Pa gauge, up to which a valve may be opened
 
 _COMMANDS: Final = [
     Input.VERTICAL_LEFT_COMMAND,
@@ -59,15 +59,15 @@ class Valve(Enum):
 class Power(Enum):
     """What the actuators and the supply may do."""
 
-    SAFE = 0  # held while there is air, vented, set down, let go
+    SAFE = 0  # held while there is air, vented, set down, released
     HALTED = 1  # shut in, the air stays where it is
     ON = 2
 
 
 class Machine:
-    """Hydraulics and pneumatics, with what is wired and needs no PLC: the safe position.
+    """Hydraulics and pneumatics, with the wired safe position that needs no PLC.
 
-    ``present`` (SI, `AXES`) is what the axes are told; ``readings`` are the sensors' (SI, `SENSOR`).
+    ``present`` (SI, `AXES`) are the axes' set-points; ``readings`` are the sensors' (SI, `SENSOR`).
     """
 
     def __init__(self, seed: int = 0, **changes: Any) -> None:
@@ -91,14 +91,14 @@ class Machine:
     # -- orders ------------------------------------------------------------------------------------------------------
 
     def set_power(self, power: Power) -> None:
-        """Engage the actuators where they are, shut them in, or let the machine take its safe position."""
+        """Engage the actuators at their position, shut them in, or enter the safe position."""
         if power is Power.ON and self.power is not Power.ON:
             self.stay()
         self._gripping |= power is not Power.SAFE or self.power is not Power.SAFE
         self.power = power
 
     def set_drive(self, axis: int, drive: Drive) -> None:
-        """Let an axis follow a force or a position; it starts from what it has."""
+        """Make an axis follow a force or a position; it starts from its present value."""
         if self.drives[axis] is not drive:
             self.drives[axis] = drive
             self.stay(axis)
@@ -194,7 +194,7 @@ class Interpolation:
 
     def path(self, machine: Machine, goal: np.ndarray | None) -> np.ndarray:
         """Return the way (ms, `AXES`) of the axes in this cycle, towards ``goal`` or where they go already."""
-        if not np.array_equal(machine.present, self._ahead[1]):  # somebody made it stay
+        if not np.array_equal(machine.present, self._ahead[1]):  # it was held
             self._ahead = np.tile(machine.present, (3, 1))
         rates = [self.FASTEST[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
         longest = np.array(rates) * (self._cycle * 1e-3)

@@ -1,4 +1,4 @@
-"""As much of Modbus/TCP as the PLC of a stranger speaks: bytes in, bytes out, and a server of a few lines for them."""
+"""The part of Modbus/TCP that a third-party PLC uses: bytes in, bytes out, and a small server."""
 
 import socketserver
 import struct

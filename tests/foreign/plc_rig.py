@@ -21,7 +21,7 @@ Input registers:
 Holding registers:
 
     0           request: 1 stop, 2 ready, 3 run, 4 reset; taken back when it is acknowledged
-    1           watchdog: somebody must count up
+    1           watchdog: a client must count up
     2, 3        vertical and lateral actuators: 0 off, 1 position, 2 force
     4, 5        valves: 0 shut, 1 level, 2 fill, 4 vent
     6, 7        targets of the valves, mbar
@@ -132,7 +132,7 @@ class PlcRig:
         return modbus_server.answer(self, request)
 
     def read_words(self, holding: bool, address: int, count: int) -> list[int]:
-        """Return registers of the process image, or what was written."""
+        """Return registers of the process image, or written ones."""
         registers = self._holding if holding else self._image
         if address + count > len(registers):
             raise Refusal(ILLEGAL_ADDRESS)
@@ -156,7 +156,7 @@ class PlcRig:
     # -- the cycle ---------------------------------------------------------------------------------------------------
 
     def cycle(self) -> None:
-        """Take in what was written, move for 50 ms, and publish a new image."""
+        """Read the written registers, move for 50 ms, and publish a new image."""
         self._cycles += 1
         self._since += CYCLE
         self._watch()
@@ -173,7 +173,7 @@ class PlcRig:
             self.fault = fault
 
     def _watch(self) -> None:
-        """Look whether somebody counts."""
+        """Check whether a client counts."""
         counted = self._holding[COUNTED]
         self._silent = 0 if 0 < (counted - self._counted) & 0xFFFF < 1000 else self._silent + CYCLE
         self._counted = counted

@@ -26,12 +26,12 @@ def crc16(data: bytes) -> bytes:
 
 @dataclass
 class Device:
-    """Four tables of 1000 places and what is odd about them; ``log`` has (function, address, count) of each request."""
+    """Four tables of 1000 places and their quirks; ``log`` has (function, address, count) of each request."""
 
     functions: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 15, 16)
     request_max: int = 125  #: registers a request
     too_many: int = ILLEGAL_VALUE  #: the exception for more; 0 is silence
-    holes: frozenset[int] = frozenset()  #: addresses that nobody may read or write
+    holes: frozenset[int] = frozenset()  #: addresses without access
     unit: int = 1
     answers_as: int | None = None  #: the unit that it gives back, if another one
     number: Callable[[int], int] = lambda asked: asked  #: the transaction that it gives back
@@ -120,7 +120,7 @@ class Server:
     """Serves a device on 127.0.0.1: Modbus/TCP, or with ``rtu`` the frames of a serial line over TCP.
 
     ``hangs_up``: the connection ends after each answer. ``one``: a second connection is closed at once.
-    ``gateway``: what the device sends goes to whoever is connected then, whether or not he asked.
+    ``gateway``: answers of the device go to each client connected then, also without a request.
     """
 
     def __init__(

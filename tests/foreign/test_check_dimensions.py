@@ -1,4 +1,4 @@
-"""What motion tells of dimensions: a sound description is not doubted, one 5 % off is told with what is right."""
+"""Dimensions from motion: a correct description is not doubted, an error of 5 % is reported with the right value."""
 
 from dataclasses import replace
 
@@ -15,14 +15,14 @@ from test_plans.analysis import VERTICAL_CELLS
 from test_plans.instruments import ordinary as instruments
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.slow]
-#: A bench on which no two things stand in line.
+#: A bench on which no two bodies are in line.
 BUILT = {
     "spring_half_spacing": 1.23,
     "actuator_half_spacing": 1.1,
     "load_cell_y": 1.3,
     "bolster_mass": 2400.0,
 }
-#: What is lied about: the line that reports it, and the dimensions of the file that the lie changes.
+#: The false statement: the line that reports it, and the dimensions of the file that it changes.
 LIES = {
     "bolster mass": ("bolster_mass",),
     "spring half spacing": ("spring_half_spacing",),

@@ -1,4 +1,4 @@
-"""A check of a rig: sound ones are found sound while somebody else commands them, and each wrong wiring is told."""
+"""A check of a rig: sound ones pass while another client commands them, and each wrong wiring is reported."""
 
 import json
 import re
@@ -100,7 +100,7 @@ def test_a_strange_rig_moves_as_its_wiring_says(rig, tmp_path):
 
 
 def test_who_only_listens_keeps_no_rig_alive(tmp_path):
-    """A watchdog that was counted by a listener would let a bench go on without its commander."""
+    """A watchdog that is fed by a listener would keep a bench running without its commander."""
     for virtual in (VirtualPlc(), VirtualHall()):
         sent = []
         if isinstance(virtual, VirtualPlc):

@@ -1,4 +1,4 @@
-"""The conformance suite on rigs that speak otherwise: both are found sound, and what is spoilt is found out."""
+"""The conformance suite on third-party rigs: both pass, and faults are found."""
 
 import json
 import subprocess
@@ -70,7 +70,7 @@ class FollowsInHold(PlcRig):
 
 
 class FillsWhenArmed(PlcRig):
-    """Goes on filling, as soon as it has air, by what somebody before has ordered."""
+    """Keeps filling, as soon as it has air, after an order of an earlier client."""
 
     def _set(self):
         super()._set()

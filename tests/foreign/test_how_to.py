@@ -20,7 +20,7 @@ def of_file(name):
 
 
 def within(part, whole):
-    """Whether a piece of a TOML file says what the whole file says."""
+    """Whether a piece of a TOML file equals the whole file."""
     if isinstance(part, dict):
         return all(key in whole and within(value, whole[key]) for key, value in part.items())
     return part == whole

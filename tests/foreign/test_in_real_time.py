@@ -1,4 +1,4 @@
-"""Both strangers as processes: whole plans on them, side by side, and what they do when nobody commands any more."""
+"""Both third-party rigs as processes: whole plans on them, in parallel, and their reaction to a lost commander."""
 
 import json
 import os
@@ -20,7 +20,7 @@ ASTB = [sys.executable, "-m", "astb"]
 
 
 def begin(rig_file, plan, out):
-    """Run a plan in a process of its own."""
+    """Run a plan in a separate process."""
     command = [*ASTB, "run", plan, "--rig", str(rig_file), "--out", str(out)]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 

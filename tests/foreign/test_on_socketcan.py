@@ -44,7 +44,7 @@ def test_rig_b_is_led_over_socketcan(started):
 
 
 def judged(plan, exit_code, started, tmp_path, within):
-    """Run ``plan`` on rig B in a process of its own; return the verdicts of its checks."""
+    """Run ``plan`` on rig B in a separate process; return the verdicts of its checks."""
     with started("hall_b", INTERFACE) as (rig_file, _):
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(rig_file), "--out", str(tmp_path)]
         done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=within)
@@ -66,6 +66,6 @@ def test_leak_down_judges_a_spring_on_rig_b(started, tmp_path):
     reason="one processor of user-mode Linux keeps no time for limits on damping; leak_down judges there",
 )
 def test_aw0_judges_a_spring_on_rig_b(started, tmp_path):
-    """The bolster is held sideways, where rolling tells nothing: two checks of forty are not available."""
+    """The bolster is held sideways, where rolling gives no reading: two checks of forty are not available."""
     verdicts = judged("aw0", INCOMPLETE, started, tmp_path, within=400)
     assert (len(verdicts), verdicts.count("not available"), verdicts.count("fail")) == (40, 2, 0), verdicts

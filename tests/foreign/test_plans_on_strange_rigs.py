@@ -1,4 +1,4 @@
-"""The unchanged plans on two rigs that speak otherwise, in virtual time: the verdicts are those on our own rig."""
+"""The unchanged plans on two third-party rigs, in virtual time: the verdicts equal those on our rig."""
 
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ from tests.foreign.virtual import VirtualHall, VirtualPlc
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 slow = pytest.mark.slow
 STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
-#: Which checks of AW0 and AW3 a rig cannot give, and the words that say why.
+#: Checks of AW0 and AW3 that a rig does not support, and the stated reasons.
 MISSING = {
     "plant_a": ("air lost per minute", "no thermometer in the chambers"),
     "hall_b": ("roll stiffness", "the lateral actuator goes to positions only"),
@@ -91,7 +91,7 @@ def test_an_unsound_spring_fails_where_it_does_on_our_own_rig(run_on, name):
 
 
 def without_set_points(rig, sines):
-    """Let the set-points of 60 ms be lost in the middle of each of the first ``sines``; return how many were begun."""
+    """Drop the set-points of 60 ms in the middle of each of the first ``sines``; return how many were begun."""
     receive, told = rig.receive, SimpleNamespace(last=[], count=0, sines=0)
 
     def lossy(identifier, data):

@@ -143,7 +143,7 @@ def test_divisors_bits_orders_and_functions_are_read(tmp_path):
         "group": "fast",
     }
     assert told["y"] == {"table": "holding", "address": 0, "type": "int16", "scale": 0.1}
-    # The functions that write stand where they are meant: what has none is only read.
+    # Functions that write are listed where they apply: rows without one are read only.
     assert told["lamp"] == {"table": "holding", "address": 2, "bit": 3, "group": "fast"}
     assert told["lid"] == {"table": "holding", "address": 2, "bit": 12, "group": "fast"}
     assert "The bits of registers are taken to count from 0, the lowest." in found.notes
@@ -247,7 +247,10 @@ def test_a_point_is_scaled_as_the_list_says_or_left_out_with_a_reason(tmp_path, 
         (["int,2", "uint,4", "float32,4"], ["int16", "uint32", "float32"]),  # bytes
         (["int,16", "uint,32"], ["int16", "uint32"]),  # bits
         (["int,2", "int,4"], [None, None]),  # registers or bytes
-        (["int16,2", "int32,2"], ["int16", "int32"]),  # bytes of one, registers of the other: the types tell
+        (
+            ["int16,2", "int32,2"],
+            ["int16", "int32"],
+        ),  # bytes of one, registers of the other: the types show it
         (["int32,1"], [None]),
         ([",2", ",1"], [None, ""]),  # two registers of what?
     ],

@@ -38,7 +38,7 @@ def test_it_does_not_ride_where_the_delay_does_not_allow_it(tmp_path, made, word
 
 
 def test_a_rig_without_a_car_in_its_tick_says_so_before_anything_moves(tmp_path):
-    """By the host it rides; by the rig it is blocked, in words that say what is missing."""
+    """Simulated on the host it runs; on the rig it is blocked with the missing signal."""
     with VirtualHall(seed=1).bench() as bench:
         given = {"load": "AW0", "by": "rig"}
         result = execute(plans()["ride"].given(given), bench, tmp_path / "out", rig=VirtualHall.name, seed=1)

@@ -37,7 +37,7 @@ def in_holding_registers(name: str, out: Path) -> Path:
         rows = list(csv.DictReader(file))
     for row in rows:
         row.pop("R/W", None)
-        if "Area" in row:  # behind the readings lies what is written
+        if "Area" in row:  # the written registers follow the readings
             row["Address"] = str(int(row["Address"]) + 1000 * (row["Area"] == "holding"))
             row["Area"] = "coil" if row["Area"] == "discrete" else "holding"
     with out.open("w", newline="") as file:
@@ -77,9 +77,7 @@ def test_only_handwritten_files_are_found(name, unsaid, clear, first, tmp_path):
         if likeliest[one].candidates and likeliest[one].candidates[0][1].name == point(right[one])
     ]
     assert len(hits) >= first * len(known)
-    for one, entry in content[
-        "signals"
-    ].items():  # whoever fills in no more has readings that come by themselves
+    for one, entry in content["signals"].items():  # without further entries readings are sent cyclically
         if not dbc and "from" in entry:
             assert content["transports"]["plc"]["points"][entry["from"].removeprefix("plc.")]["group"], one
 
@@ -196,7 +194,7 @@ def test_units_in_utf8_are_read_correctly(tmp_path):
         ("µrad", WrittenUnit("urad")),
         ("MN", WrittenUnit("MN")),
         ("mN", WrittenUnit("mN")),
-        ("mn", WrittenUnit("mn")),  # which of them, nobody can know
+        ("mn", WrittenUnit("mn")),  # ambiguous
         ("1/m", WrittenUnit("1/m")),
         ("4-20 mA", WrittenUnit("4-20 mA")),
     ],

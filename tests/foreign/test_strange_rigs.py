@@ -1,4 +1,4 @@
-"""A bench on two rigs that speak otherwise, in virtual time: what it does, refuses, and sees go wrong."""
+"""A bench on two third-party rigs, in virtual time: its actions, refusals, and detected faults."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What both foreign rigs say and do, heard by clients that are none of ours: cantools and pymodbus."""
+"""Messages and actions of both foreign rigs, received by third-party clients: cantools and pymodbus."""
 
 import threading
 from pathlib import Path
@@ -17,7 +17,7 @@ DBC = cantools.database.load_file(Path(__file__).parent / "hall_b" / "hall_b.dbc
 
 
 class Hall:
-    """Somebody with a DBC at the bus of rig B."""
+    """A client with a DBC on the bus of rig B."""
 
     def __init__(self):
         self.rig, self.heard = CanRig(seed=1), {}

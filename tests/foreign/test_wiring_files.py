@@ -1,4 +1,4 @@
-"""The wiring files of both rigs, over their transports alone: what is read and written means what it should."""
+"""The wiring files of both rigs, only over their transports: read and written values have the right meaning."""
 
 import tomllib
 from pathlib import Path
@@ -63,7 +63,7 @@ def test_the_registers_of_rig_a_over_modbus():
     assert len(heard) == 20
     assert 400 - seen["laser_left"] == pytest.approx(AT_REST["plant_a"], abs=0.2)
     assert seen["cell_1"] == pytest.approx(900 * 9.80665 / 4, abs=250)
-    wait(transport.begin())  # it lets nobody in who does not live
+    wait(transport.begin())  # it accepts only clients with a heartbeat
     transport.write({"request": 2})
     assert wait(0.6)["state"] == 2
     transport.write({"request": 0, "join_left": 0, "plates": 16.0})
@@ -94,7 +94,7 @@ def test_the_frames_of_rig_b_over_can():
     transport.subscribe(receive)
     start = virtual.clock.now()
     virtual.clock.sleep_until(1 * NS)
-    # What is sampled at once comes one frame after the other, and has one time all the same.
+    # Simultaneous samples arrive in consecutive frames, and have one time.
     assert len(times) > 7 * len(set(times))
     assert len(set(times)) == pytest.approx(100 * (1 - start / NS), abs=1)
     assert heard["Heights.HeightLeft"] == pytest.approx(AT_REST["hall_b"], abs=0.2)
@@ -102,7 +102,7 @@ def test_the_frames_of_rig_b_over_can():
     assert heard["Air.ChamberRight"] == pytest.approx(101.325, abs=3)
     virtual.clock.sleep_until(
         virtual.clock.now() + round(transport.begin() * NS)
-    )  # it must hear somebody live
+    )  # it must receive a heartbeat
     transport.write({"Parameter.ValveLeft": 2, "Parameter.TargetLeft": 250.0, "Command.Request": 17})
     virtual.clock.sleep_until(round(1.5 * NS))
     assert (heard["ParameterIs.ValveLeft"], heard["ParameterIs.TargetLeft"], heard["Status.State"]) == (

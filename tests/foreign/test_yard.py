@@ -38,7 +38,7 @@ PAGE = HERE.parents[1] / "docs/how-to/connect-a-rig.md"
 
 
 def filled_in(text: str) -> dict:
-    """What a skeleton says once the lines of the page stand in it, those of a key in the place of what was there."""
+    """The skeleton after the lines of the page are inserted; those of an existing key replace the old ones."""
 
     def merge(into: dict, lines: dict) -> None:
         for key, value in lines.items():

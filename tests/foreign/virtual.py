@@ -49,7 +49,7 @@ class _Paced:
         raise NotImplementedError
 
     def bench(self) -> Bench:
-        """Return a bench on a port of its own and the wiring file of the rig, not yet connected."""
+        """Return a bench on a separate port and the wiring file of the rig, not yet connected."""
         description = read_description(wiring_file(self.name), TABLE)
         bench = Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
         bench.dimensions = read_dimensions(Path(__file__).parent / self.name / "dimensions.toml")

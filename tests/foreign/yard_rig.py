@@ -1,4 +1,4 @@
-"""Rig C, a stranger's: Modbus/TCP as `yard_c_registers.csv` beside it lists it, decoded and answered by pymodbus.
+"""Rig C, third-party: Modbus/TCP as listed in `yard_c_registers.csv` in its folder, decoded and answered by pymodbus.
 
 ``python -m tests.foreign.yard_rig [PORT]`` serves it on 127.0.0.1 until its input ends. It is unit 17, and silent to
 any other.
@@ -8,10 +8,10 @@ most 32 registers are read or written at once. Coils are read by function 1 and 
 and written by 16 or 23; others are not known. What the list has no row for is refused, and so is writing what it says
 is read only.
 
-The lamps tell the state. "enable" starts the pump when it is pressed while nothing is lit; once "ready" is lit, "run"
-lets the actuators follow, from where they are. "stop" ends all. A button that is held for more than two seconds is
+The lamps show the state. "enable" starts the pump when it is pressed while nothing is lit; once "ready" is lit, "run"
+makes the actuators follow from their position. "stop" ends all. A button that is held for more than two seconds is
 jammed, and trips. "heartbeat" has to change once in 600 ms from "enable" on, else it trips: the actuators hold for 3 s,
-then it locks out, as after any other fault: it lets the air off and goes into its safe position. "acknowledge" puts the
+then it locks out, as after any other fault: it vents the air and goes into its safe position. "acknowledge" puts the
 lamps of a trip or a lockout out. At power-up all that can be written is 0, but for shims and plates, which are fitted.
 """
 
@@ -42,13 +42,13 @@ HEARTBEAT: Final = 600  # ms
 GIVEN_UP: Final = 3000  # ms
 AT_ONCE: Final = 32
 PSI, ATMOSPHERE = 6894.757293168361, 101_325.0  # Pa
-#: Functions by what they are for.
+#: Functions by their purpose.
 _COILS, _WORDS = frozenset({1, 15}), frozenset({3, 16, 23})
 _DRIVES: Final = {0: Drive.OFF, 1: Drive.POSITION, 2: Drive.FORCE}
 _VALVES: Final = {0: Valve.SHUT, 1: Valve.LEVEL, 2: Valve.FILL, 3: Valve.VENT}
 _SIDES: Final = ("left", "right")
 _BUTTONS: Final = ("enable", "run", "stop", "acknowledge")
-#: Settings, and what they are at power-up; what is in force stands in a row of its own.
+#: Settings, and their values at power-up; the values in force are in a separate row.
 _SETTINGS: Final = {
     "vertical_drive": 0.0,
     "lateral_drive": 0.0,
@@ -132,7 +132,7 @@ class YardRig:
     async def async_getValues(
         self, unit: int, function: int, address: int, count: int = 1
     ) -> list[int] | list[bool] | ExcCodes:
-        """Return what is in coils or registers, for pymodbus."""
+        """Return the values of coils or registers, for pymodbus."""
         found = self._places(unit, function, address, count, set(self._held))
         return found if isinstance(found, ExcCodes) else [self._held[place] for place in found]
 
@@ -176,7 +176,7 @@ class YardRig:
     # -- the cycle ---------------------------------------------------------------------------------------------------
 
     def cycle(self) -> None:
-        """Take in what was written, move for 20 ms, and show what is."""
+        """Read the written values, move for 20 ms, and publish the state."""
         self._since += CYCLE
         self._watch()
         self._guard()
@@ -275,7 +275,7 @@ class YardRig:
         return np.array([*drives, *(self._get(f"set_{axis}") * 1e-3 for axis in ("heave", "sway", "roll"))])
 
     def _publish(self) -> None:
-        """Show what the machine reads, what is lit, and which settings are in force."""
+        """Publish the readings, the lamps, and the settings in force."""
         read = self.machine.read
         for side in _SIDES:
             self._put(f"spring_height_{side}", read(f"{side}_height") * 1e3)
@@ -332,7 +332,7 @@ async def serve(rig: YardRig, port: int) -> None:
 
 
 def main() -> None:
-    """Serve the rig at the port that is asked for, or at any."""
+    """Serve the rig at the requested port, or at any."""
     rig = YardRig(seed=1)
     rig.cycle()
     asyncio.run(serve(rig, int(sys.argv[1]) if len(sys.argv) > 1 else 0))

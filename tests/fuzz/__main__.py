@@ -42,7 +42,7 @@ def _guilty(target: Target, inputs: list[bytes]) -> int:
 
 
 def main() -> int:
-    """Fuzz what is named, or everything; return 1 if something was found."""
+    """Fuzz the named targets, or all; return 1 if a fault was found."""
     decoders = {make.name: make for make in DECODERS}
     parser = argparse.ArgumentParser(description="Feed changed inputs to decoders and ports.")
     parser.add_argument("names", nargs="*", choices=[[], *decoders, *PORTS])

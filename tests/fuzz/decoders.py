@@ -156,7 +156,7 @@ class Frames(Target):
 
 
 class WholeRig(Frames):
-    """CAN frames to a bench, SDO, NMT and SYNC among them: it goes on ticking, and nobody without a token moves it."""
+    """CAN frames to a bench, SDO, NMT and SYNC among them: it keeps ticking, and only a token moves it."""
 
     name = "rig"
 

@@ -27,7 +27,7 @@ _PATIENCE = 120.0  # s, for a rig to compile and start
 
 @contextlib.contextmanager
 def running_rig() -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
-    """Run a rig in a process of its own; yield it with the numbers of its ports."""
+    """Run a rig in a separate process; yield it with the numbers of its ports."""
     with tempfile.TemporaryDirectory() as directory, socket.create_server(("127.0.0.1", 0)) as free:
         file, capture = Path(directory) / "rig.toml", free.getsockname()[1]
         file.write_text(RIG)
@@ -46,7 +46,7 @@ def running_rig() -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
 
 
 class Port:
-    """One port: how a connection begins, what is sent through it, and how many in one piece.
+    """One port: how a connection begins, its inputs, and how many in one piece.
 
     What lies behind the input for which a client is sent away is not read: hence pieces of the right size.
     """
@@ -55,7 +55,7 @@ class Port:
         self.wire, self.seeds_of, self.batch, self.greeting = wire, seeds_of, batch, greeting
 
     def flood(self, port: int, mutator: Mutator, count: int, seconds: float) -> int:
-        """Send inputs until ``count`` have gone or the time is over; connect anew when sent away. Return how many."""
+        """Send inputs until ``count`` are sent or the time is over; reconnect when disconnected. Return how many."""
         done, end = 0, time.monotonic() + seconds
         lines: list[socket.socket | None] = [None] * CONNECTIONS
         with contextlib.ExitStack() as stack:
@@ -107,7 +107,7 @@ def flood(name: str, count: int, seed: int, minutes: float) -> str:
 
 
 def _complaints(rig: subprocess.Popen[str], ports: dict[str, int]) -> list[str]:
-    """Return what is wrong with a rig that nobody has moved: it sends every sample, answers, and is where it was."""
+    """Return the faults of a rig without commands: it sends every sample, answers, and stays in place."""
     if rig.poll() is not None:
         assert rig.stderr
         return [f"the rig has ended: {rig.stderr.read()}"]

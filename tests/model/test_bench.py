@@ -206,7 +206,7 @@ def test_a_lag_delays_a_ramp_by_its_time_constant(resting):
     ("lag", "delay"), [(1e-3, 0.0), (5e-3, 0.0), (0.2, 0.0), (0.0, 1.3e-3), (0.0, 7.7e-3)]
 )
 def test_lags_and_delays_of_a_sine_are_right_to_the_third_order_of_the_step(resting, lag, delay, step):
-    """Against e^{−iωD}/(1 + iωτ), of which ω²τ²/2 tells a lag from a delay: straight lines err by ω²h²/12 and more."""
+    """Against e^{−iωD}/(1 + iωτ), whose ω²τ²/2 separates a lag from a delay: straight lines err by ω²h²/12 and more."""
     plant, omega = resting("AW0", ("noise",)), 2.0 * np.pi * 5.0
     par, mem = plant.parameters, plant.memory
     par.sensor_lag[:], par.force_latency = lag, delay

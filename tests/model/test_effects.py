@@ -18,7 +18,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.parameters import load
 
-#: Readings without noise and converters: both would hide what is small.
+#: Readings without noise and converters: both would hide small effects.
 BASE = load("astb").with_values(sensor_noise=np.zeros(SENSORS), sensor_resolution=np.zeros(SENSORS))
 ADIABATIC = BASE.with_values(bellows_heat_transfer=0, auxiliary_heat_transfer=0)
 

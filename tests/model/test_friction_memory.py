@@ -85,7 +85,7 @@ def test_trembles_inside_a_small_loop_do_not_add_up():
 
 
 def test_the_bench_hardly_feels_a_tremble_of_its_table():
-    """Micrometres of the platform during a slow motion move the springs' force by what they are worth, not by 10 %."""
+    """Micrometres of the platform in a slow motion change the springs' force proportionally, not by 10 %."""
 
     def force(tremble):
         plant = Plant.at_rest(load("astb").record)

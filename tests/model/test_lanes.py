@@ -135,7 +135,7 @@ def test_pairs_with_air_between_them_go_where_the_scalar_replay_goes():
             for flow in (Algebraic.DPV_FLOW, Algebraic.LEVELING_FLOW + i, Algebraic.SERVICE_FLOW + i):
                 assert np.ptp(rows[:, flow]) > 1e-3, "air passes every valve"
     (alone,) = integrate_pairs(pairs[1:2])
-    assert all(map(np.array_equal, alone, together[1])), "bit for bit, whatever is beside it"
+    assert all(map(np.array_equal, alone, together[1])), "bit for bit, in any batch"
 
 
 def test_a_lane_does_not_depend_on_its_neighbours():
@@ -199,7 +199,7 @@ def test_lanes_skip_unsupported_cases():
 
 
 def test_a_quantity_is_for_the_lanes_what_its_row_says():
-    """What they do not know is left to the scalar replay unless it is absent; of what is elsewhere nothing depends."""
+    """Unsupported effects go to the scalar replay unless their size is zero; moved signals are not needed."""
     sound, run = load("astb").record, shaken(20)
     assert has_lanes(sound)
     replayed = traced(sound, run)

@@ -1,4 +1,4 @@
-"""Effects of sensors, acquisition and rig against closed forms: what arrives is what was, later, larger or coarser."""
+"""Effects of sensors, acquisition and rig against closed forms: true values, later, larger or coarser."""
 
 import numpy as np
 import pytest

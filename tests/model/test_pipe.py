@@ -65,7 +65,7 @@ def test_the_surge_frequencies_are_those_of_the_closed_forms_under_any_load(rest
     plant = resting(load_case, (*BARE, "heat"), **PIPE)
     auxiliary = [State.AUXILIARY_MASS + side, State.AUXILIARY_ENERGY + side, State.PIPE_FLOW + side]
     bellows = [State.BELLOWS_MASS + side, State.BELLOWS_ENERGY + side]
-    # The states that are left out stand still: the bolster, and for the second the pressure in the bellows.
+    # The omitted states are constant: the bolster, and for the second the pressure in the bellows.
     assert oscillation(plant, bellows + auxiliary) == pytest.approx(SURGE, rel=1e-4)
     assert oscillation(plant, auxiliary) == pytest.approx(AUXILIARY, rel=1e-4)
 
@@ -75,7 +75,7 @@ def test_a_difference_of_pressure_swings_with_the_surge_frequency(resting, load_
     """In time, with the bolster held: counts the flow's passages through zero."""
     plant = resting(load_case, (*BARE, "heat"), orifice_diameter=50 * mm, pipe_friction=0, **PIPE)
     isolate(plant)
-    plant.state[State.AUXILIARY_MASS] *= 1 + 1e-6  # so little that the quadratic loss is nothing
+    plant.state[State.AUXILIARY_MASS] *= 1 + 1e-6  # so small that the quadratic loss is negligible
     plant.state[State.AUXILIARY_ENERGY] *= 1 + 1e-6
     course = impose(plant, [], 2.0)
     flow = course.of(Algebraic.ORIFICE_FLOW)
@@ -88,7 +88,7 @@ def test_a_difference_of_pressure_swings_with_the_surge_frequency(resting, load_
 def test_the_stiffness_of_a_pipe_without_loss(resting, frequency):
     """K = K_∞ (ω² − ω_a²)/(ω² − ω_s²) − p_g A_1: zero of the gas at the one frequency, pole at the other."""
     omega, surge, auxiliary = (2 * np.pi * f for f in (frequency, SURGE, AUXILIARY))
-    amplitude = 1e-4 * mm  # the quadratic loss is nothing
+    amplitude = 1e-4 * mm  # the quadratic loss is negligible
     plant = resting("AW0", (*BARE, "heat"), orifice_diameter=50 * mm, pipe_friction=0, **PIPE)
     # Nothing dies away without loss: start in the steady oscillation.
     gas = closed_stiffness("AW0")
@@ -104,7 +104,7 @@ def test_the_stiffness_of_a_pipe_without_loss(resting, frequency):
 @BOTH
 @pytest.mark.parametrize("without", [BARE, ()], ids=["gas", "whole spring"])
 def test_stiffness_dips_peaks_and_settles_with_frequency(resting, load_case, without):
-    """0.5 mm through a plate of 30 mm: the experiment that tells inertia from every other effect."""
+    """0.5 mm through a plate of 30 mm: the experiment that separates inertia from every other effect."""
 
     def stiffness(frequency, **changes):
         plant = resting(load_case, without, **({"orifice_diameter": 30 * mm} | PIPE | changes))

@@ -51,7 +51,7 @@ def test_the_step_of_1_ms_is_stable_and_converged(resting, load_case, diameter, 
             )[0]
             for step in (1 * ms, 0.125 * ms)
         )
-        # First harmonics of a gas that warms up over the cycle: what is left is of the evaluation.
+        # First harmonics of a gas that warms up over the cycle: the residual is that of the evaluation.
         assert abs(coarse - fine) < 3e-4 * abs(fine)
 
 

@@ -1,4 +1,4 @@
-"""A panel on a simulated rig with a short plan of its own, and a browser in front of it."""
+"""A panel on a simulated rig with a short plan, and a browser in front of it."""
 
 import os
 import re
@@ -71,7 +71,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class PanelProcess:
-    """``astb panel`` in a process of its own, which can be killed and started again."""
+    """``astb panel`` in a separate process, which can be killed and started again."""
 
     def __init__(self, folder: Path, rig_file: Path | None = None) -> None:
         self.folder = folder
@@ -106,7 +106,7 @@ class PanelProcess:
         out, said = self.process.stdout, b""
         assert out is not None
         deadline = time.monotonic() + 200
-        # Not by lines: of two that come at once, nobody would be told of the second.
+        # Not by lines: if two come at once, the second would be lost.
         while select.select([out], [], [], max(0.0, deadline - time.monotonic()))[0]:
             said += (part := os.read(out.fileno(), 4096))
             if found := re.search(rf"{what}\s+(\S+)\n", said.decode()):
@@ -122,7 +122,7 @@ class PanelProcess:
         return self.address.partition("#")[0]
 
     def kill(self) -> None:
-        """End it as nobody would wish."""
+        """End it in the worst way."""
         self.process.kill()
         self.process.communicate()
 
@@ -135,7 +135,7 @@ class PanelProcess:
 
 @pytest.fixture(scope="package")
 def bench_panel(tmp_path_factory) -> Iterator[PanelProcess]:
-    """A panel with a rig of its own, for all tests of this directory."""
+    """A panel with its own rig, for all tests of this directory."""
     panel = PanelProcess(tmp_path_factory.mktemp("panel"))
     try:
         yield panel
@@ -145,7 +145,7 @@ def bench_panel(tmp_path_factory) -> Iterator[PanelProcess]:
 
 @pytest.fixture
 def open_page(browser, bench_panel) -> Iterator[Callable]:
-    """Open the panel as somebody else each time, with the token or without; no script may fail meanwhile."""
+    """Open the panel as another user each time, with the token or without; no script may fail meanwhile."""
     contexts, failures = [], []
 
     def opened(*, command: bool = True, dark: bool = False, size: tuple[int, int] = (1024, 768)):
@@ -170,7 +170,7 @@ def open_page(browser, bench_panel) -> Iterator[Callable]:
 
 @pytest.fixture(scope="session")
 def picture() -> Callable:
-    """Keep a picture of a page for the documentation, where somebody asks for them."""
+    """Keep a picture of a page for the documentation, on request."""
 
     def taken(page, name: str) -> None:
         if GALLERY:
@@ -213,7 +213,7 @@ TOKEN = "a token"
 
 
 class FakeDoor:
-    """In the place of a run's door: what it was told, and what it answers."""
+    """Instead of a run's control socket: its requests, and its answers."""
 
     def __init__(self):
         self.orders, self.answer = [], {"done": ""}
@@ -248,7 +248,7 @@ def parts(tmp_path, door, clock) -> Parts:
 
 @pytest.fixture
 def client(parts):
-    """Make a browser: its requests, as those of one page of its own."""
+    """Make a browser with the requests of one separate page."""
 
     pytest.importorskip("httpx2", reason="starlette's test client needs httpx2, which `make` installs")
     from starlette.testclient import TestClient

@@ -1,4 +1,4 @@
-"""The door of a run: what is said at it arrives, and what cannot be done is told."""
+"""The control socket of a run: requests arrive, and impossible ones are reported."""
 
 from types import SimpleNamespace
 
@@ -46,7 +46,7 @@ def test_a_question_is_answered_and_a_wrong_answer_is_reported(run, rig_file):
     box.ask(Question("well?", ("yes", "no")))
     assert "yes, no, abort would be" in knock(rig_file, {"do": "answer", "text": "perhaps"})["error"]
     late = knock(rig_file, {"do": "answer", "text": "yes", "to": "the one before?"})
-    assert "what is asked now is 'well?'" in late["error"], "a second tap answers nothing that comes next"
+    assert "what is asked now is 'well?'" in late["error"], "a second tap does not answer the next question"
     assert box.answer() is None
     knock(rig_file, {"do": "answer", "text": "yes", "by": "A. Miller", "to": "well?"})
     assert box.answer() == Answer("yes", "A. Miller")

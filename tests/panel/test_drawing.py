@@ -1,4 +1,4 @@
-"""The bench as a drawing, in a real browser: where its pieces stand for given readings, and what it says of them."""
+"""The bench as a drawing, in a real browser: the position of its bodies for given readings, and its texts."""
 
 import math
 import random
@@ -207,7 +207,7 @@ BUILT = {
 
 
 def a_bench(chance: random.Random) -> dict[str, float]:
-    """Dimensions of a bench as somebody might have built it."""
+    """Dimensions of a possible bench."""
     built = {name: chance.uniform(*most) for name, most in BUILT.items()}
     half, beside = built["spring_half_spacing"], chance.uniform(0.0, 0.1)
     for way, side in ((1, "left"), (-1, "right")):

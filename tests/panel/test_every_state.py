@@ -52,7 +52,7 @@ def looked_at(page, name: str, dark: bool = False) -> None:
 
 
 def seen(page, *states: str, within: float = 15.0) -> None:
-    """Wait until the page tells one of these states."""
+    """Wait until the page shows one of these states."""
     words = [one.replace("_", " ") for one in states]
     told = "(words) => words.includes(document.querySelector('#state .word').textContent)"
     page.wait_for_function(told, arg=words, timeout=1000 * within)
@@ -81,7 +81,7 @@ def broken(rig, fault: str, **values: str):
 
 @pytest.fixture
 def commander(bench_panel):
-    """Whoever commands the rig that the page shows."""
+    """The commander of the rig that the page shows."""
     rig = read(bench_panel.rig_file)
     with Bench(open_wiring(rig, bench_panel.rig_file), RealClock()) as bench:
         yield bench, rig

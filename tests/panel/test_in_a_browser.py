@@ -231,7 +231,7 @@ def test_a_stop_needs_no_page_and_an_open_connection_is_dropped(open_page):
     held("**/api/plans")
     page.reload(wait_until="commit")
     with page.expect_response("**/api/estop") as answer:
-        page.click("#estop")  # when of the page there is nothing else
+        page.click("#estop")  # before the rest of the page is loaded
     assert answer.value.ok, answer.value.text()
     let_go("**/page/main.js")
     until(page, "#news", "does not answer yet")
@@ -287,7 +287,7 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     until(page, "section[aria-label='faults that are on']", "leak")
     viewer = open_page(command=False)
     viewer.click("#views >> text=Faults")
-    assert not viewer.locator("text=Mend").first.is_enabled(), "who only watches mends nothing"
+    assert not viewer.locator("text=Mend").first.is_enabled(), "an observer repairs nothing"
     page.click("text=Mend")
     until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
     page.click("[data-fault=bias] summary")

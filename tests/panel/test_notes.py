@@ -34,7 +34,7 @@ def test_a_note_with_a_photo_is_stored_with_the_run_and_shown(kept):
         "",
     )
     assert photo["picture"] and photo["intact"] and not other["picture"]
-    assert notes_of(run)[0].text == comment["text"], "as the command line tells it"
+    assert notes_of(run)[0].text == comment["text"], "as the command line prints it"
     seen = watching.get("/kept/note", params={"run": "one", "file": photo["file"]})
     assert (seen.content, seen.headers["content-type"]) == (PHOTO, "image/png")
     saved = watching.get("/kept/note", params={"run": "one", "file": other["file"]})

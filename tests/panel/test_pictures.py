@@ -1,4 +1,4 @@
-"""Every page as people see it: on a phone, a tablet and a desk; nothing is too wide, nothing covers what is pressed."""
+"""Every page on a phone, a tablet and a desk: no page is too wide, and no button is covered."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The panel's server by itself: who may see and command, what is refused, and a page that does not read."""
+"""The panel's server: access rights, refusals, and a page that does not read."""
 
 import math
 import socket
@@ -60,7 +60,7 @@ def test_the_cookie_is_for_no_script_and_for_no_other_page(client, parts):
 
 @pytest.mark.parametrize("host", ["rebound.example", "rebound.example:8137", "127.0.0.1.rebound.example", ""])
 def test_a_name_that_is_not_this_machines_is_refused(client, host):
-    """DNS rebinding: a page of somebody else's whose name suddenly leads here."""
+    """DNS rebinding: a third-party page whose name suddenly points here."""
     told = client(command=False).get("/api/rig", headers={"Host": host})
     assert told.status_code == 403
 
@@ -87,12 +87,12 @@ def test_one_page_commands_at_a_time_and_everybody_with_the_token_stops(client, 
     assert one.post("/api/run/hold").status_code == 200
     refused = two.post("/api/run/resume")
     assert (refused.status_code, refused.json()["error"]) == (409, "another page commands; take over first")
-    assert two.post("/api/estop").status_code == 200, "whoever sees danger stops"
+    assert two.post("/api/estop").status_code == 200, "every viewer can stop"
     assert two.post("/api/seat").status_code == 200
     assert two.post("/api/run/resume").status_code == 200
     assert one.post("/api/run/resume").status_code == 409
     clock.sleep_until(clock.now() + round((SEAT_KEPT + 1) * NS))
-    assert one.post("/api/run/stop").status_code == 200, "a seat that nobody keeps is free"
+    assert one.post("/api/run/stop").status_code == 200, "an unused seat is free"
     assert [order["do"] for order in door.orders] == ["hold", "safe", "resume", "stop"]
 
 
@@ -156,7 +156,7 @@ def wanted(parts: Parts, traces: int, span: float) -> str:
 @pytest.mark.slow
 @pytest.mark.real_time
 def test_a_page_that_does_not_read_loses_pictures_and_blocks_no_other(served, parts):
-    """What waits for it is what the sockets hold; others get their pictures; they tell of the present moment."""
+    """Only the sockets buffer; others get their pictures, which show the present moment."""
     port, server = served
     with connect(f"ws://127.0.0.1:{port}/api/stream?page=deaf", max_queue=1, close_timeout=0.1) as deaf:
         deaf.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -236,7 +236,7 @@ def test_only_the_page_is_served(client, parts):
 
 @pytest.mark.real_time
 def test_no_request_is_read_without_end(served):
-    """One that does not say how long it is, either."""
+    """Nor one without a length."""
     port, _ = served
     connection = HTTPConnection("127.0.0.1", port, timeout=5)
     endless = (b"x" * 4096 for _ in range(64))

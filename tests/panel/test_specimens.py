@@ -1,4 +1,4 @@
-"""Specimens in the panel: files are checked before they are kept, and plans are told and run for the one chosen."""
+"""Specimens in the panel: files are checked before they are stored, and plans are listed and run for the chosen one."""
 
 from types import SimpleNamespace
 
@@ -70,7 +70,7 @@ def test_what_is_no_specimen_is_refused_in_words_and_not_kept(page, parts, name,
     answer = page.post("/api/specimens/add", json={"name": name, "text": text})
     assert answer.status_code == 409
     assert words in answer.json()["error"]
-    assert "/tmp" not in answer.json()["error"], "where it lay meanwhile is nobody's business"
+    assert "/tmp" not in answer.json()["error"], "its temporary path is hidden"
     assert not list(parts.out.rglob("*.toml"))
 
 
@@ -86,7 +86,7 @@ def test_a_file_is_put_in_the_place_of_another_only_on_request(page, parts):
     assert kept.read_text() == LIGHT
     kept.write_text("broken")
     told = next(one for one in page.get("/api/specimens").json() if one["name"] == "mine.toml")
-    assert told["error"], "what somebody spoilt is told, and the others are listed"
+    assert told["error"], "a damaged file is reported, and the others are listed"
 
 
 def test_an_observer_publishes_no_data(client, parts):

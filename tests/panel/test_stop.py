@@ -1,4 +1,4 @@
-"""Starting and stopping runs: one at a time, and a stop that waits for nobody and is not outlived."""
+"""Starting and stopping runs: one at a time, and a stop that waits for no run and ends it."""
 
 import math
 import threading
@@ -37,11 +37,9 @@ def test_a_stop_without_a_run_goes_to_the_rig(client, door, parts, monkeypatch):
     monkeypatch.setattr(parts.watch, "go_safe", refused)
     told = client().post("/api/estop")
     assert told.status_code == 409
-    assert "press the emergency stop on the rig" in told.json()["error"], (
-        "nobody believes that it was stopped"
-    )
+    assert "press the emergency stop on the rig" in told.json()["error"], "it is not reported as stopped"
     parts.watch.status = Status(link="", state="DISABLED", at_rest=True)
-    assert "it says DISABLED" in client().post("/api/estop").json()["done"], "there is nothing to stop"
+    assert "it says DISABLED" in client().post("/api/estop").json()["done"], "there is no run to stop"
     parts.watch.status = Status(link="no word since 12 s", state="DISABLED", at_rest=True)
     assert client().post("/api/estop").status_code == 409, "what it said once may be so no more"
 
@@ -61,7 +59,7 @@ def test_a_stop_tells_who_when_and_since_when_the_springs_are_empty(client, door
     air["left"] = 0.0
     assert parts.runs.state()["stopped"]["empty"] is None, "one of both still holds air"
     air["right"] = math.nan
-    assert parts.runs.state()["stopped"]["empty"] is None, "what nobody reads is not empty"
+    assert parts.runs.state()["stopped"]["empty"] is None, "an unread value is not empty"
     air["right"] = 0.1e5
     told = parts.runs.state()["stopped"]
     assert time.time() - 5 < told["at"] / 1000 <= told["empty"] / 1000 <= time.time()
@@ -90,7 +88,7 @@ def test_a_rig_without_a_stop_offers_neither_stop_nor_start(client, door, parts)
 
 
 class Process(SimpleNamespace):
-    """In the place of a process that was started and goes on until it is killed."""
+    """Instead of a process that was started and runs until it is killed."""
 
     def poll(self):
         return self.code
@@ -141,7 +139,7 @@ def test_a_stop_while_a_run_is_being_started_ends_it(parts, door, monkeypatch):
 
 @pytest.mark.real_time
 def test_a_stop_waits_for_no_other_order(served, parts, door, monkeypatch):
-    """However many orders and views hang: a socket of the rig that nobody answers takes seconds each."""
+    """With any number of blocked orders and views: a socket of the rig without an answer takes seconds each."""
     port, _ = served
     free = threading.Event()
     monkeypatch.setattr(parts.runs, "order", lambda *_, **__: free.wait(10))

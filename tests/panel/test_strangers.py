@@ -1,4 +1,4 @@
-"""Strangers at the panel's port: however many connect, whoever has the token stops the bench at once."""
+"""Third-party clients at the panel's port: with any number of them, the token holder stops the bench at once."""
 
 import multiprocessing
 import resource
@@ -38,7 +38,7 @@ KINDS = {
 
 
 def crowd(port, kinds, addresses, again, there):
-    """Keep ``CROWD`` connections, from so many addresses; ``again`` connects anew what was disconnected."""
+    """Keep ``CROWD`` connections, from so many addresses; ``again`` reconnects the closed ones."""
     resource.setrlimit(resource.RLIMIT_NOFILE, (4096, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
     inside = selectors.DefaultSelector()
 

@@ -1,4 +1,4 @@
-"""The view Twin: what the model said beside a run, as it stands in twin.json."""
+"""The view Twin: the model's statements during a run, as stored in twin.json."""
 
 import os
 from pathlib import Path
@@ -151,7 +151,7 @@ def test_readings_are_shown_with_the_bands_of_a_running_twin(open_page, bench_pa
     assert page.locator(".lately .card.parted .far").count() >= 1
     assert parted.keys() == sound.keys() and parted != sound
     assert canvas.evaluate("(one) => one.isConnected && one.width > 100"), (
-        "plots go on, they are not made anew"
+        "plots continue, they are not recreated"
     )
     assert canvas.evaluate(PAINTED) > 500
     fits_everywhere(page, "lately")

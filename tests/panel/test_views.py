@@ -1,4 +1,4 @@
-"""The views beside the live one, from the server's side: past runs and diagnoses, faults on purpose, the bus."""
+"""The other views, from the server's side: past runs and diagnoses, injected faults, the bus."""
 
 import json
 import re
@@ -118,7 +118,7 @@ def test_diagnoses_are_listed_with_what_they_found(panel, tmp_path) -> None:
 
 
 class Broken:
-    """In the place of a rig's control socket."""
+    """Instead of a rig's control socket."""
 
     def __init__(self) -> None:
         self.orders = []

@@ -1,4 +1,4 @@
-"""What is said of the air in the springs: in every state, whatever is known of it, nothing that contradicts it."""
+"""The reported air in the springs: in every state, with any known readings, without contradictions."""
 
 import itertools
 import math

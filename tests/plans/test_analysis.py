@@ -85,9 +85,7 @@ def test_a_spring_with_a_dashpot_has_its_own_stiffness_damping_and_loss(k, c, fr
 def test_late_sensors_are_neither_damping_nor_stiffness_once_their_lags_are_known(lags):
     t, f = grid(2.0), 3.0
     motion, force = (((1 / (1 + 1j * tau * f * lag)) * -1j * np.exp(1j * tau * f * t)).real for lag in lags)
-    assert (
-        abs(dynamic_stiffness(t, motion, 7e5 * force, f).loss) > 10e3
-    )  # what one would believe without knowing
+    assert abs(dynamic_stiffness(t, motion, 7e5 * force, f).loss) > 10e3  # an assumption without a reading
     K = dynamic_stiffness(t, motion, 7e5 * force, f, lags=lags)
     assert K.value == pytest.approx(7e5 + 0j, abs=1.0)
 

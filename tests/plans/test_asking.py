@@ -1,4 +1,4 @@
-"""Questions to the operator: who answers, what is recorded, and what becomes of checks that nobody answers for."""
+"""Questions to the operator: who answers, what is recorded, and the checks without an answer."""
 
 import io
 import os
@@ -111,7 +111,7 @@ def test_a_box_is_answered_from_another_thread_while_virtual_time_stands(bench_c
         before = made.clock.now()
         result = execute(asking(within=10.0), made.bench, tmp_path / "out", operator=box)
         thread.join(10)
-        assert made.clock.now() == before  # the rig's time did not run away while somebody thought
+        assert made.clock.now() == before  # the rig's time stopped during the question
     assert seen == ["fit the plate of 16 mm"]
     assert result.verdict is Outcome.PASS
     assert box.question is None

@@ -1,4 +1,4 @@
-"""Whatever breaks while the springs are full: they are let down, or somebody is told that they were not."""
+"""After any failure with full springs: they are vented, or the operator is informed."""
 
 import signal
 import subprocess
@@ -138,7 +138,7 @@ def test_what_went_wrong_first_in_a_tear_down_is_not_hidden_by_what_came_after(
     300
 )  # a run that heard nothing goes on for an hour of bench time, and then says so by its exit status
 def test_a_terminal_that_is_closed_ends_the_run_in_order(tmp_path):
-    """The kernel tells of it, and once more the shell: the second must not cut the tear-down short."""
+    """The kernel reports it, and then the shell: the second must not stop the tear-down."""
     command = [sys.executable, "-m", "astb", "run", "tightness", "--virtual", "--set", "hold=30 min"]
     before = signal.signal(
         signal.SIGHUP, signal.SIG_DFL

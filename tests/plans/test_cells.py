@@ -1,4 +1,4 @@
-"""What load cells tell, wherever they stand and however they point: statics of a rigid body is the oracle."""
+"""Readings of load cells at any place and in any direction: statics of a rigid body is the oracle."""
 
 from dataclasses import replace
 
@@ -69,7 +69,7 @@ numbers = st.floats(-1.0, 1.0)
 
 @st.composite
 def arrangements(draw):
-    """Six to eight cells anywhere, pointing anywhere, that tell all six parts."""
+    """Six to eight cells at any place and in any direction, which give all six components."""
     rig = dict(ours())
     for cell in LOAD_CELLS[: draw(st.integers(6, 8))]:
         along = np.array([draw(numbers), draw(numbers), draw(st.floats(0.2, 1.0))])
@@ -210,7 +210,7 @@ def struts_of(count):
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [6, 8])
 def test_a_rig_on_struts_is_judged_by_its_own_description_and_by_no_other(monkeypatch, tmp_path, count):
-    """A sound spring passes where the file says how the cells stand, and cannot where it says they are upright."""
+    """A sound spring passes where the file states the cells' directions, and cannot where it says they are upright."""
     wiring = tmp_path / "wiring.toml"
     wiring.write_text(with_cells(wiring_file("plant_a").read_text(encoding="utf-8"), count), encoding="utf-8")
     monkeypatch.setattr(virtual, "wiring_file", lambda name: wiring)

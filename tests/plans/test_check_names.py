@@ -1,4 +1,4 @@
-"""Each check has a sentence of its own, which goes with it to the report."""
+"""Each check has a separate sentence, which goes with it to the report."""
 
 import pytest
 
@@ -52,4 +52,4 @@ def test_the_report_prints_each_sentence_once_at_the_failed_check(tmp_path):
     result.write(tmp_path)
     page = report_page(tmp_path)
     assert page.count(kinds["wide"]) == 1
-    assert page.count(kinds["high"]) == 2, "beside the check that failed, too"
+    assert page.count(kinds["high"]) == 2, "also at the failed check"

@@ -20,7 +20,7 @@ from test_plans.steps.shaking import SAMPLE_RATE, VERTICAL, generator_cycles, sp
 from tests.plans.truth import Ideal
 
 FREQUENCY, AMPLITUDE, CYCLES = 2 * Hz, 5 * mm, 5
-#: What tells a swing, and what a time: the pressure rises by 0.07 bar while the bolster goes down.
+#: Signals of a swing, and of a time: the pressure rises by 0.07 bar while the bolster goes down.
 PISTON, PRESSURE = "vertical_left.displacement", "left.auxiliary_pressure"
 RISE, DOWN, RATE = 70 * mbar, 15 * mm, 15 * mm / s
 
@@ -33,7 +33,7 @@ class Unrecorded:
 
 
 class Rigs:
-    """A rig under the empty car whose sensors are exchanged again and again, and the truth beside their readings."""
+    """A rig under the empty car with repeatedly exchanged sensors, and the true values of their readings."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ class Rigs:
         self.bench.wait(0.5 * s)
 
     def looked_at(self):
-        """Return what was measured of pressure, height, stiffness, a swing, a time and a drift, and what is true."""
+        """Return the measured pressure, height, stiffness, swing, time and drift, and the true values."""
         bench, run, found = self.bench, self.run, {}
         names = {"pressure": "left.bellows_pressure", "height": "left.height"}
         begun = bench.clock.now()

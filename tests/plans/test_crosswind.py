@@ -71,7 +71,7 @@ def test_the_moment_of_the_actuators_is_that_of_the_wind():
 
 
 def test_the_transfer_function_of_an_oscillator_in_noise_is_found_with_its_uncertainty():
-    """K = k + iωc is known; of many bands, 19 in 20 must lie within what is said of them."""
+    """K = k + iωc is known; of many bands, 19 in 20 must contain it."""
     rng, rate, k, c, hits = np.random.default_rng(7), 100 * Hz, 4e5, 2e4, 0
     for _ in range(60):
         x = np.convolve(rng.standard_normal(6000), np.ones(8) / 8, mode="same") * 1e-3
@@ -83,7 +83,7 @@ def test_the_transfer_function_of_an_oscillator_in_noise_is_found_with_its_uncer
 
 
 def test_what_is_one_behind_the_other_by_a_lag_is_put_right():
-    """Two transducers of first order see the same sine; the spectra say what was before them."""
+    """Two transducers of first order see the same sine; the spectra give their input."""
     t = np.arange(0, 80, 0.005)
     tau, omega = 20e-3, 2 * np.pi
     lagged = np.sin(omega * t - np.arctan(omega * tau)) / np.hypot(1, omega * tau)

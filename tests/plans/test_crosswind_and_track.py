@@ -137,7 +137,7 @@ def test_crosswind_without_enough_wind_is_reported(judged):
 @slow
 @pytest.mark.parametrize("seed", range(8))
 def test_the_travel_is_bounded_before_the_start(judged, seed):
-    """Over the ranges of wind, track and roll: sound springs stay within what was foreseen, and within the gap."""
+    """Over the ranges of wind, track and roll: sound springs stay within the prediction, and within the gap."""
     name, load = [(EMPTY, "AW0"), (FULL, "AW3")][seed % 2]
     draw = np.random.default_rng(seed).uniform
     given = {
@@ -171,7 +171,7 @@ def test_a_rig_that_speaks_otherwise_streams_it(tmp_path, by):
 @slow
 @pytest.mark.parametrize("name", [EMPTY, FULL])
 def test_the_rig_s_generator_and_the_host_find_the_same(judged, name):
-    """Wind and track as one program of the generator, at the rig's tick, beside the same streamed by the host."""
+    """Wind and track as one program of the generator, at the rig's tick, and the same streamed by the host."""
     found = []
     for by in ("host", "rig"):
         result, failed = judged(name, given={"by": by})
@@ -192,7 +192,7 @@ def test_a_gust_is_no_wave_of_a_generator(judged):
 @slow
 @pytest.mark.parametrize("by", ["host", "rig"])
 def test_the_rehearsal_foresees_all_axes(tmp_path, by):
-    """How far platform and bolster go is told before anything moves, and a limit on one of them refuses the run."""
+    """The travel of platform and bolster is predicted before motion, and a limit on one of them refuses the run."""
     limit = {"signal": "platform.lateral", "kind": "upper", "at": "15 mm", "action": "interlock"}
     rig = RigFile("virtual", time="virtual", simulation=Simulation(limits=(limit,)))
     found, _ = rehearse(plans()[EMPTY].given({"by": by}), rig, Path("virtual.toml"), tmp_path)

@@ -1,4 +1,4 @@
-"""Dimensions of a rig: what a file may say, that ours are the simulated ones, and what readings tell by them."""
+"""Dimensions of a rig: contents of a file, that ours are the simulated ones, and readings computed with them."""
 
 import re
 from dataclasses import replace
@@ -144,7 +144,7 @@ def test_values_to_be_stated_have_no_default():
         ours()["boster_mass"]
 
 
-# -- what readings tell --------------------------------------------------------------------------------------
+# -- readings --------------------------------------------------------------------------------------------------
 
 
 @st.composite

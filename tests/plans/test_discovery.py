@@ -1,4 +1,4 @@
-"""A file with a plan in it is a plan: nobody lists it anywhere."""
+"""A file with a plan in it is a plan, without a list."""
 
 import re
 import sys
@@ -30,7 +30,7 @@ def newcomer_of_the_test(run: Run) -> None:
 
 @pytest.fixture
 def find():
-    """Find all plans anew, now and whatever is changed."""
+    """Find all plans again, now and after any change."""
     yield discovery.find_all.__wrapped__
     for name in (
         "our_plans",

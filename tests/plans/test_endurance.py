@@ -1,4 +1,4 @@
-"""Endurance: a sound spring does not change, each change is told by its own check, a stopped run keeps its looks."""
+"""Endurance: a sound spring does not change, a check detects each change, a stopped run keeps its looks."""
 
 from types import SimpleNamespace
 

@@ -55,7 +55,7 @@ def drawn(rng: np.random.Generator) -> dict:
 
 
 def described(rng: np.random.Generator, built: dict) -> Dimensions:
-    """What somebody with tape and scale would write down: the truth, off by no more than he says."""
+    """Measurements with tape and scale: the truth, off by no more than the stated uncertainty."""
     truth = ordinary().built(dimensions_of(load("astb").with_values(**built)))
     known = {
         name: replace(one, value=one.value + one.uncertainty * rng.uniform(-1, 1))
@@ -112,7 +112,7 @@ def judged(seed: int, directory) -> Counter:
 
 
 def test_benches_of_any_dimensions_are_judged_rightly(tmp_path):
-    """The truth of ideal sensors and exact dimensions lies within U; with dimensions of ours something is told."""
+    """The truth of ideal sensors and exact dimensions lies within U; wrong dimensions are reported."""
     count = sum((judged(FIRST + k, tmp_path / str(k)) for k in range(COUNT)), Counter())
     print(COUNT, "benches:", dict(count))
     chance = 2.6 * np.sqrt(0.05 * 0.95 * count["values"])

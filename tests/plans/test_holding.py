@@ -33,7 +33,7 @@ def empty_plan(run):
 
 @pytest.fixture
 def ran(bench_composed, tmp_path):
-    """Run a main part on a virtual rig, which nobody arms; return the result and which parts ran."""
+    """Run a main part on a virtual rig without arming; return the result and which parts ran."""
 
     def run(main=None, requires=(), *, instruments=None, prepare=empty_plan, **rest):
         moved = []
@@ -162,7 +162,7 @@ def test_a_piece_without_a_certificate_is_a_warning_in_result_and_report(ran):
 
 
 def resume_when_held(suspension):
-    """Let a run go on from another thread as soon as it is held; return the thread and where that was."""
+    """Continue a run from another thread as soon as it is held; return the thread and the place."""
     places, clock = [], RealClock()
 
     def watch():
@@ -335,7 +335,7 @@ def test_where_a_plan_can_be_held_is_read_from_its_code(part, can):
 
 
 def test_no_library_is_asked_whether_a_plan_can_be_held():
-    """numpy warns of whoever asks it for `str`, which this plan names for itself."""
+    """numpy warns about a call of `str`, which this plan names for itself."""
 
     def computes(run):
         """Compute."""

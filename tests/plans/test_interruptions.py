@@ -24,7 +24,7 @@ def stop(request):
 
 @contextmanager
 def stopped_in(owner, name, stop, monkeypatch):
-    """Let a signal come at the beginning and at the end of each call of a method."""
+    """Send a signal at the beginning and at the end of each call of a method."""
     method = getattr(owner, name)
 
     def call(*given, **named):

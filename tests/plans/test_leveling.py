@@ -1,4 +1,4 @@
-"""Leveling: how much the stairs tell of a valve, and limits by which one that never opens would pass."""
+"""Leveling: information of the stairs about a valve, and limits that a valve that never opens would pass."""
 
 from dataclasses import replace
 from math import hypot, sqrt

@@ -1,4 +1,4 @@
-"""Set-up, main part and tear-down: what runs when, whose fault it is, and what is written."""
+"""Set-up, main part and tear-down: their order, the origin of a failure, and the written files."""
 
 import math
 import re
@@ -203,7 +203,7 @@ def test_a_failure_in_tear_down_blocks(made):
 def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     result, _ = made(bad, teardown=raising(RigFault("vent stuck")))
     assert result.verdict is Outcome.FAIL
-    assert result.warnings == ["in tear-down: the rig: vent stuck"], "whoever goes on has to know"
+    assert result.warnings == ["in tear-down: the rig: vent stuck"], "the next user must know"
     assert "tear-down: the rig: vent stuck" in [
         e.text for e in read(tmp_path / "out").events if e.kind == "error"
     ]
@@ -269,7 +269,7 @@ def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monke
 
 
 class Deaf(NullWatcher):
-    """A watcher that raises once it is told of something."""
+    """A watcher that raises on a call."""
 
     def __init__(self, error, at):
         self.error, self.at = error, at
@@ -284,7 +284,7 @@ class Deaf(NullWatcher):
 
 @pytest.mark.parametrize("error", [SystemExit(1), OSError(5, "Input/output error")])
 def test_a_display_that_breaks_keeps_no_run_from_its_end(made, error):
-    """What rich does to a program whose pipe nobody reads any more, and a terminal that is gone."""
+    """The behaviour of rich in a program whose pipe has no reader, and a closed terminal."""
     result, ran = made(good, watcher=Deaf(error, "main"))
     assert (result.verdict, ran) == (Outcome.PASS, ALL)
 

@@ -173,7 +173,7 @@ def test_a_known_mass_is_weighed_and_taken_off_again(weighed):
 
 
 def test_a_common_scale_error_of_cells_and_actuators_shows_by_the_mass(weighed):
-    """Load cells and transducers read 2 % too much; beside each other and on the bolster's weight nothing is seen."""
+    """Load cells and transducers read 2 % too much; cross-checks do not show it."""
     run = weighed(puts_it_on, sensor_gain=dict.fromkeys(FORCES, 0.02))
     assert {name for name, verdict in run.verdicts.items() if verdict is CheckVerdict.FAIL} == {MASS}
 

@@ -101,7 +101,7 @@ def test_a_supply_that_is_lost_while_the_springs_fill_blocks_and_says_so(bench_r
     assert run.result.verdict is Outcome.BLOCKED
     assert "left filled to 2.208 bar" in run.result.reason
     assert "not reached within" in run.result.reason
-    assert run.pressure < 0.5 * bar  # the tear-down has let off what was there
+    assert run.pressure < 0.5 * bar  # the tear-down has vented the air
 
 
 def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
@@ -115,7 +115,7 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
         "main",
         "tear-down",
     ]
-    assert run.pressure < 0.5 * bar  # the stop itself has let the air off
+    assert run.pressure < 0.5 * bar  # the stop itself has vented the air
     told = [(event.kind, event.text) for event in read(run.directory).events]
     assert ("state", "rig.state: ESTOP") in told
     # What the black box kept was fetched over Modbus, into the run's directory and its report.
@@ -125,7 +125,7 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
     kept = pq.read_table(run.directory / "black_box.parquet")
     times, pressure = (np.array(kept[name]) for name in ("time_s", "left.bellows_pressure"))
     assert (times[0], times[-1], times.size) == (-10.0, 10.0, 4001)
-    assert pressure[2000] > 2 * bar > 0.5 * bar > pressure[-1], "let off in the ten seconds after it"
+    assert pressure[2000] > 2 * bar > 0.5 * bar > pressure[-1], "vented in the ten seconds after it"
     page = unescape(write_report(run.directory).read_text(encoding="utf-8"))
     assert "What the black box kept" in page
     assert story.splitlines()[0] in page
@@ -140,7 +140,7 @@ def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench
     assert rest.startswith(
         "the bench, in ACTIVE, keeps the air as last commanded, until it detects the loss of its commander: then it "
         "vents the springs by itself"
-    ), "which the PLC still tells at that moment"
+    ), "which the PLC still reports at that moment"
     assert "; the link to the rig: the CAN bus is lost: the cable is cut" in rest
 
 

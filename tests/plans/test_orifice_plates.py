@@ -1,4 +1,4 @@
-"""Orifice plates that the bench cannot change by itself: the operator is asked, and what nobody fits is not judged."""
+"""Orifice plates that the operator changes by hand: the operator is asked, and missing plates are not judged."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Plans of one's own, in files that belong to no package: written, run, found in a folder, and refused in words."""
+"""User plans in files outside packages: written, run, found in a folder, and refused."""
 
 import json
 import re

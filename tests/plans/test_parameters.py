@@ -1,4 +1,4 @@
-"""Parameters of a plan: declared beside the function, read as people write them, refused before anything moves."""
+"""Parameters of a plan: declared at the function, parsed with units, refused before motion."""
 
 import math
 import re

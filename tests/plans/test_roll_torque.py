@@ -1,4 +1,4 @@
-"""Roll torque: pure motions tell the stiffnesses of a sheared and rolled spring, which are known of a virtual one."""
+"""Roll torque: pure motions give the stiffnesses of a sheared and rolled spring, known for a virtual one."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Safety: a sound bench holds and becomes safe in time, and one that does not is told by the right check."""
+"""Safety: a sound bench holds and becomes safe in time, and the right check detects a faulty one."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_no_motion_without_an_operator_to_answer(safety):
     assert state == "OFF"
     missing = {one.name for one in result.checks if one.verdict is CheckVerdict.NOT_AVAILABLE}
     assert {"supply lost: stays ACTIVE", "emergency stop: acts"} <= missing == failed
-    # What was vented fast is cold: as it warms its pressure rises, on a used rig to 0.201 bar where 0.2 are the most.
+    # Quickly vented air is cold: as it warms its pressure rises, on a used rig to 0.201 bar; the limit is 0.2.
     (remains,) = [one.number for one in result.checks if one.name == "pressure at the end"]
     assert remains < 0.12 * bar
     assert not {"supply lost", "emergency stop"} & {phase.name for phase in result.phases}
@@ -119,7 +119,7 @@ def test_a_simulated_rig_has_no_fault_left_if_the_plan_is_stopped_while_it_has_o
 
 @slow
 def test_a_bench_that_does_not_miss_the_set_points_fails(safety, monkeypatch):
-    """The stream goes on behind the plan's back, as from a repeater that nobody knows of."""
+    """The stream continues without the plan, as from an unknown repeater."""
     monkeypatch.setattr(Commander, "stop", lambda self: None)
     result, failed, _ = safety()
     assert result.verdict is Outcome.FAIL

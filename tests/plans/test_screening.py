@@ -1,4 +1,4 @@
-"""Motions as data: what the bench does is what was predicted, and the record says all that a replay needs."""
+"""Motions as data: the bench moves as predicted, and the record contains all inputs of a replay."""
 
 import numpy as np
 import pytest
@@ -176,7 +176,7 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
     "wrong", [("force_gain", "-1 %"), ("pressure_offset.right", "-300 mbar")], ids=lambda w: w[0]
 )
 def test_what_reads_wrong_does_not_block_the_programme_that_looks_for_it(judged, monkeypatch, wrong):
-    """A plan that judges insists that the load is read; here the reading may be what is looked for."""
+    """A plan that judges needs the load reading; here the reading may be the unknown."""
     monkeypatch.setitem(plans(), "full", programme_plan(FULL))
     result, _ = judged("full", effects=[wrong])
     assert result.verdict is Outcome.PASS, result.reason
@@ -255,7 +255,7 @@ def test_springs_that_do_not_follow_fail(bench_run, monkeypatch):
 @slow
 def test_a_record_with_few_holes_is_good_and_one_with_too_many_is_not(bench_run, monkeypatch):
     monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
-    # Of what is sent nothing is lost: at one in ten, four commands in a row are lost about every 200 s.
+    # Sent frames are not lost: at one in ten, four commands in a row are lost about every 200 s.
     holes = {"faults": Faults(lose=0.1), "outward": Faults()}
     run = bench_run("short", **holes)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed

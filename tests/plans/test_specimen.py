@@ -1,4 +1,4 @@
-"""The specimen: its file says what is good, another file says otherwise, and nobody guesses what is wrong in it."""
+"""The specimen: its file states the limits, another file states others, and errors in it are reported."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A measured track: read with clear words for what is none, and run by the platform as the file has it."""
+"""A measured track: clear messages for an invalid one, and the platform follows the file."""
 
 from pathlib import Path
 

@@ -391,4 +391,4 @@ def test_a_phase_is_as_uncertain_as_the_clocks_that_stamped_its_readings(clock, 
     assert set(found.parts) == {f"time stamps by the {clock}"}
     together = {name: Stamp(clock, within, "bus") for name in sines}
     (same,) = measured(_phase, sines, instruments=perfect, rate=200.0, stamps=together)
-    assert same.u < 1e-3 * found.u, "what comes with one stamp is late together"
+    assert same.u < 1e-3 * found.u, "samples with one stamp have one delay"

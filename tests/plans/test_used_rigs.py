@@ -8,7 +8,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.plans.conftest import explained
 
-#: All that judge and need nobody's hands.
+#: All plans that judge and need no manual work.
 JUDGING = (
     "aw0",
     "aw3",

@@ -1,4 +1,4 @@
-"""What ideal sensors would have read, beside each reading of a virtual rig, and what plans would have found of it."""
+"""Readings of ideal sensors for each reading of a virtual rig, and the plans' results with them."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -29,7 +29,7 @@ MOST = 1_000_000
 
 
 class Samples(np.ndarray):
-    """Samples that keep the true ones beside them when some are chosen."""
+    """Samples that keep the true values when some are chosen."""
 
     truth = None
 
@@ -42,7 +42,7 @@ class Samples(np.ndarray):
 
 
 class Mean(float):
-    """A mean that has the true one beside it."""
+    """A mean with its true value."""
 
     truth: float
 
@@ -72,7 +72,7 @@ def exact_dimensions(parameters: Parameters) -> Dimensions:
 
 
 class Ideal:
-    """A rig in memory whose ideal readings are kept while somebody captures.
+    """A rig in memory whose ideal readings are stored during a capture.
 
     ``known`` is the truth of each value that a plan has measured, by the value.
     """
@@ -127,7 +127,7 @@ class Ideal:
 
 @contextmanager
 def with_truth(ideal: Ideal):
-    """Let readings of captures carry their truth, and what is measured of them have one in ``ideal.known``."""
+    """Make readings of captures carry their true values; measured quantities have theirs in ``ideal.known``."""
     aligned, values, averages, measure = Capture.aligned, Capture.values, Link.averages, Run.measure
 
     def of_capture(self, name):

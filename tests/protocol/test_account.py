@@ -1,4 +1,4 @@
-"""What a reader tells of a file: once, counted, and with the place of the first."""
+"""Messages of a reader about a file: once, counted, and with the place of the first."""
 
 from bench_protocol.account import Account
 

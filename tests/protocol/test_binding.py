@@ -1,4 +1,4 @@
-"""What is compiled is bound without scipy's linear algebra, which other threads may import meanwhile."""
+"""Compiled code is bound without scipy's linear algebra, which other threads may import meanwhile."""
 
 import sys
 import threading

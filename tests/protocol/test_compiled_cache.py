@@ -22,7 +22,7 @@ WORKERS, FUNCTIONS = 4, 40
 
 
 def _kept_at_once(folder: Path, turns: bool) -> int:
-    """Return how many of many functions are found again that several saved at once, each through a cache of its own."""
+    """Return how many of many functions are found again that several saved at once, each through a separate cache."""
 
     def one() -> IndexDataCacheFile:
         made = IndexDataCacheFile(str(folder), "function", 0)
@@ -71,7 +71,7 @@ def test_a_file_system_without_locks_is_no_hindrance(tmp_path: Path, monkeypatch
     assert cache.load("key") == "code"
 
 
-#: What may lie in the index or beside it: a class of another release that has another name today, half a file.
+#: Possible contents of the index or its folder: a class of another release that was renamed, half a file.
 KEPT: dict[str, bytes] = {
     "a class that is gone": b"cnumba.core.caching\nA_class_that_is_gone\n.",
     "a module that is gone": b"ca_module_that_is_gone\nAny\n.",
@@ -94,7 +94,7 @@ def test_what_another_release_kept_is_compiled_anew(tmp_path: Path, what: str, p
     assert cache.load("key") == "code of today"
 
 
-#: A module in a folder of its own, where nothing can be written: not even root can make a folder of a file.
+#: A module in a read-only folder: not even root can make a folder of a file.
 MODULE = "def twice(x):\n    return 2.0 * x\n"
 
 

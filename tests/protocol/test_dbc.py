@@ -1,4 +1,4 @@
-"""Files of messages come in by one function: their charsets, what is described twice, and J1939."""
+"""Files of messages are read by one function: their charsets, duplicates, and J1939."""
 
 import math
 from pathlib import Path

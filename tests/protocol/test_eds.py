@@ -43,7 +43,7 @@ def node() -> canopen.RemoteNode:
 
 
 def test_a_strict_reader_finds_every_section_once_and_all_that_are_mandatory(text: str) -> None:
-    """configparser refuses a section or a key that stands there twice."""
+    """configparser refuses a section or a key that appears twice."""
     reader = configparser.ConfigParser(strict=True, interpolation=None)
     reader.read_string(text)
     lists = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")

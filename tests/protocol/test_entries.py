@@ -24,7 +24,7 @@ FILES = {
         "orifice_diameter = ",
     ),
 }
-#: What is done to the entry, and what the error says of it.
+#: The change of the entry, and the error's text.
 WRONG = {
     "unit": ('unit = "', 'unit = "k', "is not in"),
     "no unit": ("unit = ", "units = ", "it needs"),

@@ -1,4 +1,4 @@
-"""What is generated from the tables and checked in is what the tables say."""
+"""Generated and checked-in files equal the tables."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What is too much in a file of somebody else's is refused before it costs memory, and at the limit it is not."""
+"""Too large third-party files are refused before they cost memory, and files at the limit are not."""
 
 import contextlib
 import struct
@@ -109,7 +109,7 @@ def test_the_longest_text_of_a_dbc_is_bounded(file, end):
     check_dbc(file(head + b"x" * (QUOTED_BYTES - 1) + end))
     with pytest.raises(Unfit, match="a text of 64 KiB in line 2"):
         check_dbc(file(head + b"x" * QUOTED_BYTES + end))
-    check_dbc(file(b"SIG_VALTYPE_ 1 a : 1;\n" * 10_000))  # what stands outside of quotation marks is no text
+    check_dbc(file(b"SIG_VALTYPE_ 1 a : 1;\n" * 10_000))  # outside of quotation marks there is no text
 
 
 def table(columns: int, rows: int) -> bytes:
@@ -121,7 +121,7 @@ def test_columns_of_a_table_are_counted_in_every_line(file):
     for content in (table(COLUMNS + 1, 1), table(3, 1) + table(COLUMNS + 1, 1)):
         with pytest.raises(Unfit, match="has 10001 columns in line"):
             check_text_table(file(content), ",")
-    check_text_table(file(b'length 5"\n' + table(3, 40 * COLUMNS)), ",")  # a mark that nobody closes is one
+    check_text_table(file(b'length 5"\n' + table(3, 40 * COLUMNS)), ",")  # an unclosed mark is one
 
 
 def test_a_line_without_an_end_is_no_line(file):
@@ -179,7 +179,7 @@ def test_an_archive_is_bounded_before_it_is_unpacked(tmp_path, monkeypatch):
 
 @given(st.data())
 def test_a_damaged_archive_is_refused_or_keeps_its_bounds(tmp_path_factory, data):
-    """Whatever stands in its directory: a file has the size that was bounded, or is not unpacked."""
+    """With any contents of its directory: a file has the bounded size, or is not unpacked."""
     path = archive(tmp_path_factory.getbasetemp() / "damaged", {"x": b"0" * 1000, "y": b"ab" * 70})
     content = bytearray(path.read_bytes())
     for _ in range(data.draw(st.integers(0, 4))):

@@ -134,8 +134,8 @@ def test_identifiers_and_addresses_are_unchanged() -> None:
     """Programs of others rely on identifiers and addresses. `make generate` keeps the new ones."""
     kept = kept_places()
     assert len(kept) > 350
-    assert moved(kept, TABLE) == [], "put back what was there, and give what is new a free place"
-    assert TABLE.places == kept, "run `make generate`: it keeps what was added"
+    assert moved(kept, TABLE) == [], "restore the old entries, and give new ones a free place"
+    assert TABLE.places == kept, "run `make generate`: it stores the new entries"
 
 
 def test_adding_is_no_move_and_removing_is() -> None:

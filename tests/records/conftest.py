@@ -1,4 +1,4 @@
-"""A make-believe run that looks like the real ones, for tests of records and reports."""
+"""A synthetic run that looks like the real ones, for tests of records and reports."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -298,7 +298,7 @@ def write_run(directory: Path, failing: bool = False, seconds: float = 100.0) ->
 
 @pytest.fixture(scope="session")
 def run_writer() -> Callable[..., Result]:
-    """The function that writes a make-believe run into a directory."""
+    """The function that writes a synthetic run into a directory."""
     return write_run
 
 

@@ -1,4 +1,4 @@
-"""A record or a result that somebody has damaged is refused in words, wherever it was changed, and costs no more."""
+"""A damaged record or result is refused at any place of the damage, and costs no more."""
 
 import random
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Records go to other programs and come back: python-can, cantools, pandas and asammdf read what was recorded."""
+"""Records go to other programs and back: python-can, cantools, pandas and asammdf read the recorded values."""
 
 import shutil
 import subprocess

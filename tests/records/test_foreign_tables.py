@@ -66,7 +66,7 @@ CLOCKS: dict[str, Callable[[float], str]] = {
 
 
 def dialect(table: pd.DataFrame, random_: random.Random) -> tuple[bytes, str]:
-    """The table as some program may write it, and what was chosen."""
+    """The table as a program may write it, and the chosen options."""
     pick = random_.choice
     delimiter, decimal = pick([(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ","), ("|", ",")])
     thousands = pick(["", "", "." if decimal == "," else ",", "'"])
@@ -134,7 +134,7 @@ def same(found: dict[str, tuple[np.ndarray, np.ndarray]], table: pd.DataFrame) -
 
 
 def check_dialects(seeds: range, folder: Path) -> list[str]:
-    """Read tables in the dialect of each seed; return what was refused."""
+    """Read tables in the dialect of each seed; return the refused ones."""
     refused = []
     for seed in seeds:
         table = record(seed)

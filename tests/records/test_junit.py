@@ -89,7 +89,7 @@ def test_times_are_those_of_the_run_and_only_real_time_has_a_date() -> None:
     )
 )
 def test_runs_with_other_parameters_have_other_names(given_to: list[dict[str, str]]) -> None:
-    """As CI servers tell cases apart: by suite, class and name."""
+    """As CI servers distinguish cases: by suite, class and name."""
     found = {}
     for parameters in given_to:
         result = conclude("aw0", "", "", [check("pressure", 1.0, high=2.0)], parameters=parameters)
@@ -98,7 +98,7 @@ def test_runs_with_other_parameters_have_other_names(given_to: list[dict[str, st
         assert len(set(names)) == 2
         told = ET.fromstring(
             junit(conclude("x", "", "", [], reason=str(sorted(parameters.items()))))
-        )  # as XML tells it
+        )  # as XML states it
         found.setdefault(told[0].find("testcase/error").get("message"), set()).update(names)
     for key, names in found.items():
         assert not any(names & others for other, others in found.items() if other != key)

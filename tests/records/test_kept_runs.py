@@ -1,4 +1,4 @@
-"""Two runs beside each other, and one check over the life of a specimen, against figures worked out by hand."""
+"""Two runs compared, and one check over the life of a specimen, against figures computed by hand."""
 
 import math
 import re
@@ -54,7 +54,7 @@ def test_a_change_is_held_against_its_uncertainty(tmp_path) -> None:
         (pair,) = compare_runs(a, other).checks
         row = comparison_row(pair)
         found[other] = (pair.exceeds, row.uncertainty, row.remark)
-    # Two of 6 N and 8 N, one beside the other: 10 N.
+    # Errors of 6 N and 8 N together: 10 N.
     assert found[small] == (False, "± 10\u2009N", "")
     assert found[large] == (True, "± 10\u2009N", "changed by more than its uncertainty")
     assert found[bare] == (None, "", "")
@@ -157,7 +157,7 @@ def test_too_little_tells_no_drift_and_a_missing_value_is_listed_only(tmp_path) 
     hasty = trend_of(
         "K", [kept(minute / 1440, value) for minute, value in ((0, 1e3), (60, -3e3), (120, 2e3))]
     )
-    assert trend_words(hasty)[-1] == (  # of two hours: of a day nobody knows
+    assert trend_words(hasty)[-1] == (  # of two hours: for a day it is unknown
         "No drift is seen: 1\u2009kN/m from the first to the last, ± 66\u2009kN/m (95 %)."
     )
     write_trends([trend], "7", tmp_path / "page.html")

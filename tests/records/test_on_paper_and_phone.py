@@ -1,4 +1,4 @@
-"""Pages of records fit a telephone and a sheet of paper: nothing is cut off, and no heading stands alone."""
+"""Pages of records fit a telephone and a sheet of paper: no content is cut off, and no heading is the last line."""
 
 import shutil
 from pathlib import Path
@@ -16,7 +16,7 @@ from bench_records.report import write_report
 from bench_records.trend import trend_of
 from tests.pictures import LOOK, faults
 
-#: What stands beyond the right edge of the screen, and in nothing that can be pushed.
+#: Elements beyond the right edge of the screen, except in scrollable ones.
 BEYOND = """
 () => [...document.querySelectorAll("body *")].filter(one => {
   const box = one.getBoundingClientRect();

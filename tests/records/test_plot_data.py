@@ -1,4 +1,4 @@
-"""What a page packs for its plots is what was drawn, to a 65534th of the range, and each series only once."""
+"""The packed plots of a page equal the drawn ones, to a 65534th of the range, and each series only once."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""A run for the drawing of the bench: what stands at each of its instants."""
+"""A run for the drawing of the bench: the values at each of its instants."""
 
 import json
 

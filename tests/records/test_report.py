@@ -1,4 +1,4 @@
-"""The report tells everything the result holds, stands alone, and is the same page each time."""
+"""The report contains all of the result, loads no other file, and is reproducible."""
 
 import html
 import os

@@ -52,7 +52,7 @@ def test_plots_zoom_together_and_show_values(page: Any) -> None:
     page.mouse.move(*at[2])
     pointed = [float(text.replace("−", "-")) for text in heights.locator(".u-value").all_inner_texts()]
     assert pointed[0] == pytest.approx(zoomed[0] + 0.45 * (zoomed[1] - zoomed[0]), abs=0.5)
-    # Between 35 and 67 s both springs move by 5 mm about their rest, as they were told.
+    # Between 35 and 67 s both springs move by 5 mm about their rest, as commanded.
     assert all(-6.0 <= height <= 6.0 for height in pointed[1:])
     page.mouse.dblclick(*at[2])
     assert heights.evaluate(scale) == pytest.approx(whole)
@@ -129,7 +129,7 @@ def test_a_pdf_has_page_numbers_and_says_on_each_page_which_record_it_is_of(
     for number, text in enumerate(texts, 1):
         assert f"page {number} of {len(texts)}" in text and "record " in text
     assert "operator\nnot recorded" in texts[0]
-    assert not any("Drag over a plot" in text for text in texts), "nobody drags on paper"
+    assert not any("Drag over a plot" in text for text in texts), "there is no dragging on paper"
     assert "signature" in texts[0] and "SHA-256 of record.parquet" in texts[0]
     assert [float(side) for side in pages[0].mediabox[2:]] == pytest.approx([595, 842], abs=1.5)  # A4
 

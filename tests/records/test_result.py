@@ -251,7 +251,7 @@ def test_a_value_that_does_not_surely_conform_is_marginal_and_an_uncertainty_tha
     assert judge(0.9, 0.0, 1.0, u=0.1) is CheckVerdict.MARGINAL
     assert judge(0.9, 0.0, 1.0, u=0.04) is CheckVerdict.PASS  # though within a twentieth or so of the limit
     assert judge(1.01, 0.0, 1.0, u=0.5) is CheckVerdict.FAIL
-    assert judge(0.5, 0.0, 1.0, u=5.0) is CheckVerdict.MARGINAL  # what tells nothing is no pass
+    assert judge(0.5, 0.0, 1.0, u=5.0) is CheckVerdict.MARGINAL  # an uninformative value is no pass
     for u, even in ((-0.1, 0.0), (0.1, 0.2), (math.inf, 0.0)):
         with pytest.raises(ValueError, match="is no standard uncertainty"):
             check("x", 0.5, low=0.0, u=u, even=even)

@@ -1,4 +1,4 @@
-"""The folder of a run tells of it at any moment: while it goes on, after a kill, and after its end."""
+"""The folder of a run shows its state at any moment: during the run, after a kill, and after its end."""
 
 import shutil
 from collections.abc import Iterator
@@ -61,7 +61,7 @@ def going_on(tmp_path: Path) -> Iterator[Recorder]:
 
 @pytest.fixture
 def killed(going_on: Recorder, tmp_path: Path) -> Path:
-    """What a kill leaves of it: the same bytes, which nobody holds."""
+    """The rest after a kill: the same bytes, without an owner."""
     return Path(shutil.copytree(going_on.directory, tmp_path / "elsewhere" / "killed"))
 
 

@@ -1,4 +1,4 @@
-"""A report that somebody signs says who, what, when, with which instruments, of which files, and what is not known."""
+"""A signed report states who, what, when, with which instruments, of which files, and the unknown entries."""
 
 import hashlib
 import re

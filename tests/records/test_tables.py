@@ -1,4 +1,4 @@
-"""Every form of a table that the reference page lists is read, refused, or read with what it leaves out told."""
+"""Every form of a table in the reference page is read, refused, or read with its omissions reported."""
 # ruff: noqa: E501
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TIMES = np.arange(30) / 100.0
 X = np.round(np.linspace(-20.0, 1250.25, 30), 4)
 P = np.round(5.0 + 0.5 * np.sin(np.arange(30)), 3)
 START = datetime(2026, 3, 19, 10, 0, tzinfo=UTC)
-#: Of a LabVIEW measurement file: what stands above a segment, and above the first.
+#: The header of a segment of a LabVIEW measurement file, and of the first.
 SEGMENT = "Channels\t2\n***End_of_Header***\n"
 LVM = f"LabVIEW Measurement\n***End_of_Header***\n{SEGMENT}"
 
@@ -84,7 +84,7 @@ def with_time(values: Any, kind: Callable[[pd.DataFrame], bytes] = parquet) -> b
     return kind(pd.DataFrame({"time": values, "x": X, "p": P}))
 
 
-#: By the name of the form: the file, its suffix, keys of the file and the clock, and what has to be said.
+#: By the name of the form: the file, its suffix, keys of the file and the clock, and the expected message.
 FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "plain": (csv(), ".csv", {}, ""),
     "semicolons": (csv("time;x;p", german), ".csv", {}, ""),

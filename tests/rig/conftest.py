@@ -19,7 +19,7 @@ CYCLE = 20  # ticks between commands
 
 
 class Commander:
-    """Speaks to a rig by bytes alone; one method call is one 20 ms cycle or many.
+    """Uses a rig only by bytes; one method call is one 20 ms cycle or many.
 
     It takes the lease before its first command, unless a token was given to it.
     """
@@ -52,7 +52,7 @@ class Commander:
         self.set_token(int.from_bytes(self.ask(b"\x03\0\0\0\x01")[2:], "big"))
 
     def set_token(self, token: int) -> None:
-        """Command with ``token``, whoever it belongs to."""
+        """Command with any ``token``."""
         self.token = token
         self.values[TABLE.index["control.token"]] = token
         self._encoder.bind(token)
@@ -112,7 +112,7 @@ class Commander:
         assert self.state == "ACTIVE"
 
     def hold_height(self) -> None:
-        """Let the vertical actuators hold the bolster where it is: else the air would lift it."""
+        """Make the vertical actuators hold the bolster in place, because the air would lift it."""
         here = {
             f"vertical_{side}_displacement_setpoint": self.read(f"vertical_{side}.displacement")
             for side in SIDES

@@ -32,7 +32,7 @@ def both(what: str, **values: float) -> dict[str, float]:
 
 
 def go(commander: WatchedCommander, to: float, what: str = "displacement", rate: float = 0.04) -> None:
-    """Move both vertical actuators to ``to`` with ``rate`` (SI, per second), and let them arrive."""
+    """Move both vertical actuators to ``to`` with ``rate`` (SI, per second), and wait for their arrival."""
     place = commander.read(f"vertical_left.{what}")
     steps = max(1, round(abs(to - place) / rate * 50))
     for k in range(1, steps + 1):

@@ -1,4 +1,4 @@
-"""Everything that a rig's wires show of what is set: settings, coils, contacts, states, and the CANopen objects."""
+"""Everything settable that a rig's wires show: settings, coils, contacts, states, and the CANopen objects."""
 
 import math
 import struct
@@ -11,7 +11,7 @@ from bench_protocol.table import TABLE
 from bench_sim.rig.node_objects import ENTRIES
 from bench_sim.rig.rig import Rig
 
-#: What counts, or tells of the past or of the moment, and is nothing that is set.
+#: Counters, past values and present values, which are not settings.
 _PAST: Final = (
     "rig.tick",
     "rig.reason",  # of a bench that was disabled: by whom; a reset clears it
@@ -33,7 +33,7 @@ def facts(rig: Rig) -> dict[str, float | bytes]:
     """Return all of it by name."""
     told: dict[str, float | bytes] = {}
     bank = rig.registers.seen_by("modbus:nobody")
-    rig.answer(b"\0\1\0\0\0\6\1\4\0\0\0\1", "modbus:nobody")  # what is seen is that of a request
+    rig.answer(b"\0\1\0\0\0\6\1\4\0\0\0\1", "modbus:nobody")  # the shown value is that of a request
     for register in TABLE.registers:
         signal = register.signal
         if signal in TABLE.index and TABLE[signal].kind in (Kind.MEASUREMENT, Kind.SETPOINT):

@@ -1,4 +1,4 @@
-"""A CANopen master on the rig's bus: it speaks by frames alone and keeps all that it has heard."""
+"""A CANopen master on the rig's bus: it uses only frames and stores all received ones."""
 
 import struct
 
@@ -29,7 +29,7 @@ class Master:
         return block
 
     def say(self, identifier: int, data: bytes, ticks: int = 1) -> list[tuple[int, bytes]]:
-        """Send a frame; return what was heard in the ticks after it, without the times."""
+        """Send a frame; return the frames of the ticks after it, without the times."""
         before = len(self.heard)
         self.rig.receive(frame(identifier, data), self.peer)
         self.wait(ticks)

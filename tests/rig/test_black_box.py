@@ -88,7 +88,7 @@ def test_the_story_says_what_tripped_what_had_gone_before_and_how_it_ended(armed
 
 
 def test_the_first_incident_stays_until_a_reset_and_the_next_takes_its_place(armed, port) -> None:
-    armed.wait(700)  # nobody commands: held after 100 ms, disabled after 500
+    armed.wait(700)  # without commands: held after 100 ms, disabled after 500
     armed.wait(10_000)
     first = incident_of(port)
     assert "no valid command for 100 ms" in first.story.splitlines()[0]
@@ -97,7 +97,7 @@ def test_the_first_incident_stays_until_a_reset_and_the_next_takes_its_place(arm
     armed.wait(11_000)
     assert incident_of(port).number == 1, "what follows is a consequence of the first"
     armed.rig.release_estop()
-    armed.take_lease()  # whoever has been silent for so long has lost it
+    armed.take_lease()  # after such a silence the lease is lost
     armed.cycle(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
     armed.cycle(2, control_reset=1)
     assert armed.state == "DISABLED"

@@ -1,4 +1,4 @@
-"""The chain of stages on the bus: in order, both ways, what is kept, and nothing where there is none."""
+"""The chain of stages on the bus: in order, both ways, with stored frames, and empty without stages."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ from bench_sim.rig.controls import TICK_NS
 
 
 class Hearers:
-    """A server and a rig that remember what they hear."""
+    """A server and a rig that store their inputs."""
 
     def __init__(self) -> None:
         self.clock = VirtualClock()

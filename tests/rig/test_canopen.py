@@ -154,7 +154,7 @@ def test_commands_to_a_stopped_node_are_counted_without_motion(commander) -> Non
     stranger = Master(commander.rig, "stranger")
     commander.wait(500)
     stranger.nmt(STOP)
-    commander.set_token(4711)  # nobody gave it this token: who takes the bench starts the node
+    commander.set_token(4711)  # an unassigned token: taking the bench starts the node
     commander.cycle(5, control_enable=1)
     stranger.nmt(START)
     assert number(stranger.upload(0x2000, 4)) >= 5
@@ -197,7 +197,7 @@ def test_third_party_messages_do_not_disturb_the_holder(
 
 
 def guard(armed, node: int = 0x7F, milliseconds: int = 200) -> Master:
-    """Let the rig expect the heartbeat of ``node``, as the holder does who wants it."""
+    """Make the rig expect the heartbeat of ``node``, as the holder does on request."""
     master = Master(armed.rig, armed.peer)
     assert master.download(0x2001, 0, int(armed.read("rig.lease")), 2) == 0
     assert master.download(0x1016, 1, node << 16 | milliseconds, 4) == 0

@@ -1,4 +1,4 @@
-"""A rig that serves compiles nothing any more: whoever asks it meanwhile would get no answer for a second."""
+"""A serving rig compiles no code: a client would get no answer for a second."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A folder of control sockets that is somebody else's is believed by neither side."""
+"""Neither side trusts a folder of control sockets of another user."""
 
 import os
 import socket
@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def false_rig(folder):
-    """Somebody who answers where the rig would, and what he has heard."""
+    """A program that answers instead of the rig, and its received requests."""
     heard = []
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(control_path("127.0.0.1", 15020)))

@@ -68,7 +68,7 @@ def moving(placed):
 def test_they_start_on_one_tick_and_end_together(placed):
     for wave in THREE:
         assert add(placed, **wave) == 5
-    assert not run(placed, 5).any(), "what is only added moves nothing"
+    assert not run(placed, 5).any(), "an added offset causes no motion"
     assert placed.coil("program_run")[0] == 5
     offsets = run(placed, 260)
     times = 0.02 * np.arange(1, 261)
@@ -138,7 +138,7 @@ ENDS = {
     ],
 )
 def test_a_limit_on_one_axis_stops_all_on_one_tick(armed, parameters, action, signal, beyond):
-    """Whichever axis it is on, all stop together; state, reason and whose limit it was are told."""
+    """On whichever axis, all stop together; state, reason and the limit's axis are reported."""
     at = f"{armed.read(signal) + beyond:.6f} {'rad' if signal.endswith('roll') else 'm'}"
     row = {"signal": signal, "kind": "upper", "at": at, "action": action}
     commander = type(armed)(Rig(parameters, seed=1, limits=limits_of([row])))

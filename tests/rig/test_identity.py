@@ -31,7 +31,7 @@ attacks = st.one_of(
 )
 
 
-#: What tells of strangers, and of frames without a sound CRC, differs.
+#: Signals about third-party clients, and about frames without a valid CRC, differ.
 _COUNTS = {"rig.strangers", "rig.rejected_commands"}
 _UNCOUNTED = [
     message.identifier
@@ -82,7 +82,7 @@ class Namesake:
         assert self.holder.stage(self.modbus, generator_amplitude=3 * mm) == [b"\x90\x06"]
 
     def download(self, which: str) -> None:
-        """Let the node send none of its readings, by the token."""
+        """Make the node send none of its readings, by the token."""
         for data in (
             struct.pack("<BHBI", 0x2B, 0x2001, 0, self.word(which)),
             struct.pack("<BHBI", 0x23, 0x1800, 1, 0xC0000181),
@@ -146,9 +146,7 @@ def check_namesake(make_rig, state: str, deeds) -> None:
     beside, still = course(make_rig, state, deeds)
     assert writes
     assert still
-    assert alone.tobytes() == beside.tobytes(), (
-        "every reading, state and counter is as if nobody else were there"
-    )
+    assert alone.tobytes() == beside.tobytes(), "every reading, state and counter is as without other clients"
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -184,7 +182,7 @@ def test_who_guesses_tokens_cannot_command_even_with_the_right_one(commander) ->
         assert not any(guess(peer, 0) for _ in range(30)), "no token is no guess"
         assert not any(guess(peer, token) for token in wrong[:TRIES_MAX])
         assert not guess(peer, right)
-    assert not guess(commander.peer, right), "the bench stays still; who holds it asks anew"
+    assert not guess(commander.peer, right), "the bench stays still; the holder requests a new one"
     commander.ask(b"\x06\0\0\0\0")
     commander.take_lease()
     assert guess(commander.peer, commander.token)

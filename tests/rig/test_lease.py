@@ -115,7 +115,7 @@ def test_commands_need_a_lease(commander) -> None:
 
 @pytest.mark.parametrize("peer", ["can:2", "vcan0"])
 def test_a_third_party_with_the_next_counter_causes_no_motion(commander, peer: str) -> None:
-    """On a bus without connections (vcan0) all frames come from one place: the token alone tells."""
+    """On a bus without connections (vcan0) all frames come from one place: only the token distinguishes them."""
     armed = commander
     armed.peer = "can:1" if peer == "can:2" else peer
     armed.arm()
@@ -147,7 +147,7 @@ def test_the_token_of_somebody_before_is_a_strangers(armed) -> None:
     successor.cycle(10)
     assert published(successor, "strangers") == 1
     assert published(successor, "stranger") == 1
-    assert successor.read("rig.rejected_commands") == 0, "counters begin anew with the lease"
+    assert successor.read("rig.rejected_commands") == 0, "counters restart with the lease"
 
 
 @pytest.mark.parametrize("message", [m for m in TABLE.messages if m.protection is Protection.E2E and m.rate])
@@ -231,7 +231,7 @@ def test_a_modbus_connection_joins_a_lease_on_can_by_its_key(commander) -> None:
     before = published(commander, "strangers")
     commander.rig.receive(request(2, other), "can:2")
     commander.cycle(5)
-    assert published(commander, "strangers") == before + 1, "a stranger names nobody"
+    assert published(commander, "strangers") == before + 1, "a third party names no user"
     assert commander.coil("air_high") == b"\x85\x06"
     commander.rig.receive(request(3, key), commander.peer)
     commander.cycle(1)
@@ -343,13 +343,13 @@ def test_after_the_watchdog_and_silence_the_bench_is_free(armed) -> None:
     assert armed.ask(b"\x06\0\0\0\x01", "modbus:2")[0] == 6
 
 
-# -- a commander behind whose open connections nobody is ---------------------------------------------------------
+# -- a commander with open connections and no process --------------------------------------------------------------
 
 
 def test_a_commander_who_is_silent_on_both_wires_loses_the_bench_once_it_is_safe(armed) -> None:
     armed.wait(1900)
     assert armed.state == "FAULT_DISABLED"
-    assert lease_of(armed) == armed.token, "not before it must be clear that nobody is coming back"
+    assert lease_of(armed) == armed.token, "not before the grace period is over"
     armed.wait(110)
     assert lease_of(armed) == 0
     assert armed.ask(b"\x06\0\0\0\x01", "modbus:2")[0] == 6, (
@@ -361,7 +361,7 @@ def test_who_returns_learns_on_either_wire_that_he_has_lost_it(armed) -> None:
     old = armed.token
     armed.wait(2100)
     assert armed.stage(air_left_target=1e5) == [b"\x90\x06"], (
-        "though nobody holds it: he believes that he does"
+        "without a holder: the old one assumes that it holds it"
     )
     assert armed.coil("power_off") == b"\x85\x06"
     assert watchdog(armed, 200) == b"\x86\x06"

@@ -220,7 +220,7 @@ class Story:
         self.wait(1)
 
     def request(self, peer: int, which: str) -> None:
-        """Try to return the bench, whoever has it."""
+        """Try to return the bench, with any holder."""
         self._request(peer, self.word(peer, which))
 
     def let_join(self, peer: int, other: int) -> None:

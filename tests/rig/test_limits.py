@@ -14,7 +14,7 @@ DISPLACEMENT = CONTROL_MODES.index("displacement")
 
 @pytest.fixture
 def limited(parameters, commander):
-    """A commander of an armed rig, lateral actuator in control of displacement, with a limit beside the usual ones."""
+    """A commander of an armed rig, lateral actuator in control of displacement, with an additional limit."""
 
     def make(**row):
         made = type(commander)(Rig(parameters, seed=1, limits=limits_of([row])))
@@ -52,7 +52,7 @@ assert tuple(ENDS) == ACTIONS
 
 
 def test_a_limit_with_a_lead_trips_before_it_is_reached_by_what_is_fast(limited) -> None:
-    """At 150 mm/s 100 ms ahead are 15 mm; what creeps goes all the way, and what comes back is not stopped."""
+    """At 150 mm/s 100 ms ahead are 15 mm; a slow motion goes all the way, and a return is not stopped."""
     ahead = SIDEWAYS | {"at": "30 mm", "action": "interlock", "lead": "100 ms", "persistence": "5 ms"}
     fast = limited(**ahead)
     push(fast, 29 * mm)

@@ -64,7 +64,7 @@ def test_no_frame_is_longer_than_the_worst_case_and_some_reach_it() -> None:
     worst = [worst_bits(int(one["length"]), extended=bool(one["extended"])) for one in block]
     assert (frame_bits(block) <= worst).all()
     zeros = frame(0, bytes(8))
-    # All zeros: 83 bits up to the data, of which the DLC's one breaks one run, and a CRC of its own.
+    # All zeros: 83 bits up to the data, of which the DLC's one breaks one run, and another CRC.
     assert frame_bits(zeros)[0] == wire_bits(0, bytes(8), extended=False)
 
 

@@ -25,7 +25,7 @@ FAST_ID = TABLE.messages[TABLE.message_index["SpringLeft"]].identifier
 
 
 class Ticking:
-    """A rig that ticks in real time, and what has left it."""
+    """A rig that ticks in real time, and its outputs."""
 
     def __init__(self, rig: Rig, eventfd: int) -> None:
         self.rig, self._eventfd = rig, eventfd
@@ -120,7 +120,7 @@ def test_a_lost_tick_is_a_fault_only_if_asked_for(armed, stall: int, policy: Lat
 
 @pytest.mark.real_time
 def test_python_acts_between_two_ticks(make_rig) -> None:
-    """An emergency stop is told at once, with the time of day, though the tick never asks for the interpreter."""
+    """An emergency stop is reported at once, with the time of day, though the tick never needs the interpreter."""
     rig = make_rig()
     with ticking(rig) as running:
         running.wait(0.5 * s)

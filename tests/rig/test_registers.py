@@ -143,7 +143,7 @@ def test_what_is_staged_and_what_is_in_force_are_two_tables(commander) -> None:
     assert not staged(commander)
     commander.stage(generator_amplitude=0.030)
     commander.stage(generator_amplitude=0.020)
-    assert not staged(commander), "what is staged is what is in force"
+    assert not staged(commander), "staged values equal the values in force"
 
 
 def test_what_the_bench_refuses_is_not_in_force(armed) -> None:

@@ -1,4 +1,4 @@
-"""What a command leaves behind: at its end all returns to rest, and whoever arms next moves nothing by it."""
+"""The state after a command: at its end all returns to rest, and arming by the next client causes no motion."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ def both(what: str, **values: float) -> dict[str, float]:
 
 
 def leave_much(commander: Commander) -> None:
-    """Let as much as possible differ from what a rig begins with."""
+    """Change as much as possible from the initial state of a rig."""
     commander.hold_height()
     commander.apply(
         lateral_control=DISPLACEMENT,
@@ -101,7 +101,7 @@ def heights(commander: Commander) -> np.ndarray:
 
 
 def arm_as_a_stranger(commander: Commander) -> Commander:
-    """Arm by the bits alone, as somebody else: to HOLD."""
+    """Arm by the bits alone, as another client: to HOLD."""
     successor = Commander(commander.rig, 2)
     successor._rows = successor._encoder.rows(["Control"])
     successor.cycle(2, control_enable=1)
@@ -165,7 +165,7 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
 
 
 def seize_aside(commander: Commander, fault: str, **values: str | float) -> float:
-    """Let the lateral actuator be asked for 40 mm that it does not go, by its reading; return where it is."""
+    """Command 40 mm to the blocked lateral actuator, by its reading; return its position."""
     commander.apply(lateral_control=DISPLACEMENT)
     commander.cycle(5, lateral_displacement_setpoint=0.0)
     commander.rig.faults.on(fault, values)
@@ -183,7 +183,7 @@ def aside(commander: Commander, cycles: int) -> np.ndarray:
 
 
 def test_what_could_not_follow_does_not_jump_when_it_is_held_and_goes_on(armed) -> None:
-    """It went to where it had been asked to be as fast as its valve lets it, also in HOLD."""
+    """It moved to its old set-point as fast as its valve allows, also in HOLD."""
     here = seize_aside(armed, "seized_actuator", actuator="lateral")
     armed.cycle(5, control_active=0)
     assert armed.state == "HOLD"

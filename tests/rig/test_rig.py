@@ -19,7 +19,7 @@ def test_no_step_of_arming_can_be_skipped(commander) -> None:
     commander.wait(500)
     assert commander.state == "DISABLED"
     assert commander.coil("air_high") == b"\x85\x04"
-    assert commander.coil("reset") == b"\x85\x04", "nobody commands: the air stays shut"
+    assert commander.coil("reset") == b"\x85\x04", "without a commander the air stays shut"
     commander.cycle(2, control_enable=1, control_hold=1, control_active=1)
     assert commander.state == "DISABLED", "H and M without reset and air"
     commander.cycle(2, control_reset=1)
@@ -250,7 +250,7 @@ def swing(commander, **settings: float) -> tuple[float, float]:
 
 
 def test_plates_and_pipes_that_were_changed_by_hand_show_in_the_pressures(make_rig, commander) -> None:
-    """Only the inertia of a pipe lets the auxiliary chamber swing further than the bellows."""
+    """Only the inertia of a pipe makes the auxiliary chamber swing further than the bellows."""
     found = {}
     for pipe in (0, 1):
         bench = type(commander)(make_rig())
@@ -291,7 +291,7 @@ def test_plates_and_pipes_stay_while_the_actuators_hold(armed, change) -> None:
 
 @pytest.mark.parametrize("change", CHANGES, ids=str)
 def test_plates_and_pipes_stay_while_there_is_pressure(armed, change) -> None:
-    """All or nothing: what was staged with them is not taken over either, and goes when they may."""
+    """All or nothing: other staged values are not applied either, and are removed with them."""
     parameters = armed.rig.plant.parameters
     fill_at_once(armed, 1 * bar)
     armed.cycle(2, control_enable=0, control_hold=0, control_active=0)
@@ -328,7 +328,7 @@ def test_the_pressure_of_every_chamber_counts_and_no_sensor_is_asked(
 
 
 def test_a_plate_that_was_bored_wrong_stays_in_until_it_is_changed(make_rig, commander) -> None:
-    """The setting is what was ordered; 13 mm as a single on the wire are no other plate than those of the default."""
+    """The setting equals the order; 13 mm as a single on the wire are the default plate."""
     bench = type(commander)(make_rig(orifice_diameter=[13 * mm, 14.5 * mm], pipe_length=[0, 2.0]))
     par = bench.rig.plant.parameters
     bench.arm()

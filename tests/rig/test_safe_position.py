@@ -48,7 +48,7 @@ def test_springs_that_were_held_down_do_not_throw_the_bolster_up(held_down, lose
     for _ in range(100):
         samples = held_down.decoder.decode(held_down.rig.run(100))
         heights += samples.values[samples.signals == TABLE.index["left.height"]].tolist()
-    assert max(heights) - before < 10 * mm, "it was 172 mm when the actuators let go at once"
+    assert max(heights) - before < 10 * mm, "it was 172 mm when the actuators released at once"
     assert np.abs(np.diff(heights)).max() / 0.005 < 80 * mm, "mm/s"
     assert is_safe(held_down), summary(held_down)
 
@@ -77,7 +77,7 @@ def test_a_bolster_that_hangs_on_the_actuators_is_set_down(armed) -> None:
 
 
 def test_a_side_without_a_force_reading_is_set_down_with_the_other(armed) -> None:
-    """It was let go when the other side was down: it fell by 46 mm and threw the bolster 25 mm aside."""
+    """It was released when the other side was down: it fell by 46 mm and threw the bolster 25 mm aside."""
     armed.hold_height()
     up = armed.read("vertical_left.displacement") + 110 * mm
     for _ in range(100):
@@ -154,7 +154,7 @@ def test_the_bench_may_not_be_opened_while_it_holds_the_bolster(held_down) -> No
     answer = held_down.stage(rig_nominal_preload=145 * kN)
     assert answer[0][0] == 0x10
     assert held_down.coil("apply")[0] & 0x80, "shims want free actuators"
-    # What is staged stays while its commander commands: it waits, and does not fall silent.
+    # Staged values stay while its commander commands: it waits, and is not silent.
     assert any(held_down.cycle(25) or is_safe(held_down) for _ in range(120)), summary(held_down)
     assert held_down.state == "DISABLED"
     assert held_down.coil("apply")[0] == 5

@@ -1,4 +1,4 @@
-"""The rig's SDO server, by frames alone: what it tells, what it refuses and why, and that nothing upsets it."""
+"""The rig's SDO server, only by frames: its answers, its refusals with reasons, and its robustness."""
 
 import struct
 from collections.abc import Callable

@@ -14,7 +14,7 @@ FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displac
 
 
 def send_raw(commander, identifier: int, *raw: float) -> None:
-    """Send one protected frame of three 16-bit fields with any codes, and let a cycle pass."""
+    """Send one protected frame of three 16-bit fields with any codes, and wait one cycle."""
     row = commander._encoder.rows([next(m.name for m in TABLE.messages if m.identifier == identifier)])
     message = next(m for m in TABLE.messages if m.identifier == identifier)
     kept = {field.signal: commander.values[TABLE.index[field.signal]] for field in message.fields}
@@ -61,7 +61,7 @@ def test_the_ends_of_the_range_are_in_it(commander) -> None:
     assert refused(commander) == 0
     for raw in (30001, -30001):
         send_raw(commander, 0x203, 0, raw, 0)
-    assert refused(commander) == 2, "also of a bench that follows nobody"
+    assert refused(commander) == 2, "also for a bench without a commander"
 
 
 def test_not_available_means_as_before_and_is_no_value_out_of_range(armed) -> None:
@@ -71,7 +71,7 @@ def test_not_available_means_as_before_and_is_no_value_out_of_range(armed) -> No
 
 
 def course(commander, name: str, ticks: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and readings of ``name`` while the bench runs and nobody speaks."""
+    """Times (s) and readings of ``name`` while the bench runs without commands."""
     samples = commander.decoder.decode(commander.rig.run(ticks))
     mine = samples.signals == TABLE.index[name]
     return samples.times[mine] / 1e9, samples.values[mine]
@@ -150,7 +150,7 @@ def test_a_wave_of_force_has_a_rate_too(armed) -> None:
 
 
 def test_a_place_is_held_by_the_transducer_there(armed) -> None:
-    """A set-point that is what is measured moves nothing, however often it is sent: not by one zero error each time."""
+    """A set-point equal to the measured value causes no motion, however often it is sent."""
     rig, places = armed.rig, [int(sensor) for sensor in HOLDING]
     assert np.abs(rig.plant.parameters.sensor_bias[places]).min() > 1 * um, (
         "each of them is wrong by something"

@@ -78,7 +78,7 @@ def test_the_first_reason_stays() -> None:
 
 @pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.source.name}, {row.event.name}")
 def test_the_described_air_in_a_state_matches_the_rig(commander, row) -> None:
-    """The table that the drivers speak from, against the rig's own order to its valves."""
+    """The drivers' table, against the rig's own order to its valves."""
     supervisor = commander.rig.supervisor
     supervisor.machine = machine(row.source)
     if row.source is BenchState.FAULT_REACTION and row.event is Event.REACTED_HOLD:

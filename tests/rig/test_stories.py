@@ -1,7 +1,7 @@
 """Stories: under any load, whatever a commander does and whatever is lost, no limit breaks and the way leads to OFF.
 
 Every story starts from a bench that was prepared once, and ends once with each loss. A story that fails shrinks, and
-its lines tell what happened.
+its lines show the sequence.
 """
 
 import os
@@ -45,8 +45,8 @@ def test_every_story_ends_well(start: str, story: list[Deed]) -> None:
     live_through(start, story)
 
 
-#: Stories from each start; each is told to the end once for every loss: thousands of ends. They are the same ones every
-#: time; whoever changes states or limits asks for more of them.
+#: Sequences from each start; each runs to the end once for every loss: thousands of ends. They are the same ones every
+#: time; run more of them after a change of states or limits.
 STORIES = int(os.environ.get("ASTB_STORIES", "140"))
 assert STORIES * len(STARTS) * len(LOSSES) >= 5_000
 

@@ -1,7 +1,7 @@
 """Stories of two commanders: what the first one leaves behind is gone, and the second one moves nothing by arming.
 
 In each the first one does this and that on a bench that was prepared once, and is lost; at several times after that the
-second one arms, by bits alone. One that fails shrinks, and its lines tell what happened.
+second one arms, by bits alone. One that fails shrinks, and its lines show the sequence.
 """
 
 import os
@@ -160,7 +160,7 @@ def truth(commander: WatchedCommander) -> Truth:
 
 
 def look(successor: WatchedCommander, before: Truth, unattended: Callable[[], tuple[Truth, Truth]]) -> None:
-    """Check that nothing moves but what moves anyway; ``alone``: where the bench was if nobody armed, and its steps.
+    """Check that arming adds no motion; ``alone``: the position without arming, and its steps.
 
     What moves already, as a bolster that is being set down, has a way to stop, and presses its springs by as much.
     """
@@ -174,7 +174,7 @@ def look(successor: WatchedCommander, before: Truth, unattended: Callable[[], tu
     beyond[PLACES] -= WAY_TO_STOP * steps[PLACES]
     place = max(PLACES, key=lambda sensor: beyond[sensor])
     assert beyond[place] <= STILL, f"{called(place)} goes {beyond[place] / mm:.2f} mm, {summary(successor)}"
-    if successor.rig._controls["airing"]:  # what is vented is, and one chamber through the other
+    if successor.rig._controls["airing"]:  # vented air is excepted, and one chamber through the other
         fullest = np.maximum(high[CHAMBERS].reshape(2, 2).max(axis=0), 0.0)
         beyond[CHAMBERS] = now[CHAMBERS] - np.tile(fullest, 2)
     way = np.minimum(np.abs(now - other), WAY_TO_STOP * steps)[[Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT]]
@@ -190,7 +190,7 @@ def called(sensor: Sensor) -> str:
 
 
 def at_rest(commander: WatchedCommander) -> None:
-    """Check that what is in force is what a fresh rig has."""
+    """Check that the values in force are those of a fresh rig."""
     active = commander.rig.registers.active
     left = {name: value for name, value in REST.items() if active[name] != value}
     assert not left, f"{', '.join(left)} is left behind, when the bench is {summary(commander)}"
@@ -216,7 +216,7 @@ def arm(successor: WatchedCommander) -> None:
     start, course = int(successor.rig._controls["tick"]), list[Truth]()
 
     def unattended() -> tuple[Truth, Truth]:
-        """Where all would have been until now if nobody armed, and the longest steps from cycle to cycle."""
+        """The positions without arming until now, and the longest steps from cycle to cycle."""
         if not course:
             now = Bookmark(successor.rig)
             here.restore()
@@ -254,7 +254,7 @@ def onwards(successor: WatchedCommander, keeping: Mapping[Target, float] | None 
 
 
 def take_up(successor: WatchedCommander) -> None:
-    """Send set-points that are what is measured: where the bolster lies on its springs, nothing moves then either.
+    """Send set-points equal to the measured values: where the bolster lies on its springs, there is no motion either.
 
     What still moves by itself is afloat, and pushed by what its transducers are wrong by, which is ordered then: 66 N
     push a bolster by 1.1 mm in these 240 ms. There the forces are sent as they truly are, and it goes on as it does if
@@ -281,7 +281,7 @@ def take_up(successor: WatchedCommander) -> None:
 
 
 def succeed(first: WatchedCommander) -> None:
-    """Let somebody else arm the bench of ``first``, who is gone."""
+    """Arm the bench of ``first``, who is gone, by another client."""
     first.rig.release_estop()
     for wire in (first.peer, first.modbus):
         first.rig.peer_lost(wire)
@@ -318,7 +318,7 @@ def live_on(start: str, story: list[Deed], end: str, arrivals: tuple[int, ...] =
 SETTINGS = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 LIVES = st.tuples(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
 AFTER = (*ARRIVALS, *LATE_ARRIVALS)
-#: Each is told to the end once for every arrival: with the four below 200 stories, 752, and 20 000 for whoever changes
+#: Each runs to the end once for every arrival: with the four below 200 sequences, 752, and 20 000 after a change of
 #: what rests.
 FEW, MANY = 8, int(os.environ.get("ASTB_STORIES", "20")) * 9 // 2
 
@@ -327,17 +327,17 @@ FEW, MANY = 8, int(os.environ.get("ASTB_STORIES", "20")) * 9 // 2
 STILL_UNLOADING: Life = ("armed", [Deed("steer", (("lateral_force_setpoint", 50 * kN),), 3)], "disable")
 
 
-#: What was vented just now was shut in while its bolster still swung: 4 mm too far, and too much force.
+#: The vented spring was shut in while its bolster still swung: 4 mm too far, and too much force.
 SWINGING: Life = ("armed", [Deed("steer", (("lateral_force_setpoint", -50 * kN),), 20)], "go_silent")
 
-#: The errors of what was measured were sent to a bolster that sank with its last air, and pushed it aside.
+#: The measurement errors were sent to a bolster that sank with its last air, and pushed it aside.
 SINKING: Life = (
     "AW3 on the valves",
     [Deed("apply", (("air_dpv", 0.0),), 58), Deed("apply", (("air_dpv", 0.0),), 1)],
     "pause_first",
 )
 
-#: A force that died away was kept when it was sent as what is measured, and a bolster that swung was held aside.
+#: A decaying force was held when it was sent as the measured value, and a swinging bolster was held aside.
 HELD_ASIDE: Life = (
     "hanging",
     [

@@ -1,4 +1,4 @@
-"""A bench that runs has other parameters from an instant on: its state stays, and what begins there begins softly."""
+"""A running bench has other parameters from an instant on: its state stays, and new effects begin softly."""
 
 import numpy as np
 import pytest

@@ -37,7 +37,7 @@ class LimitWatch:
         for limit in self._spans:
             bounds = self._low if limit.kind is LimitKind.LOWER else self._high
             bounds[TABLE.index[limit.signal]] = _bound(limit)
-        self._all_within = True  # of what was last seen
+        self._all_within = True  # of the last readings
 
     def look(self, samples: Samples) -> None:
         """Look at the samples of the next stretch of time."""
@@ -54,7 +54,7 @@ class LimitWatch:
             samples_in_a_row = PERSISTENCE[_quantity(limit)]
             readings = course[limit.signal]
             lower, bound = limit.kind is LimitKind.LOWER, _bound(limit)
-            outside = ~(readings >= bound if lower else readings <= bound)  # what is no number, too
+            outside = ~(readings >= bound if lower else readings <= bound)  # also for NaN
             self._all_within &= not outside[_END].any()
             if np.count_nonzero(outside) < samples_in_a_row:
                 continue
@@ -116,7 +116,7 @@ LOSSES = {act.__name__: act for act in (go_silent, lose_can, black_hole, press_e
 
 
 def way_down(commander, ticks: int = WAY_DOWN) -> None:
-    """Let time pass until the springs are empty and the actuators let go; every limit is kept meanwhile."""
+    """Wait until the springs are empty and the actuators released; every limit is kept meanwhile."""
     watch = LimitWatch()
     for _ in range(ticks // 500):
         watch.look(commander.decoder.decode(commander.rig.run(500)))

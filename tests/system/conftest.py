@@ -40,7 +40,7 @@ PERIOD = {message.identifier: 1 / message.rate for message in TABLE.messages if 
 
 
 class Listener:
-    """Somebody else on the bus, who hears what rig and commander say, in the bus's order."""
+    """Another client on the bus, which receives the frames of rig and commander, in the bus's order."""
 
     def __init__(self, port: CanPort) -> None:
         self.port = port
@@ -77,7 +77,7 @@ class Site:
     clock: VirtualClock | RealClock
     #: Whether all of this shares one processor on which a frame costs milliseconds.
     slow = os.environ.get("WITH_VCAN") == "uml"
-    #: Whether the rig can tell who sent a CAN frame, and that he is gone: a bus without connections does not.
+    #: Whether the rig can identify the sender of a CAN frame, and its end: a bus without connections does not.
     connections = True
     _shared: Bench | None = None
 
@@ -138,7 +138,7 @@ class MemorySite(Site):
 
 
 class RigProcess:
-    """``astb rig`` in a process of its own."""
+    """``astb rig`` in a separate process."""
 
     def __init__(self, *options: str, rig_file: Path) -> None:
         command = [*ASTB, "rig", "--rig", str(rig_file), *options]
@@ -299,7 +299,7 @@ def bench(site) -> Iterator[Bench]:
 
 @pytest.fixture
 def armed(site) -> Iterator[Bench]:
-    """A bench that is ACTIVE, with all axes at what is measured; shared, so that tests leave it able to be armed."""
+    """A bench that is ACTIVE, with all axes at the measured values; shared, so that tests leave it able to be armed."""
     bench = site.shared()
     try:
         bench.arm()

@@ -46,7 +46,7 @@ class FaultRig:
         self.clock.sleep_until(self.clock.now() + round(time * NS))
 
     def frames(self, time: float = 0.5 * s) -> Block:
-        """Return what somebody else on the bus hears in the next ``time``."""
+        """Return the frames that another client on the bus receives in the next ``time``."""
         self.heard.clear()
         self.wait(time)
         return join(block for _, block in self.heard)
@@ -58,7 +58,7 @@ class FaultRig:
         return capture.values(name)
 
     def truth(self, name: str) -> float:
-        """Return what the rig itself holds, at no wire: for what nobody can hear while wires are cut."""
+        """Return the rig's internal value, without a wire: for values that are not received while wires are cut."""
         return float(self.rig.values[TABLE.index[name]])
 
     def arm(self, pressure: float = 0.0) -> None:
@@ -68,7 +68,7 @@ class FaultRig:
         if pressure:
             self.bench.air.fill(pressure)
             self.bench.air.hold()
-            self.bench.wait(20 * s)  # what was pressed in cools down
+            self.bench.wait(20 * s)  # the compressed gas cools down
 
     def tally(self, what: str) -> int:
         return self.bench.wiring.direct.tally()[what]

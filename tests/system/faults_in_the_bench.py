@@ -242,7 +242,7 @@ def supply_loss(stand: FaultRig) -> None:
 def late_ticks(stand: FaultRig) -> None:
     stand.on("late_ticks", by="20 ms", every="100 ms")
     stand.wait(1 * s)
-    assert stand.bench.rig.late_ticks == 0, "virtual time waits for nobody; see the rig in real time below"
+    assert stand.bench.rig.late_ticks == 0, "virtual time has no late ticks; see the rig in real time below"
 
 
 @seen
@@ -259,7 +259,7 @@ def hung_plc(stand: FaultRig) -> None:
         port.read_input(1, 2)
     phases = stand.rig._controls["phase"].copy()
     stand.wait(0.5 * s)
-    assert phases.any() and (stand.rig._controls["phase"] == phases).all(), "the program stands still"
+    assert phases.any() and (stand.rig._controls["phase"] == phases).all(), "the program is stopped"
     assert not math.isnan(stand.bench.left.height), "CAN goes on"
 
 

@@ -1,4 +1,4 @@
-"""Small files that expand, each read in a process of its own: ``python -m tests.system.small_files FOLDER``.
+"""Small files that expand, each read in a separate process: ``python -m tests.system.small_files FOLDER``.
 
 Prints one line for each: its name, the memory (MiB) that reading it took, the error, and what it says.
 """
@@ -27,7 +27,7 @@ from bench_records.result import read_result
 from bench_sim.fmu.description import read_fmu
 from test_plans.specimen import read_specimen
 
-#: So much memory may be asked for at once: what is refused costs nothing.
+#: The memory limit at once: refused files cost none.
 ADDRESSES = 3 << 30
 MANY = 15_000_000
 DBC = 'VERSION ""\nBU_: X\nBO_ 1 M: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "" X\n'
@@ -212,7 +212,7 @@ def memory(field: str) -> int:
 
 
 def read(name: str, path: Path, reader: Reader) -> str:
-    """Read a file; return what came of it, in one line."""
+    """Read a file; return the result, in one line."""
     before = memory("VmRSS")
     resource.setrlimit(resource.RLIMIT_AS, ((memory("VmSize") << 10) + ADDRESSES,) * 2)
     try:

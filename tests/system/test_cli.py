@@ -33,7 +33,7 @@ def cli(astb_here, tmp_path):
 
 @pytest.fixture
 def closed_port() -> int:
-    """A port of the loopback at which nobody listens."""
+    """A port of the loopback without a server."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return server.getsockname()[1]
 
@@ -90,7 +90,7 @@ def test_a_virtual_run_and_its_report_import_only_what_they_use(tmp_path):
 
 @pytest.mark.real_time
 def test_help_comes_at_once():
-    """Beside an interpreter that does nothing, in the same minute: twice to three times as long is usual."""
+    """Compared with an empty interpreter, in the same minute: twice to three times as long is usual."""
 
     def best(*arguments: str) -> float:
         times = []
@@ -290,7 +290,7 @@ def test_an_error_of_our_own_is_not_taken_for_a_failed_product(cli, monkeypatch,
 
 @pytest.fixture
 def no_process(monkeypatch):
-    """Whoever starts a process now is found out."""
+    """Each start of a process is detected."""
 
     def refuse(*arguments, **_):
         raise AssertionError(f"a process was started: {arguments}")

@@ -1,4 +1,4 @@
-"""`astb rig conform`: what it tells people and programs, and a rig in real time that conforms."""
+"""`astb rig conform`: its output for people and programs, and a rig in real time that conforms."""
 
 import pytest
 

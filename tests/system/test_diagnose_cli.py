@@ -1,4 +1,4 @@
-"""`astb diagnose` and `astb investigate` as a user meets them: what they refuse, and in which words."""
+"""`astb diagnose` and `astb investigate` for a user: their refusals."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ def cli(astb_here, tmp_path):
 
 @pytest.fixture
 def refused(cli, tmp_path):
-    """Assert that a command is misuse, tells why in one sentence, and leaves nothing behind; return the sentence."""
+    """Assert that a command is misuse, prints one sentence, and leaves no files; return the sentence."""
 
     def run(*arguments: str) -> str:
         before = set(tmp_path.iterdir())
@@ -296,7 +296,7 @@ def dataset(*names):
     return Dataset((Channel("x", "m"),), runs)
 
 
-#: What has happened to the process by the time a command has done its work, or refused to.
+#: The state of the process after a command has done its work, or refused to.
 _THREADS = """
 import atexit, os, pathlib, sys
 def tell():

@@ -131,7 +131,7 @@ def test_the_record_names_set_and_effects(runs):
 
 @pytest.mark.slow
 def test_sealed_effects_are_shown_in_no_output(runs):
-    """Of files and screen, that of the healthy rig's but for what was measured."""
+    """Files and screen equal those of the healthy rig, except for the measured values."""
     for key, fact in runs.meta("healthy").items():
         if key not in ("duration_s", "events", "samples"):
             assert runs.meta("sealed")[key] == fact, key
@@ -139,7 +139,7 @@ def test_sealed_effects_are_shown_in_no_output(runs):
     for name, content in (*runs.bytes("sealed").items(), ("screen", said.encode())):
         for trace in (b"leak.left", b" mm2"):  # with its space: the data of plots have any three letters
             assert trace not in content, name
-        # The library that draws the report says it of its own; bars of checks are hidden from screen readers.
+        # The library that draws the report prints it; bars of checks are hidden from screen readers.
         usual, found = (
             one.replace(b"aria-hidden", b"").count(b"hidden")
             for one in (runs.bytes("healthy").get(name, b""), content)

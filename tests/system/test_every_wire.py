@@ -16,7 +16,7 @@ from bench_protocol.units import Hz, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import STATES
 from drivers.errors import NotCommander, Refused, RigFault
 
-#: A sample of the rig, by which its time is read off the bus; and how late, on a busy machine, a thread of the rig
+#: A sample of the rig, which gives its time on the bus; and the delay, on a busy machine, a thread of the rig
 #: may take a frame that is on the bus already.
 SAMPLE = 5 * ms
 READING = 50 * ms
@@ -48,7 +48,7 @@ def test_can_and_modbus_agree_at_one_instant(site, armed):
     assert words[0] == words[-1], "a block is one snapshot"
     frames = heard.frames()
     samples, timings = heard.positions("SpringLeft"), heard.positions("Timing")
-    # By its tick, as the 200 Hz frames number themselves anew every 1.28 s.
+    # By its tick, as the 200 Hz frames restart their numbers every 1.28 s.
     (mine,) = timings[heard.series("rig.tick") // 5 % 65536 == words[0]]
     before, following = samples[samples < mine][-1], samples[samples > mine][0]
     assert frames["data"][before, 7] == (words[0] - 1) % 256
@@ -144,7 +144,7 @@ def test_springs_are_filled_and_keep_their_air(site, armed):
         "left.auxiliary_pressure", "right.auxiliary_pressure", over=200 * ms
     ).values()
     assert left < before["left.auxiliary_pressure"] - 0.1 * bar
-    # The gas cools down meanwhile, which costs a tenth of what was let off.
+    # The gas cools down meanwhile, which costs a tenth of the released air.
     assert right == pytest.approx(before["right.auxiliary_pressure"], abs=0.06 * bar), (
         "the other side is shut"
     )
@@ -223,7 +223,7 @@ def test_a_second_sender_with_the_next_counter_causes_no_motion(site, armed):
 
 
 def test_a_burst_reaches_all_clients_in_order(site, armed):
-    """2000 frames of somebody else, spoilt commands among them, while the bench is armed.
+    """2000 third-party frames, corrupt commands among them, while the bench is armed.
 
     User-mode Linux sends 180 in a second and has no time for the commander meanwhile: there 500 come, 20 at a time.
     """
@@ -287,7 +287,7 @@ def test_arming_and_disarming_walk_through_the_states(site, bench):
 
 
 def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
-    """Both connections end without a word, as when a process dies: at once where a connection tells, else 100 ms."""
+    """Both connections end without a message, as after a crash: at once where a connection reports it, else 100 ms."""
     bench.arm()
     with site.listening() as heard:
         site.wait(100 * ms)

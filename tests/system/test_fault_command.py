@@ -1,4 +1,4 @@
-"""Faults on a rig in real time: the command, the socket beside the wires, and what clients on sockets then see."""
+"""Faults on a rig in real time: the command, the control socket, and the values that clients then receive."""
 
 import json
 import math
@@ -61,7 +61,7 @@ def fault(cli, shared_rig):
 
 
 def read_hash(rig) -> list[int]:
-    """Read two registers as a driver does, over a connection of its own."""
+    """Read two registers as a driver does, over a separate connection."""
     with closing(open_modbus("127.0.0.1", rig.modbus_port, timeout=0.3)) as modbus:
         return modbus.read_input(1, 2)
 

@@ -1,4 +1,4 @@
-"""Every fault on purpose is seen by a driver as its page says, in virtual time, and gone when it is mended."""
+"""A driver sees every injected fault as its page describes, in virtual time, and no longer after its removal."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from test_plans.execution import execute
 from tests.system import faults_in_the_bench, faults_on_the_wires
 from tests.system.fault_stand import PARAMETERS, SEEN, FaultRig
 
-assert faults_in_the_bench and faults_on_the_wires  # they tell what is seen
+assert faults_in_the_bench and faults_on_the_wires  # they register the effects
 
 
 def test_every_fault_is_seen() -> None:
@@ -40,7 +40,7 @@ def test_a_fault_does_what_its_page_says_and_is_gone_afterwards(name: str) -> No
         assert bench.rig.state == "ACTIVE"
 
 
-# -- what is drawn, and plans ------------------------------------------------------------------------------------------
+# -- drawn faults, and plans -------------------------------------------------------------------------------------------
 
 
 def frames_of(seed: int) -> bytes:
@@ -60,7 +60,7 @@ def test_the_seed_draws_what_is_hit() -> None:
 
 
 def test_two_changes_of_one_parameter_end_in_any_order() -> None:
-    """The torn bellows that leaks as well is sound again only when both are mended."""
+    """The torn bellows that leaks as well is sound again only when both are repaired."""
     stand = FaultRig()
     parameters = stand.rig.plant.parameters
     sound = float(parameters.leak_conductance[0])

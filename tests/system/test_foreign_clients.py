@@ -173,7 +173,7 @@ def test_a_commander_made_of_foreign_parts_arms_and_moves_the_bench(bus, client,
         assert not client.write_registers(LEASE_ADDRESS, [1]).isError()
         (commander.token,) = client.read_holding_registers(LEASE_ADDRESS, count=1).registers
         commander.bits["control_enable"] = 1
-        time.sleep(0.4)  # whoever commanded before may have left the counters anywhere
+        time.sleep(0.4)  # an earlier commander may have left any counters
         if state().startswith("FAULT"):
             commander.bits["control_reset"] = 1
             within("DISABLED")

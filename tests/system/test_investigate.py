@@ -1,4 +1,4 @@
-"""The closed loop: what is run next and why, on the virtual rig, with a diagnosis that says what it is told to say."""
+"""The closed loop: the choice of the next run, on the virtual rig, with prescribed diagnoses."""
 
 import json
 import math
@@ -153,7 +153,7 @@ def virtual(seed=3, **change):
 
 
 def loop(out, told, budget=20.0, seed=3, **change):
-    """Investigate on a virtual rig; the k-th diagnosis says ``told[k]``. Returns the log and what each was given."""
+    """Investigate on a virtual rig; the k-th diagnosis returns ``told[k]``. Returns the log and the inputs of each."""
     seen = []
 
     def diagnose(records):
@@ -212,7 +212,7 @@ def test_a_rig_that_breaks_ends_the_investigation_with_its_reason(tmp_path):
 
 
 def silenced(monkeypatch, *runs):
-    """Let the commander fall silent for 150 ms in these runs, as on a machine that is busy with something else."""
+    """Stop the commander for 150 ms in these runs, as on a busy machine."""
     import astb.investigate as module
 
     count = iter(range(1, 100))
@@ -249,7 +249,7 @@ def test_a_run_that_the_link_blocked_is_done_again(tmp_path, monkeypatch):
     log, seen, _ = loop(tmp_path, [NAMED])
     assert [step.outcome for step in log.steps] == ["blocked", "pass"]
     assert "repeated" in log.steps[1].why
-    assert seen == [["02-look"]], "what is diagnosed is the whole run alone"
+    assert seen == [["02-look"]], "only the whole run is diagnosed"
     assert log.ended == "a verdict was reached: named"
 
 
@@ -274,7 +274,7 @@ def test_no_run_is_repeated_beyond_the_budget(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
-    """An actuator that gives way moves the springs less than was asked for: that may be what is looked for."""
+    """A compliant actuator moves the springs less than commanded: that may be the hidden cause."""
     log, seen, _ = loop(tmp_path, [NAMED], frame_stiffness="1 MN/m")
     assert [step.outcome for step in log.steps] == ["fail"]
     assert seen == [["01-look"]]
@@ -325,7 +325,7 @@ def test_the_report_tells_how_it_was_found_out(tmp_path):
 
 @pytest.mark.slow
 def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
-    """The whole loop with nobody told: at 1 Hz a lag of 3 ms is a delay of 3 ms; small fast sines tell them apart."""
+    """The whole loop: at 1 Hz a lag of 3 ms equals a delay; small fast sines separate them."""
     sealed = tmp_path / "sealed.toml"
     sealed.write_text('[effect.force_lag]\nlag = "3 ms"\n')
     first = programme(
@@ -374,7 +374,7 @@ def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
 
 
 def test_corners_of_set_points_have_no_guarantee():
-    """What a record will not tell is left out: the acceleration in the corners of a triangle, which no actuator has.
+    """Unobservable values are left out: the acceleration in the corners of a triangle, which no actuator has.
 
     A plan has no more of it than its sines, or 3 m/s² where they are slow.
     """

@@ -1,4 +1,4 @@
-"""A commander that dies or is stopped by a signal, as somebody else on the bus sees it."""
+"""A commander that crashes or is stopped by a signal, as another client on the bus sees it."""
 
 import re
 import select
@@ -37,7 +37,7 @@ port = {modbus}
 
 
 def commander(site, tmp_path) -> list[str]:
-    """Return how to start a commander of the site's rig, of which nobody else is one any more."""
+    """Return the way to start a commander of the site's rig, without another commander."""
     site.close_shared()
     rig, path = site.rig, tmp_path / "rig.toml"
     bus = "tcp" if rig.can_port else rig.can
@@ -68,7 +68,7 @@ def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually)
     assert heard.rig_time(last, emergency) <= HOLD_AFTER
     assert (frames["time"][emergency] - frames["time"][last]) / NS <= HOLD_AFTER + 50 * ms
     reason = TABLE["rig.reason"].choices[int(heard.series("emergency.reason")[-1])]
-    assert reason == "commander disconnected", "the closed Modbus connection tells it first"
+    assert reason == "commander disconnected", "the closed Modbus connection reports it first"
     with site.bench() as successor:
         successor.reset()
         assert successor.rig.state in ("HOLD", "DISABLED")

@@ -17,7 +17,7 @@ from test_plans.instruments import ordinary as ordinary_instruments
 from test_plans.instruments import read_instruments
 from test_plans.specimen import read_specimen
 
-#: How each kind of file is read, of one's own as well as of ours.
+#: How each kind of file is read, for users' files as well as ours.
 KINDS = {
     "rigs": read,
     "specimens": read_specimen,

@@ -1,4 +1,4 @@
-"""Whatever was lost before: the next plan runs, or is blocked by a reason that is true and says what to do."""
+"""After any loss the next plan runs, or is blocked by a correct reason with a possible action."""
 
 import random
 
@@ -14,7 +14,7 @@ KINDS = list(dict.fromkeys(loss.of for loss in LOSSES))
 
 
 def _drawn(what: str, losses: list[Loss]) -> tuple[Loss, str, float]:
-    """Draw a loss, a plan before which the page tells of it, and how long after it that comes."""
+    """Draw a loss, a plan before which the page lists it, and the delay after it."""
     chance = random.Random(f"{what} {SEED}")
     loss = chance.choice(losses)
     name = chance.choice([name for name in beginnings() if loss in asked(name)])

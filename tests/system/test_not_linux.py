@@ -42,7 +42,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def _answered(address: str) -> bytes:
-    """Return the answer of a server that tells its address a moment before it listens."""
+    """Return the answer of a server that reports its address a moment before it listens."""
     for _ in range(100):
         with suppress(URLError), urlopen(address) as answer:
             return answer.read()
@@ -52,7 +52,7 @@ def _answered(address: str) -> bytes:
 
 @pytest.fixture(scope="session")
 def linux(once) -> Path:
-    """A run of aw0 and one of small fast sines on this Linux, and what is found in that."""
+    """A run of aw0 and one of small fast sines on this Linux, and their finding."""
 
     def made(out: Path) -> Path:
         here = _cli("-m", "astb")

@@ -1,4 +1,4 @@
-"""The notebook of the tutorials: it runs as printed, finds what was hidden, and carries nothing of whoever ran it."""
+"""The notebook of the tutorials: it runs as printed, finds the hidden effect, and contains no traces of its user."""
 
 import base64
 import math
@@ -31,7 +31,7 @@ def output_of(cell: nbformat.NotebookNode) -> str:
 
 
 def judge(cells: list[nbformat.NotebookNode]) -> None:
-    """What a reader is told must be so: the loop's energy, the verdicts, and the hole that was hidden."""
+    """The statements to a reader are correct: the loop's energy, the verdicts, and the hidden hole."""
     said = "\n".join(output_of(cell) for cell in cells)
 
     def number(pattern: str) -> float:
@@ -53,7 +53,7 @@ def judge(cells: list[nbformat.NotebookNode]) -> None:
 def test_the_notebook_is_kept_as_its_tool_writes_it():
     notebook = read(KEPT)
     assert set(notebook.metadata) == {"kernelspec", "language_info"}
-    assert set(notebook.metadata.language_info) == {"name"}, "no version of whoever ran it last"
+    assert set(notebook.metadata.language_info) == {"name"}, "no version of its last user"
     cells = code_cells(notebook)
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
     assert not any(cell.metadata for cell in notebook.cells)

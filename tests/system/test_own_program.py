@@ -1,4 +1,4 @@
-"""The how-to about a program of one's own: run exactly as printed, and what it says of the rig is true."""
+"""The how-to about a user's program: it runs exactly as printed, and its output about the rig is correct."""
 
 import re
 import subprocess

@@ -109,7 +109,7 @@ def crowd(port: int, count: int) -> Iterator[list[socket.socket]]:
 
 @pytest.mark.slow
 def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig):
-    """A rig of its own: who fills the ports of the shared one meets its other guests."""
+    """A separate rig, because clients of the shared one use its ports."""
     rig = start_rig()
     clock = RealClock()
 

@@ -22,7 +22,7 @@ Astb = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    """A directory of installed packages, beside those of the environment."""
+    """A directory of installed packages, in addition to those of the environment."""
     directory = tmp_path / "site-packages"
     directory.mkdir()
     return directory
@@ -118,7 +118,7 @@ def test_a_broken_command_is_reported_and_the_others_work(
 
 
 def test_one_name_has_one_owner(install: Install, astb: Astb) -> None:
-    """Ours go first; of two others that cannot be told apart, neither is run."""
+    """Ours go first; of two indistinguishable others, neither is run."""
     for package in ("first", "second"):
         install(package, GOOD, greet=f"{package}:command", plans=f"{package}:command")
     listed = astb("--help").stdout

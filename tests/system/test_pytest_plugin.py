@@ -79,7 +79,7 @@ def test_finds_it_safe():
 
 
 def pytest_run(directory: Path, *options: str) -> tuple[int, str]:
-    # In a real session of its own: this one's settings turn every warning into an error.
+    # In a real separate session: this one's settings turn every warning into an error.
     command = [sys.executable, "-m", "pytest", "-p", "astb.pytest_plugin", "-v", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, *options], cwd=directory, capture_output=True, text=True, timeout=100, check=False

@@ -1,4 +1,4 @@
-"""`astb run` from one end to the other: verdicts, bytes, broken rigs, killed processes, and what is left behind."""
+"""`astb run` from start to end: verdicts, bytes, broken rigs, killed processes, and remaining files."""
 
 import json
 import os
@@ -60,7 +60,7 @@ class Started(Done):
         super().__init__(directory, plan)
         pipe = subprocess.PIPE
         environment = {**os.environ, "COLUMNS": "200", **environment}
-        # A session of its own, so that nothing but the test ends it.
+        # A separate session, so that only the test ends it.
         self.process = subprocess.Popen(
             command,
             cwd=directory,
@@ -80,7 +80,7 @@ class Started(Done):
 
 @pytest.fixture(scope="module")
 def launch(tmp_path_factory, astb_command) -> Iterator[Callable[..., Started]]:
-    """Start `astb run` in a directory of its own; what still runs at the end is killed."""
+    """Start `astb run` in a separate directory; processes that still run at the end are killed."""
     launched: list[Started] = []
 
     def start(plan: str, *arguments: str, rig: str, **environment: str) -> Started:

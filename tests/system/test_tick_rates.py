@@ -13,7 +13,7 @@ from tests.system.conftest import ANYWHERE, LiveSite
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)  # it compiles a tick of its own: 100 s alone
+@pytest.mark.timeout(400)  # it compiles a separate tick: 100 s
 @pytest.mark.parametrize("rate", [5000])
 def test_a_faster_rig_is_the_same_on_its_wires(start_rig, monkeypatch, tmp_path, rate: int) -> None:
     # The compiled tick of this rate must not take the place of the usual one in the cache of all other tests.

@@ -1,4 +1,4 @@
-"""A rig file that names a wiring: what is refused before anything is sent, how it ends, and a running rig."""
+"""A rig file that names a wiring: refusals before anything is sent, its end, and a running rig."""
 
 import socket
 
@@ -32,7 +32,7 @@ end = ["ACTIVE"]
 
 @pytest.fixture
 def run(astb_here, tmp_path):
-    """Run aw0 on a rig whose files say this, at a port at which nobody listens: exit code and complaint."""
+    """Run aw0 on a rig with these files, at a port without a server: exit code and complaint."""
 
     def call(wiring: str = WIRING, rig: str = 'name = "hall"\n', *options: str):
         with socket.create_server(("127.0.0.1", 0)) as server:

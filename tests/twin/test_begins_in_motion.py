@@ -1,4 +1,4 @@
-"""What begins while the bench moves: its air stays, and so does what sensors read that are not concerned."""
+"""Effects that begin while the bench moves: its air stays, and so do the readings of unaffected sensors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How a parting goes, in words: told, surer, otherwise, withdrawn, over."""
+"""The course of a deviation in words: reported, surer, changed, withdrawn, over."""
 
 import pytest
 from msgspec.structs import replace

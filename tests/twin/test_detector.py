@@ -1,4 +1,4 @@
-"""The sequential test: it stays silent while the model holds, and speaks soon after it does not."""
+"""The sequential test: it gives no alarm while the model holds, and one soon after it does not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Forms of a cause against closed forms: what grows is the sum of small steps, and several are fitted as by lstsq."""
+"""Forms of a cause against closed forms: a growing one is the sum of small steps, several are fitted as by lstsq."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Innovations against the joint distribution of a whole stretch, and against channels that nothing foretells."""
+"""Innovations against the joint distribution of a whole segment, and against unpredicted channels."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -83,7 +83,7 @@ def test_what_was_not_read_has_none():
     way=st.floats(0.5, 20.0),
 )
 def test_friction_goes_on_along_the_curve_on_which_it_is(level, past, sense, way):
-    """Against Berg's law itself, to second order in what is remembered: how it turned last, and its way since then."""
+    """Against Berg's law itself, to second order in its memory: the last reversal, and the travel since then."""
     travel = 4.0
     place = sense * np.linspace(0.0, way, 50)
     force, curve, turned = friction_goes_on(place, travel)

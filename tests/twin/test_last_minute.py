@@ -1,4 +1,4 @@
-"""The last minute of readings beside their model: blocks of stretches joined, and what a terminal shows of them."""
+"""The last minute of readings with their model: blocks of segments joined, and their display on a terminal."""
 
 import numpy as np
 from hypothesis import given

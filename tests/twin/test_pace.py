@@ -17,7 +17,7 @@ LOOKS = st.lists(
 
 
 def paced(looks):
-    """Watch with looks of such costs; yield when each began and ended, what was used by then, and what it searched."""
+    """Watch with looks of such costs; yield start and end of each, the data used by then, and the searches."""
     now, used = 0.0, 0.0
     pace = Pace(lambda: now, lambda: used)
     for look, late, slower, searches in looks:

@@ -1,4 +1,4 @@
-"""The twin beside rigs of others, which speak otherwise, sample otherwise and have other noise."""
+"""The twin with third-party rigs, which have other messages, other rates and other noise."""
 
 from pathlib import Path
 

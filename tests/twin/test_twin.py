@@ -1,4 +1,4 @@
-"""A twin beside whole runs, through the wires: it agrees with sound rigs, and tells a leak and when it began."""
+"""A twin during whole runs, through the wires: it agrees with sound rigs, and reports a leak and its start."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -108,7 +108,7 @@ def is_what_was_read(story: TwinStory, record: Record) -> None:
 
 
 def found_by(story: TwinStory) -> TwinStory:
-    """A story without how it went and what was read last: both depend on how often a twin looked meanwhile."""
+    """A story without its course and its last readings: both depend on how often a twin looked meanwhile."""
     all_deviations = tuple(replace(one, course=()) for one in story.all_deviations)
     return replace(story, all_deviations=all_deviations, last_minute=None)
 
@@ -228,7 +228,7 @@ def test_an_endurance_plan_ends_with_the_reason_instead_of_a_broken_bellows(tmp_
     (why,) = (text for text in result.warnings if "the cycles were ended" in text)
     assert "leak of a bellows (orifice), left" in why
     made = next(one.number for one in result.checks if one.name == "cycles")
-    assert 11 <= made <= 11 + 40, "it is asked every 20 s"
+    assert 11 <= made <= 11 + 40, "it is queried every 20 s"
     assert why in (tmp_path / "endurance" / "report.html").read_text()
     assert {phase.name for phase in result.phases} >= {f"look after {made:.0f} cycles"}
 

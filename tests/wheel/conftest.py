@@ -1,4 +1,4 @@
-"""An sdist and a wheel of the present tree, and an environment that knows nothing but what they bring."""
+"""An sdist and a wheel of the present tree, and an environment with only their contents."""
 
 import os
 import shutil
@@ -43,7 +43,7 @@ def at_once(*commands: tuple[list[str], Path, dict[str, str] | None]) -> None:
 
 
 class Built(NamedTuple):
-    """What was built, and of which files."""
+    """The built files, and their sources."""
 
     source: Path
     tracked: list[str]
@@ -80,7 +80,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
 
 
 class CleanMachine:
-    """A computer without a checkout: an environment, an empty home and an empty directory to stand in."""
+    """A computer without a checkout: an environment, an empty home and an empty working directory."""
 
     def __init__(self, place: Path) -> None:
         self.bin = place / "environment" / "bin"
@@ -114,7 +114,7 @@ class CleanMachine:
             "--no-input",
             *what,
         )
-        # pip's own cache is that of whoever runs the tests.
+        # pip's own cache is that of the user who runs the tests.
         sure(carried_out(*command, cwd=self.here))
 
 

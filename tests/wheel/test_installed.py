@@ -36,7 +36,7 @@ def visit(command, words):
 
 visit(commands, [])
 """
-#: Whoever has pytest gets its plugin and the catalogue.
+#: With pytest installed, its plugin and the catalogue are found.
 EVERY_MODULE = """
 import importlib, pathlib, pkgutil
 import {packages}
@@ -171,7 +171,7 @@ def test_the_machine_is_fit(clean_machine: CleanMachine) -> None:
 
 
 def rig_of_ones_own(clean_machine: CleanMachine) -> Path:
-    """Return a copy of the ordinary rig at free ports: somebody else may have one at the ordinary ones."""
+    """Return a copy of the ordinary rig at free ports: another rig may use the ordinary ones."""
     path = clean_machine.here / "mine" / "rig.toml"
     if not path.exists():
         clean_machine.astb("copy", "rig", "local", path.parent)

@@ -1,4 +1,4 @@
-"""What the tests of the wires share: a bank of registers, open servers, and blocks of frames that can be told apart."""
+"""Shared by the tests of the wires: a bank of registers, open servers, and distinguishable blocks of frames."""
 
 import socket
 import struct
@@ -82,7 +82,7 @@ def modbus_port(bank: Registers) -> Iterator[int]:
 
 @pytest.fixture
 def dead_port() -> Iterator[int]:
-    """A port that is ours and where nobody listens."""
+    """A port that is ours, without a server."""
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         yield unused.getsockname()[1]

@@ -33,7 +33,7 @@ VCAN = [
 
 @pytest.fixture(scope="module")
 def silent_vcan0() -> None:
-    """Fail, with who it is, if somebody talks on vcan0: these tests count what they hear."""
+    """Fail, with the sender's name, if another program uses vcan0: these tests count the received frames."""
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as listener:
         listener.bind(("vcan0",))
         listener.settimeout(0.1)  # a rig says something every 5 ms
@@ -188,7 +188,7 @@ def test_a_subscriber_that_fails_is_a_lost_port_not_a_silent_one(open_port: Open
         b.send(frame(1, b""))
     late: list[str] = []
     b.on_lost(late.append)
-    assert late == reasons, "who asks later is told at once"
+    assert late == reasons, "a later subscriber is informed at once"
 
 
 def test_remote_frames_do_not_come_through(
@@ -237,7 +237,7 @@ def test_auto_is_vcan0_if_there_is_one() -> None:
 @pytest.mark.skipif(not has_interface("vcan0"), reason="this kernel has no vcan0")
 @pytest.mark.usefixtures("silent_vcan0")
 def test_the_kernels_losses_are_counted(numbered, eventually) -> None:
-    """A receiver that is held up with a small buffer loses frames, and says how many."""
+    """A delayed receiver with a small buffer loses frames, and reports how many."""
     receiver, sender = open_can("vcan0"), open_can("vcan0")
     receiver._receiver._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
     listener = Listener(receiver)
@@ -260,7 +260,7 @@ def test_the_kernels_losses_are_counted(numbered, eventually) -> None:
 @pytest.mark.skipif(not has_interface("vcan0"), reason="this kernel has no vcan0")
 @pytest.mark.usefixtures("silent_vcan0")
 def test_flags_in_the_identifier_are_masked_and_echoes_dropped(eventually) -> None:
-    """A socket that is told to hear itself stands for a bus that echoes."""
+    """A socket that receives its own frames stands for a bus that echoes."""
     bus = can.Bus("vcan0", interface="socketcan", receive_own_messages=True, ignore_config=True)
     port = PythonCanPort(bus)
     listener = Listener(port)

@@ -33,7 +33,7 @@ Good = lines.Controller
 
 
 class Controller:
-    """What speaks the how-to's lines; it can hang up."""
+    """A server of the how-to's lines; it can disconnect."""
 
     def __init__(self) -> None:
         self.values = {"height": "12.5", "target": "0.0", "broken": "none"}

@@ -21,7 +21,7 @@ from drivers.hub_bus import HubBus
 
 
 class Rig:
-    """What stands behind the hub: remembers who has sent what and who has left."""
+    """The rig of the hub: stores senders, frames and closed connections."""
 
     def __init__(self, **options: object) -> None:
         self.heard: list[tuple[Block, str]] = []
@@ -374,7 +374,7 @@ def test_a_client_that_catches_up_has_lost_the_oldest_and_whole_frames_only(
                 parts.append(event.block)
                 got += len(event.block)
         values = numbers(join(parts))
-        assert values == sorted(set(values)), "what came is in order, nothing twice"
+        assert values == sorted(set(values)), "the received values are in order, without duplicates"
         assert got + rig.hub.dropped == sent, "and what did not come was counted"
         assert values[-3000:] == list(range(sent - 3000, sent)), "the newest are all there"
         assert rig.lost == []

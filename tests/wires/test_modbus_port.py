@@ -175,7 +175,7 @@ def test_a_silent_device_costs_one_timeout_and_its_late_answer_is_not_taken_for_
             device.read_input(0, 1)
         assert 0.15 < time.monotonic() - start < 0.5
         late.set()
-        assert device.read_input(1, 1) == [8], "the next call connects anew"
+        assert device.read_input(1, 1) == [8], "the next call reconnects"
         device.close()
 
 

@@ -1,4 +1,4 @@
-"""Ports that strangers have filled: one place is kept for whoever holds the bench, and he may be silent."""
+"""Ports filled by third-party clients: one place is kept for the holder of the bench, even if it is silent."""
 
 import contextlib
 import socket

@@ -1,4 +1,4 @@
-"""Modbus devices with quirks: each works, by a key where it needs one, or is said to be what it is."""
+"""Modbus devices with quirks: each works, with a key if needed, or its quirk is reported."""
 
 import contextlib
 import math
@@ -73,7 +73,7 @@ class DeviceRig:
         return [points[name] for _, points in self.heard if name in points]
 
 
-# -- what it is written with -------------------------------------------------------------------------------------------
+# -- written values ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("writes", ["any", "single"])
@@ -143,7 +143,7 @@ def test_set_points_that_are_neighbours_go_in_one_request_whatever_their_order()
     assert far.words["holding"][20:22] == [5, 7]
 
 
-# -- how much it is asked at once --------------------------------------------------------------------------------------
+# -- sizes of requests -------------------------------------------------------------------------------------------------
 
 
 def test_at_most_so_many_registers_a_request():
@@ -345,7 +345,7 @@ FORMATS = {
 
 @st.composite
 def points_and_truth(draw: st.DrawFn) -> tuple[dict, dict, Device]:
-    """Points of any type in the tables, with holes between them, and what they are by Python's own struct."""
+    """Points of any type in the tables, with gaps between them, and their values by Python's own struct."""
     far, points, truth, address = Device(), {}, {}, draw(st.integers(0, 20))
     for k in range(draw(st.integers(1, 12))):
         kind = draw(st.sampled_from(list(FORMATS)))

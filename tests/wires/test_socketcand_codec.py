@@ -1,4 +1,4 @@
-"""The socketcand codec: what goes in comes out, however it is cut and whoever has written it."""
+"""The socketcand codec: decoding restores the input, for any cut and any sender."""
 
 import struct
 from itertools import pairwise

@@ -251,7 +251,7 @@ def test_a_sign_of_life_may_be_a_bit(plc: ForeignPlc, connected: Callable) -> No
 def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connected: Callable) -> None:
     transport, _, _ = connected(plc, alive={"point": "beat", "every": "20 ms"})
     time.sleep(0.1)
-    assert plc.tables[HOLDING][50] == 0, "before somebody commands nothing goes out"
+    assert plc.tables[HOLDING][50] == 0, "no output before the first command"
     transport.begin()
     time.sleep(0.3)
     first = plc.tables[HOLDING][50]
@@ -261,7 +261,7 @@ def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connect
         time.sleep(0.02)
     assert plc.tables[HOLDING][50] > first
     assert plc.tables[HOLDING][20] == 1
-    assert plc.tables[HOLDING][21:23] == [0, 0], "NaN leaves what was there"
+    assert plc.tables[HOLDING][21:23] == [0, 0], "NaN keeps the old value"
     time.sleep(0.7)
     stopped = plc.tables[HOLDING][50]
     time.sleep(0.1)

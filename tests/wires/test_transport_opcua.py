@@ -142,7 +142,7 @@ def shared_cell() -> Iterator[Cell]:
 
 @pytest.fixture
 def cell(shared_cell: Cell) -> Cell:
-    """A server that says what it says at first: to start one takes seconds."""
+    """A server in its initial state: starting one takes seconds."""
     for name, (value, _, _) in VARIABLES.items():
         shared_cell.set(name, value, ua.StatusCodes.BadSensorFailure if name == "Broken" else None)
     return shared_cell
@@ -208,12 +208,12 @@ def test_what_does_not_change_stays_fresh_while_the_server_answers(cell: Cell, c
 def test_a_subscription_that_the_server_drops_is_noticed_and_renewed(
     cell: Cell, connected: Callable, eventually: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its session lives and answers all the while: what was read before must not count as fresh."""
+    """Its session lives and answers all the while: old values must not count as fresh."""
     transport = connected(cell)
     eventually(lambda: any("height" in points for _, points in transport.heard), within=20.0)
     service = cell._server.iserver.subscription_service
     create = service.create_subscription
-    monkeypatch.setattr(service, "create_subscription", None)  # nobody can subscribe
+    monkeypatch.setattr(service, "create_subscription", None)  # without subscriptions
     dropped = transport._clock.now()
     cell.drop_subscriptions()
     cell.set("Height", 777)
@@ -285,7 +285,7 @@ def test_numbers_that_do_not_fit_and_what_the_server_refuses(cell: Cell, connect
 
 
 def test_an_unencodable_streamed_number_is_reported(cell: Cell, connected: Callable) -> None:
-    """One that is kept back in silence would leave all others of its request at what they were."""
+    """A silently held one would keep all others of its request at their old values."""
     transport = connected(cell)
     now = transport._clock.now
     with pytest.raises(ValueError, match="target = 40000 does not fit in the server's Int16"):
@@ -340,7 +340,7 @@ def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
     transport = connected(cell, alive={"point": "valve", "every": "100 ms"})
     before = cell.get("Valve")
     time.sleep(0.25)
-    assert cell.get("Valve") == before, "before somebody commands nothing goes out"
+    assert cell.get("Valve") == before, "no output before the first command"
     transport.begin()
     seen = []
     for _ in range(50):

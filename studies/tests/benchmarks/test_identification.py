@@ -35,7 +35,7 @@ def test_intervals_of_normal_errors_hold_as_often_as_their_own_interval_says():
     assert abs(share - 0.95) < half < 0.02
     narrow, _ = coverage(list(pairs(1.5)))
     assert narrow < 0.85
-    # Errors that go together leave as many intervals, and tell less.
+    # Correlated errors leave as many intervals, with less information.
     assert coverage(list(pairs(1.0, together=0.8)))[1] > 2.0 * half
 
 

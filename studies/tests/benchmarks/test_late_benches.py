@@ -1,4 +1,4 @@
-"""What is late on a bench is told by its own name, as late as it is, and nothing else still seems late."""
+"""A late channel of a bench is named with its delay, and no other channel remains late."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
 from diagnosis.systems.records import read_records
 
-#: What moves readings in time, and what is mistaken for it.
+#: Effects that delay readings, and the effects that look like them.
 LATE = (
     *("force_lag", "force_latency", "pressure_lag", "pressure_latency", "displacement_latency", "clock_skew"),
     *("maxwell", "platen_inertia"),

@@ -1,4 +1,4 @@
-"""The page of benchmarks: what is measured anew takes the place of what stood there, and the rest stays."""
+"""The page of benchmarks: new results replace old ones, and the other results stay."""
 
 from pathlib import Path
 

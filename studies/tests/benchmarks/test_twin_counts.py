@@ -1,4 +1,4 @@
-"""What was counted of twins is kept, and the page says what it says."""
+"""Counts of twins are stored, and the page shows them."""
 
 from astb_studies.benchmarks.twin.__main__ import all_counted
 from astb_studies.benchmarks.twin.page import PAGE

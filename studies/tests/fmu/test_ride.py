@@ -1,4 +1,4 @@
-"""A car of somebody else's on our springs, both FMUs in a tool that is not ours: it rides as on the bench."""
+"""A third-party car on our springs, both FMUs in a third-party tool: it moves as on the bench."""
 
 import re
 import shutil
@@ -115,7 +115,7 @@ def test_it_gives_the_figures_of_the_ride(
 
 
 def test_what_the_page_says_couples_both(spring_fmus, car_fmus, tmp_path, monkeypatch):
-    """As the model's own vehicle goes in the same wind, whose springs are not told anything in steps."""
+    """As the model's own vehicle in the same wind, whose springs receive no stepwise inputs."""
     page = (DOCS / "how-to" / "use-fmus.md").read_text()
     shutil.copy(spring_fmus[3], tmp_path / "spring.fmu")
     shutil.copy(car_fmus[3], tmp_path / "car.fmu")

@@ -52,7 +52,7 @@ def test_each_kind_has_faults_that_name_their_check():
     for one in FAULTS.values():
         assert set(one.right) <= known, one.name
         assert one.side in ("", "left", "right"), one.name
-    assert known == {name for one in FAULTS.values() for name in one.right}, "a reason that nobody names"
+    assert known == {name for one in FAULTS.values() for name in one.right}, "an unused reason"
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -118,7 +118,7 @@ def test_every_plan_of_the_matrix_detects_some_effect():
 
 
 def test_at_most_one_sound_rig_in_a_hundred_was_rejected():
-    """Of three hundred at least, or nobody would know."""
+    """At least three hundred, or the statistics are too weak."""
     runs = read_sound_runs()
     assert len({run.seed for run in runs}) == len(runs) >= 300
     assert sum(run.verdict != "pass" for run in runs) <= 0.01 * len(runs)

@@ -29,7 +29,7 @@ DOES_NOT_HOLD = {
 
 
 def quick(test):
-    """Mark a test of what `astb paper --quick` has found: whoever comes first makes it."""
+    """Mark a test of the results of `astb paper --quick`; the first such test computes them."""
     return pytest.mark.slow(pytest.mark.timeout(900)(test))
 
 
@@ -84,7 +84,7 @@ OF_ANOTHER_IMPLEMENTATION = {"AW0": [0.059, 0.093, 0.138, 0.185], "AW3": [0.053,
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_more_realisations_say_the_same_as_one_on_the_ride(monkeypatch):
-    """Four; `astb paper` takes ten. What is judged lies far from its limits for either."""
+    """Four runs; `astb paper` takes ten. The checked values are far from their limits for either."""
     monkeypatch.setattr(experiments, "REALISATIONS", (1, 2, 3, 4))
     entries = evaluate_all({"A27", "T11"}, workers=1)
     assert not failing(entries)
@@ -154,7 +154,7 @@ def test_the_orifice_does_not_damp_lateral_motion(entries):
 
 NO_FRICTION = {"friction_vertical": 0, "friction_lateral": 0, "friction_lateral_slope": 0}
 
-#: What is changed in which layer: the checks that turn, and some that have to stay as they are.
+#: The changed values of a layer, the checks that fail, and some checks that must stay as they are.
 MUTATIONS = {
     "wider orifice": ("plant", {"orifice_diameter": 18 * mm}, "A22", "T5 A14 A23"),
     "wider orifice over frequency": ("plant", {"orifice_diameter": 18 * mm}, "T10", "A10 T5"),

@@ -55,7 +55,7 @@ def test_third_octave_factors_of_iso_8041(by, table):
 
 
 def test_phases_of_w_b():
-    """ISO 8041-1:2017, table B.1, in degrees: they tell a step upward from one that is mirrored."""
+    """ISO 8041-1:2017, table B.1, in degrees: they distinguish an upward step from a mirrored one."""
     printed = {-10: 160.0, -3: 75.73, 0: 42.42, 4: 46.57, 8: 1.77, 12: -49.93, 16: -101.7, 19: -150.9}
     found = np.degrees(np.angle(weighting(10.0 ** (np.array(list(printed)) / 10.0), W_B)))
     np.testing.assert_allclose(found, list(printed.values()), atol=0.06)

@@ -87,7 +87,7 @@ def test_small_motions_are_those_of_its_matrices():
 
 
 def swings(path, ahead, K, C, seconds=15.0):
-    """Let a car ride on linear springs behind a path; return the motion's growth from its middle to its end."""
+    """Run a car on linear springs along a path; return the motion's growth from its middle to its end."""
     ride = Ride(CAR, MASS, G, still, still)
     ride.now.place = [2 * mm, 2 * mm, 2e-3]
     late = round((path.beat + path.latency + 0.5 * path.hold) / STEP)
@@ -113,7 +113,7 @@ def swings(path, ahead, K, C, seconds=15.0):
 @pytest.mark.parametrize("ahead", [0.0, 0.9, 1.1])
 @pytest.mark.parametrize("latency", [10 * ms, 29 * ms, 120 * ms])
 def test_margins_say_which_loops_swing_by_themselves(ahead, latency):
-    """The loop is let go in time, and grows where a margin is negative or a gain margin below 1."""
+    """The loop is released, and its motion grows where a margin is negative or a gain margin below 1."""
     K, C = np.diag([330e3, 1000e3, 1000e3]), np.diag([5e3, 30e3, 30e3])
     path = Path(20 * ms, latency, 5 * ms, 25.0, 0.7, 1 * ms)
     H = path.response(FREQUENCIES, ahead * path.delay)
@@ -250,7 +250,7 @@ def test_a_single_car_equals_the_models_vehicle():
 
 
 def test_springs_that_carry_less_carry_the_car():
-    """Without wind and track it stands, whatever they carried before; what cannot be read is told."""
+    """Without wind and track it is at rest, whatever the files contained; an unreadable file is reported."""
     mass = 2 * 145e3 / G
     quiet = np.zeros(101)
     level = replace(CAR, track_lateral=0.0, track_vertical=0.0)

@@ -1,4 +1,4 @@
-"""What the page takes of an identification, and what it takes of the bench's records beside the plans' own curves."""
+"""The page's inputs from an identification and from the bench's records, in addition to the plans' curves."""
 
 from types import SimpleNamespace
 

@@ -44,7 +44,7 @@ def test_term_of_the_shrinking_area_at_60_mm(aw0, aw3):
 
 
 def test_vertical_area_would_be_far_too_stiff(aw0, aw3):
-    """Why the lateral area is a number of its own."""
+    """Why the lateral area is a separate number."""
     for par, expected in ((aw0, 969e3), (aw3, 2079e3)):
         vertical = replace(par, lateral_area=par.effective_area)
         assert diaphragm_stiffness(0.0, par.pressure, vertical) == pytest.approx(expected, rel=1e-3)

@@ -1,4 +1,4 @@
-"""The paper's experiments on the virtual rig: what they find, and what the paper says of it (T1 to T10)."""
+"""The paper's experiments on the virtual rig: their results, and the paper's statements (T1 to T10)."""
 
 from functools import cache
 from itertools import pairwise
@@ -49,7 +49,7 @@ def falling(values):
     return rising([-v for v in values])
 
 
-# -- poses, on a short run of its own ------------------------------------------------------------------------------
+# -- poses, on a separate short run --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("roll", [-0.08, 0.0, 0.05])
@@ -94,7 +94,7 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
         take_pose(run, home)
         for frequency in (2.9, 3.1):
             command = drive(OURS, "lateral", 0.6e6).command(5 * mm, frequency, 25e3)
-            # One second tells the loss by 2 %; four of them tell whether the two ways agree.
+            # One second gives the loss within 2 %; four of them show whether the two ways agree.
             seen[frequency] = [stiffness_in(run, frequency, command) for _ in range(4)]
         run.check("done", 1.0, "1", low=0.0)
 
@@ -260,7 +260,7 @@ def test_t8_holds_for_the_secant_of_one_roll_sign_and_not_for_the_first_harmonic
     rise = near(secant, 0.05) - level
     assert rise > 0.20 * level  # A19
     assert abs(near(secant, end) - near(secant, 0.05)) < 0.10 * rise
-    # The other sign lowers it: the coupling is odd, and what is even falls (pressure, friction).
+    # The other sign lowers it: the coupling is odd, and even terms fall (pressure, friction).
     assert near(secant, -0.05) < 0.6 * level
     assert near(secant, 0.05) + near(secant, -0.05) < 2 * level
     # At a fixed angle the coupling is a constant force: the first harmonic does not grow with either sign.

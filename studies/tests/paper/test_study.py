@@ -1,4 +1,4 @@
-"""`astb paper`: what it computes beside the bench, how it judges, and that a whole run leaves what it promises."""
+"""`astb paper`: its computations without the bench, its judgements, and the files of a whole run."""
 
 import csv
 import io
@@ -326,14 +326,14 @@ def test_a_quick_run_leaves_every_figure_table_and_claim(quick_study):
         assert {"id", "claim", "layer", "measured", "criterion", "holds", "note"} <= set(one)
         assert isinstance(one["holds"], bool) and one["measured"] and one["criterion"]
     held = {(one["id"], one["layer"]) for one in entries if one["holds"]}
-    # What cannot hold in a conservative bellows, or without friction, is told as it is.
+    # Values that a conservative bellows, or one without friction, cannot have are reported.
     assert {("T6", "plant"), ("T8", "plant"), ("T9", "plant"), ("T2", "paper")}.isdisjoint(held)
     assert {("T1", "plant"), ("T1", "paper"), ("T3", "plant"), ("T10", "plant")} <= held
 
     text = quick_study.read_text()
     assert text.count('class="plot"') == len(names)
     assert text.count('class="schematic"') == 5
-    assert not re.search(r"<script|<link|src=|@import|url\(http", text), "the page must stand alone"
+    assert not re.search(r"<script|<link|src=|@import|url\(http", text), "the page must load no other file"
     for id_ in {check.id for check in CHECKS}:
         assert f'<td class="id">{id_}</td>' in text
     for link in re.findall(r'href="([^"#]+)"', text):

@@ -1,4 +1,4 @@
-"""Runs that die by SIGKILL on real wires, in each part of a run: at most a second is lost, and all else is told."""
+"""Runs that are killed by SIGKILL on real wires, in each part of a run: at most one second is lost."""
 
 import random
 

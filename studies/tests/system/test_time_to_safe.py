@@ -21,7 +21,7 @@ def assert_in_time(kind: Cut, times: list[tuple[float, float]], transport: float
 
 @pytest.mark.parametrize("kind", CUTS, ids=lambda kind: kind.name)
 def test_in_virtual_time(kind: Cut) -> None:
-    """What is cut is told as to another process, which has a kind of its own that is equal, and not the same."""
+    """A cut connection is reported to another process as an equal value of another type."""
     told = pickle.loads(pickle.dumps(kind))
     assert_in_time(kind, virtual_cuts(told, 3), TELLING if kind is POWER else 0.0)
 

@@ -1,4 +1,4 @@
-"""What begins on the rig of a counted case: its effects, at their times, and nothing else."""
+"""The effects of a counted case begin on the rig at their times, and no others."""
 
 import numpy as np
 from hypothesis import assume, given, settings

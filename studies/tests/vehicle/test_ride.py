@@ -152,7 +152,7 @@ def test_a27_the_table(bar):
     """Comfort index over wind speed and load, five minutes per realisation.
 
     That it rises with the wind and stays below 2 holds in both cars. That the loaded car rides softer holds with an
-    anti-roll bar. Without one it fails: loaded, the upper sway of 1.13 Hz comes to lie beside the 1.2 Hz of the track.
+    anti-roll bar. Without one it fails: loaded, the upper sway of 1.13 Hz comes close to the 1.2 Hz of the track.
     """
     car = (CAR if bar else WITHOUT_BAR).record
     N = index(ride_table(LOADS, car, WIND, percentile, seeds=(1, 2, 3, 4)))

@@ -18,7 +18,7 @@ from tests.drivers.can_files.log_forms import START, Sample
 _V1: Final = struct.Struct("<4sHHLLLHHQ")
 _V2: Final = struct.Struct("<4sHHLLLBxHQ8x")
 _TEN_US, _NS = 1, 2
-#: What stands beside frames in a BLF: text of a user, statistics, an error frame, an overload frame.
+#: Other objects than frames in a BLF: text of a user, statistics, an error frame, an overload frame.
 BESIDE_BLF: Final = (65, 4, 2, 3)
 
 
@@ -52,7 +52,7 @@ def _frame(rng: random.Random, one: Sample) -> bytes:
 
 
 def blf(rng: random.Random, frames: Sequence[Sample], beside: int = 0) -> bytes:
-    """Frames as objects of any kind, with ``beside`` others, in containers of any size that objects may go across."""
+    """Frames as objects of any kind, plus ``beside``, in containers of any size that objects may go across."""
     objects = [_frame(rng, one) for one in frames]
     for _ in range(beside):
         place = rng.randrange(len(objects) + 1)
@@ -98,7 +98,7 @@ def _group(frames: Sequence[Sample], what: str, room: int, fd: bool) -> np.ndarr
 
 
 def mdf(rng: random.Random, frames: Sequence[Sample], beside: int = 0, kind: str = "CAN") -> bytes:
-    """Frames in one group, or one of each channel or format, with ``beside`` error frames, remote frames, a signal."""
+    """Frames in one group, or one of each channel or format, plus ``beside`` error frames, remote frames, a signal."""
     from asammdf import MDF, Signal
     from asammdf.blocks.source_utils import Source
 

@@ -1,4 +1,4 @@
-"""How the tests read a log and compare what comes, and which rows of the table they are of."""
+"""How the tests read a log and compare the frames, and the rows of the table that they cover."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ TESTED: set[str] = set()
 
 
 def form(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Say which row of the table a test is of."""
+    """Mark the row of the table that a test covers."""
     TESTED.add(name)
     return lambda test: test
 

@@ -1,4 +1,4 @@
-"""Binary logs of CAN frames in any form, changed: equal, or refused, or what is lacking is counted; never another."""
+"""Changed binary logs of CAN frames: equal, refused, or with counted losses; never different."""
 
 import gzip
 import random
@@ -31,7 +31,7 @@ def changed(rng: random.Random, frames: list[Sample], changes: Sequence[str]) ->
 def is_equal_or_reported(
     found: Sequence[Sample], account: Account, frames: Sequence[Sample], told: bool
 ) -> None:
-    """Each frame that came is one of the recording, in its order and at its time; what did not is ``told``."""
+    """Each frame that came is one of the recording, in its order and at its time; missing frames are ``told``."""
     times = {one[1:]: one.time for one in frames}
     assert len(found) <= len(frames)
     shift = found[0].time - times[found[0][1:]]

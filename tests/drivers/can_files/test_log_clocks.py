@@ -143,7 +143,7 @@ def test_a_changed_recording_is_equal_or_refused_or_its_loss_is_reported(tmp_pat
         delta, version = False, rng.choice(["2.0", "2.1"])
         head, lines = trc([], version).splitlines(), trc_lines(frames, version)
     changes = rng.sample(sorted(CHANGES), rng.randrange(3))
-    if delta:  # of stamps that count nobody could see it
+    if delta:  # it is invisible in time stamps that count
         changes = [one for one in changes if one not in ("lost", "twice", "back")]
     for change in changes:
         lines = CHANGES[change](rng, lines)

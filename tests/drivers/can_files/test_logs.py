@@ -138,7 +138,7 @@ def test_other_lines_of_asc_are_counted(tmp_path, what: str, delta: bool) -> Non
 @form("trc cut")
 @pytest.mark.parametrize("name", ["hex.asc", "dec.asc", "log.log", "shown.log", "1.1.trc", "2.1.trc"])
 def test_a_log_may_break_off_anywhere(tmp_path, name: str) -> None:
-    """All whole lines come in; what is left of the last one never does, unless nothing of it is lacking."""
+    """All whole lines are read; a cut last line is read only if it is complete."""
     frames = recording(12)
     kind, ending = name.rsplit(".", 1)
     text = {
@@ -265,7 +265,7 @@ def test_trc(tmp_path, version: str) -> None:
 @form("gvret")
 @pytest.mark.parametrize("directions", [True, False])
 def test_gvret(tmp_path, directions: bool) -> None:
-    """By its head, not by its ending; what is no frame is counted."""
+    """By its head, not by its ending; other content is counted."""
     text = gvret(recording(), directions)
     found, account = read(tmp_path, "a.csv", text)
     same(found, recording(), within=1000)

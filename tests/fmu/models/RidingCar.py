@@ -1,4 +1,4 @@
-"""Half a car on one bogie, for pythonfmu3 (FMI 3.0): Python inside, equations and integrator of its own."""
+"""Half a car on one bogie, for pythonfmu3 (FMI 3.0): Python inside, independent equations and integrator."""
 
 from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability
 

@@ -2,7 +2,7 @@
 
 
 def hall_checksum(identifier: int, data: bytes) -> int:
-    """Return what stands in Check: from 0xA5 on, turned left by one bit and xored with each byte before it."""
+    """Return the byte of Check: from 0xA5 on, rotated left by one bit and xored with each byte before it."""
     check = 0xA5
     for byte in identifier.to_bytes(4, "big") + data[:7]:
         check = (check << 1 & 0xFF | check >> 7) ^ byte

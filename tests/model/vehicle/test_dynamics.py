@@ -63,7 +63,7 @@ def stored_energy(v, ride):
 @pytest.mark.parametrize("load_case", ["AW0", "AW3"])
 @pytest.mark.parametrize("bar", [0.0, 940e3])
 def test_a_free_car_keeps_its_energy(vehicle, load_case, bar):
-    """Without losses, let go from a lean against the bump stop: gas, rubber, weight and motion exchange all."""
+    """Without losses, released from a lean against the bump stop: gas, rubber, weight and motion exchange all."""
     v = vehicle(load_case, NOTHING_LOST, car={"anti_roll_stiffness": bar})
     v.lean(12 * kN)
     v.inputs[SHUT] = 0.0

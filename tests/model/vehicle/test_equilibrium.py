@@ -86,7 +86,7 @@ def test_a29_what_rests_stays_at_rest(vehicle, load_case, wind):
 
 
 def test_time_finds_the_same_equilibrium(vehicle):
-    """A car let alone in a steady wind settles where the solver puts it at once."""
+    """A free car in a steady wind settles at the solver's equilibrium."""
     wind = 8 * kN
     v = vehicle("AW0", ("track", "friction"))
     v.ride(wind, 480.0, every=1000)

@@ -82,7 +82,7 @@ def test_without_loss_no_direction_is_damped_and_with_it_all_are(vehicle):
 
 @pytest.mark.parametrize("load_case", ["AW0", "AW3"])
 def test_the_car_rings_at_its_modes(vehicle, load_case):
-    """The nonlinear ride, let go from 1 mm, shows the frequency that the Jacobian promises."""
+    """The nonlinear ride, released from 1 mm, has the frequency of the Jacobian."""
     v = vehicle(load_case, LOSSLESS)
     v.inputs[SHUT] = 0.0
     bounce, _, _ = by_direction(v.modes())

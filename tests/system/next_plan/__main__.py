@@ -46,7 +46,7 @@ has a remedy, and its statements about air, state and other commanders are true.
 
 
 def main(names: list[str]) -> int:
-    """Go over all, or those losses and plans that are named; what was found before of others stays."""
+    """Compute all, or the named losses and plans; earlier results of others stay."""
     every = beginnings()
     given = set(names)
     plans_wanted = [first for first, alike in every.items() if not given & set(plans()) or given & set(alike)]
@@ -69,13 +69,13 @@ def main(names: list[str]) -> int:
 
 
 def read() -> list[Cell]:
-    """Return what was found so far, whether it is asked for or not."""
+    """Return the results so far, also those that were not requested."""
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else []
     return [Cell(**one | {"wrong": tuple(one["wrong"])}) for one in kept]
 
 
 def tried_for(every: Iterable[str]) -> set[tuple[str, str, float]]:
-    """Return what is asked for: plan, loss and how much later, of the beginnings of ``every``."""
+    """Return the requested cases: plan, loss and how much later, of the beginnings of ``every``."""
     return {(name, *one) for name in every for one in _instants(name)}
 
 
@@ -124,7 +124,7 @@ def _alike(names: list[str]) -> str:
 
 
 def _gaps(name: str, tried: set[tuple[str, str, float]]) -> str:
-    """Say how much of what is asked for was not gone over yet."""
+    """Report how many of the requested cases are missing."""
     gaps = sum((name, *one) not in tried for one in _instants(name))
     return f" (not gone over yet: {gaps} of these cells)" if gaps else ""
 

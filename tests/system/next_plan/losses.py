@@ -1,4 +1,4 @@
-"""The kinds of loss: what is taken from a running plan, at which instant, and whether it comes back."""
+"""The kinds of loss: the removed part of a running plan, at which instant, and whether it comes back."""
 
 import json
 from collections.abc import Callable
@@ -19,7 +19,7 @@ class Gone(BaseException):
 class Loss:
     """One kind of loss: ``lose`` is done at its instants (s after the first), whatever the plan then does itself.
 
-    ``of`` is what is lost, of which others are lost alike. ``stays``: the faults that stay, by the names of the rig's
+    ``of`` is the lost part, of which there are others. ``stays``: the faults that stay, by the names of the rig's
     fault panel; without any the next plan must run.
     """
 

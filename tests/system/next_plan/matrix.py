@@ -19,7 +19,7 @@ BEFORE_WHICH_ALL = ("aw0", "aw3", "leveling", "safety")
 
 @dataclass(frozen=True)
 class Cell:
-    """What one plan met after one loss: it ran, or was blocked for a reason; and what of that is not so."""
+    """The result of one plan after one loss: it ran, or was blocked for a reason; and the wrong parts of the reason."""
 
     loss: str
     delay: float
@@ -38,7 +38,7 @@ def beginnings() -> dict[str, list[str]]:
 
 
 def asked(name: str) -> dict[Loss, tuple[float, ...]]:
-    """Return what is lost before the plan ``name``, and how long before: all, or one loss of each kind, drawn."""
+    """Return the losses before the plan ``name``, and how long before: all, or one loss of each kind, drawn."""
     if name in BEFORE_WHICH_ALL:
         return dict.fromkeys(LOSSES, DELAYS)
     chance = random.Random(f"{name} {SEED}")
@@ -65,7 +65,7 @@ def other_than(name: str) -> str:
 def cells(
     loss: Loss, before: dict[str, tuple[float, ...]], within: tuple[float, float] = WITHIN
 ) -> Iterator[Cell]:
-    """Yield what the plans ``before`` which it is lost meet after ``loss``, each so many s later as stands there.
+    """Yield the results of the plans ``before`` after ``loss``, each delayed by the given s.
 
     A plan that may run and did not is wrong, whatever it says. ``within``: when in the first plan it is lost (s), from
     and to.

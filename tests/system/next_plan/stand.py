@@ -58,7 +58,7 @@ class First:
             self.memory.leave_modbus(self.modbus)
 
     def restart_the_rig(self) -> None:
-        """End the rig's process and begin another: who was connected finds nobody."""
+        """End the rig's process and begin another: a connected client finds no server."""
         self.can.lose("the server has gone")
         self.mute()
         self.successor = RigInMemory(Rig(PARAMETERS, seed=self.seed + 1))
@@ -86,7 +86,7 @@ def later(clock, seconds: float, act) -> None:
 def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple[RigInMemory, str]:
     """Run ``plan`` into ``loss`` at an instant ``within`` (s from, to) drawn from ``seed``.
 
-    Return the rig that is left, and what was told.
+    Return the remaining rig, and its messages.
     """
     chance = random.Random(f"{loss.name} {plan} {seed}")
     memory = RigInMemory(Rig(PARAMETERS, seed=seed))
@@ -113,7 +113,7 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
 
 
 class FaultRig:
-    """What a loss has left, to which every next plan comes anew."""
+    """The rig after a loss, at which every next plan starts again."""
 
     def __init__(self, loss: Loss, first: str, seed: int, within: tuple[float, float] = WITHIN) -> None:
         self.loss = loss
@@ -145,7 +145,7 @@ class FaultRig:
                     bench.wiring.direct.watchdog.stop()
         except Reached:
             return ""
-        except BenchError as error:  # what `astb run` tells where a bench cannot be connected
+        except BenchError as error:  # the message of `astb run` without a connection
             return f"connecting: {error}"
 
 

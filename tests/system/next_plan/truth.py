@@ -15,7 +15,7 @@ def _fault_on(name: str) -> Callable[[object], bool]:
     return lambda rig: any(one.fault.name == name for one in rig.faults.active)
 
 
-#: What a reason names as its cause, whether it is so, what it says that somebody can do, and the cause in short.
+#: The named cause of a reason, whether it is right, the advised action, and the cause in short.
 CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "the emergency stop is pressed",

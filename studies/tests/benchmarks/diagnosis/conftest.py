@@ -7,5 +7,5 @@ from astb_studies.benchmarks.diagnosis.campaign import Case, carry_out
 
 @pytest.fixture
 def judged():
-    """Carry out the case of a system, kind, condition and seed: what was said and how right it was."""
+    """Diagnose the case of a system, kind, condition and seed; return the result and its score."""
     return lambda *case, **given: carry_out(Case(*case), **given)

@@ -1,4 +1,4 @@
-"""Investigations that are counted: the rig has what was drawn, a count goes on, and names are judged."""
+"""Counted investigations: the rig has the drawn effects, a count can continue, and names are scored."""
 
 import subprocess
 import sys
@@ -59,7 +59,7 @@ def test_a_faint_rig_has_a_fifth_of_a_near_miss():
 def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_or_all_is_fast(
     plan, tmp_path, once
 ):
-    """What begins otherwise there, or is fed by what has a zero of its own, was an unknown heat."""
+    """Effects of heat and of a zero error were reported as an unknown heat."""
     truth = GroundTruth(seed=7, kind="null", condition="white")
     simulator = AirSpring(load(), effects=CATALOGUE)
 
@@ -101,7 +101,7 @@ def test_fast_sines_distinguish_lag_from_latency(hidden, parameter, size, rival,
             data, simulator, Config(seed=7, workers=2, with_panel=False, effects=(hidden, rival, "friction"))
         )
 
-    if hidden.endswith("lag"):  # what a screening cannot tell from one side it cannot from the other
+    if hidden.endswith("lag"):  # a screening cannot separate the two sides
         screened = found()
         assert screened.verdict is Verdict.AMBIGUOUS, screened.sentence
     shaken = found(programme_plan(MENU[plan]))

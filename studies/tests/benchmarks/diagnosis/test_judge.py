@@ -170,7 +170,7 @@ def test_a_lambda_counts_the_noise_of_its_bench_and_related_causes():
         slow, slower = (table.part_seen(name, shapes, condition) for condition in ("AR 0.6", "AR 0.9"))
         assert table.part_seen(name, shapes, "white") == 1.0
         assert table.part_seen(name, shapes, "frames lost") == pytest.approx(math.sqrt(0.9))
-        # Noise that remembers hides what is slow; a hold of 20 ms is quicker than that and stands out.
+        # Correlated noise hides slow effects; a hold of 20 ms is faster and remains visible.
         assert slower <= slow <= 1.01 or name == "sample_and_hold"
         assert 0.0 < table.part_apart(name, shapes) <= 1.0
         assert (table.part_apart(name, shapes) < 1.0) == bool(kin(name))

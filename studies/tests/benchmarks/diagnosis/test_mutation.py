@@ -19,7 +19,7 @@ COLOURED = [("AR 0.9", seed) for seed in (32, 33, 37, 41)]
 
 @pytest.fixture
 def alarms(judged):
-    """Diagnose oscillators in which nothing is hidden; return what is amiss."""
+    """Diagnose oscillators without a hidden effect; return the wrong findings."""
     return lambda cases: [
         one.amiss for one in (judged("oscillator", "null", *case) for case in cases) if one.amiss
     ]
@@ -52,7 +52,7 @@ def with_effects(seed, effects):
 
 
 def judged_case(data, simulator, what):
-    """Judge what is said of something that is in no catalogue."""
+    """Judge the finding for an effect that is in no catalogue."""
     finding = diagnose(data, simulator, Config(seed=31, workers=1))
     sealed = GroundTruth(
         seed=31, kind="outside", condition="white", lambdas={what: 50.0}, outside={what: 1.0}
@@ -91,7 +91,7 @@ def test_an_incident_is_not_called_a_property():
 
 
 def test_without_gates_an_incident_is_called_a_property(monkeypatch):
-    for asked in (trials, backward):  # on entry, and again of what remains
+    for asked in (trials, backward):  # on entry, and again for the residual
         monkeypatch.setattr(asked, "unfit", lambda *_: "")
         monkeypatch.setattr(asked, "useless", lambda *_: "")
     assert "drift" in judged_incident().wrong

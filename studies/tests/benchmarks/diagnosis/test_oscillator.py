@@ -47,7 +47,7 @@ def test_two_relaxation_times_are_not_called_friction(judged):
 
 @pytest.mark.slow
 def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
-    """In the fit runs it looks like one; the select run, which hits it harder, tells."""
+    """In the fit runs it looks like one; the select run excites it more and separates them."""
     found = judged("oscillator", "outside", "white", 1063)
     assert found.hidden == ["stop"]
     assert found.verdict == Verdict.UNKNOWN
@@ -66,7 +66,7 @@ def test_two_causes_that_are_plausible_only_together(judged):
     ("kind", "seed"), [("single", 2), ("single", 1294), pytest.param("near", 1025, marks=pytest.mark.slow)]
 )
 def test_what_the_true_cause_is_wrong_by_is_no_second_cause(judged, kind, seed):
-    """Of a cause in plain view, a fiftieth that nobody models is larger than the noise."""
+    """For a large cause, an unmodelled fiftieth of it exceeds the noise."""
     found = judged("oscillator", kind, "white", seed)
     assert found.weakest > 150
     assert not found.amiss

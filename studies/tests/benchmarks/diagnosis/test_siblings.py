@@ -15,7 +15,7 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from diagnosis.engine import verdict
 
-#: A spring that softens, and a damper that tires: what comes nearest in the catalogue scores highly.
+#: A softening spring and a worn damper: the nearest entries of the catalogue score highly.
 ACCUSED_WITHOUT_GUARD = (20, 46)
 
 
@@ -58,7 +58,7 @@ def test_what_softens_is_seen_and_called_no_cubic_spring(judged, monkeypatch, se
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_siblings_are_seldom_accused(judged):
-    """Of ten in which nothing is hidden, none is told of a cause."""
+    """In ten cases without a hidden effect, no cause is reported."""
     found = [judged("oscillator", "null", "sibling", 50 + k) for k in range(10)]
     assert [one.causes for one in found if one.causes] == []
 
