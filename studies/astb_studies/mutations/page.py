@@ -148,18 +148,24 @@ def _sound(runs: Sequence[SoundRun]) -> Iterator[str]:
     interval = binomtest(len(rejected), len(sound)).proportion_ci(CONFIDENCE)
     yield "## Fault-free rigs\n"
     yield (
-        f"{len(sound)} fault-free rigs with random parameters within the tolerances below, one plan each in turn, over "
-        f"the ranges of its parameters: {len(rejected)} rejected, {100 * len(rejected) / len(sound):.1f} % "
-        f"({100 * CONFIDENCE:.0f} % interval of Clopper and Pearson: {100 * interval.low:.2f} to "
-        f"{100 * interval.high:.1f} %). {len(runs) - len(sound)} more runs were refused before the start, most of them "
-        f"because the bolster would have reached its bump stop. Version of the code: "
+        f"{len(sound)} fault-free rigs with random parameters within the tolerances below, one plan each in turn: "
+        f"{len(rejected)} rejected, {100 * len(rejected) / len(sound):.1f} % ({100 * CONFIDENCE:.0f} % interval of "
+        f"Clopper and Pearson: {100 * interval.low:.2f} to {100 * interval.high:.1f} %). Version of the code: "
         f"{', '.join(sorted({run.version for run in sound}))}.\n"
     )
+    if drawn := [run for run in sound if run.values]:
+        found = sum(run.rejected for run in drawn)
+        interval = binomtest(found, len(drawn)).proportion_ci(CONFIDENCE)
+        yield (
+            f"In {len(drawn)} of these runs the parameters of the plan were drawn over their whole ranges: {found} "
+            f"rejected ({100 * interval.low:.2f} to {100 * interval.high:.1f} %), "
+            f"{sum(run.verdict == 'incomplete' for run in drawn)} *incomplete*, because a check has no limit for these "
+            f"parameters or is too uncertain. {len(runs) - len(sound)} more were refused before the start, most of "
+            "them because the bolster would have reached its bump stop.\n"
+        )
     counts = Counter(run.plan for run in sound)
     yield ", ".join(f"`{plan}` {count}" for plan, count in sorted(counts.items())) + ".\n"
-    if incomplete := sum(run.verdict == "incomplete" for run in sound):
-        yield f"{incomplete} of them are *incomplete*: a check was not available for these parameters.\n"
-    if interval.high > WANTED:
+    if binomtest(len(rejected), len(sound)).proportion_ci(CONFIDENCE).high > WANTED:
         yield f"A proof that fewer than {100 * WANTED:g} % are rejected needs more rigs.\n"
     for run in rejected:
         values = f" ({run.values})" if run.values else ""
