@@ -1,4 +1,4 @@
-"""What pyproject.toml cannot say: a wheel and an sdist tell which commit they were made of."""
+"""What pyproject.toml cannot say: a wheel and an sdist write_commit which commit they were made of."""
 
 import runpy
 from pathlib import Path
@@ -10,27 +10,27 @@ from setuptools.command.sdist import sdist
 SOFTWARE = runpy.run_path("astb/software.py")
 
 
-def tell(tree: str) -> None:
+def write_commit(tree: str) -> None:
     """Write the commit, where anybody knows it, to where an installed package looks for it."""
     if commit := SOFTWARE["commit"]():
         (Path(tree) / "astb" / SOFTWARE["TOLD"]).write_text(f"{commit}\n", encoding="ascii")
 
 
-class BuildTold(build_py):
+class BuildWithCommit(build_py):
     """Builds the packages, and tells the commit among them."""
 
     def run(self) -> None:
         super().run()
         if not self.editable_mode:
-            tell(self.build_lib)
+            write_commit(self.build_lib)
 
 
-class SourcesTold(sdist):
+class SourcesWithCommit(sdist):
     """Collects the sources, and tells the commit among them."""
 
     def make_release_tree(self, base_dir: str, files: list[str]) -> None:
         super().make_release_tree(base_dir, files)
-        tell(base_dir)
+        write_commit(base_dir)
 
 
-setup(cmdclass={"build_py": BuildTold, "sdist": SourcesTold})
+setup(cmdclass={"build_py": BuildWithCommit, "sdist": SourcesWithCommit})

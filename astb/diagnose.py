@@ -165,8 +165,8 @@ def read_data(
     for path in paths:
         if not path.is_dir():
             raise DiagnosisError(
-                f"{path} is no directory of a run on the bench; files of other origin need --map FILE, which says "
-                "what their columns are"
+                f"{path} is not the folder of a run; files of other origin need --map FILE, which states "
+                "the meaning of their columns"
             )
     records = [read(path) for path in paths]
     simulator = AirSpring(built_for(parameters, records), effects=CATALOGUE)

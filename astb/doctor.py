@@ -230,7 +230,7 @@ def _priority() -> Iterator[MachineCheck]:
             "missing" if refused else "fine",
             refused.lower() or "granted",
             purpose,
-            f"the line `{line}` in {limits}, USERS being a group of yours; then log in anew"
+            f"the line `{line}` in {limits}, USERS being a group of yours; then log in again"
             if refused
             else "",
         )
@@ -263,7 +263,7 @@ def _punctuality() -> MachineCheck:
 def _socketcan() -> MachineCheck:
     from drivers.can_port import VIRTUAL_INTERFACE
 
-    purpose = "SocketCAN clients beside the bench; without it CAN goes over TCP"
+    purpose = "SocketCAN clients; without it CAN uses TCP"
     how = "docs/how-to/install.md"
     interface = Path("/sys/class/net") / VIRTUAL_INTERFACE
     try:
@@ -316,7 +316,7 @@ def _ports(rig: RigFile) -> Iterator[MachineCheck]:
         if taken and name == "Modbus":
             is_rig = answers(rig)
         right = not taken or is_rig
-        said = "free" if not taken else "a rig answers" if is_rig else "somebody else listens there"
+        said = "free" if not taken else "a rig answers" if is_rig else "used by another program"
         yield MachineCheck(
             f"{name} {host}:{port}",
             "fine" if right else "missing",
@@ -350,7 +350,7 @@ def _printing() -> MachineCheck:
     return MachineCheck(
         "Chromium",
         "fine" if right else "missing",
-        f"{path}, {'of a version that it does not tell' if number is None else f'version {number}'}",
+        f"{path}, {'of unknown version' if number is None else f'version {number}'}",
         purpose,
         "" if right else f"version {NUMBERS_PAGES} or newer, or pages have no numbers",
     )

@@ -139,7 +139,7 @@ def identify_data(request: Request, out: Path | None, console: "Console") -> Ans
             progress(f"looking ahead to {ahead.name}", 0.9)
             answer = expected(found, experiments({ahead.name: ahead}, rig=rig_of(unknown.parameters)))
         elif untold := [one for one in _asked(found) if not one.determined]:
-            progress("looking for the run that would tell more", 0.9)
+            progress("looking for a run that identifies more parameters", 0.9)
             further = list(_further(found, untold, unknown.parameters))
     if out is not None:
         write_springs(out, found, dataset, unknown.parameters, request.model)
@@ -205,9 +205,7 @@ def drawn_as(parameters: "Parameters", specimen: "Specimen | None") -> "Paramete
 
 def _programme(name: str) -> "Programme":
     if name not in PROGRAMMES:
-        raise DiagnosisError(
-            f"--expect: what {name!r} would tell cannot be computed; it can of {', '.join(PROGRAMMES)}"
-        )
+        raise DiagnosisError(f"--expect {name!r} is not possible; possible plans: {', '.join(PROGRAMMES)}")
     return PROGRAMMES[name]
 
 
@@ -247,12 +245,13 @@ def _further(found: Identification, untold: Sequence[Identified], parameters: "P
     for one in untold:
         there = after[one.parameter.name]
         what = (
-            f"{one.parameter.name} is not told by these records: {one.share:.0%} of what was believed is left"
+            f"{one.parameter.name} is not determined by these records: its interval is still {one.share:.0%} of the "
+            "prior interval"
         )
         yield what + (
             f"; after astb run {IDENTIFICATION.name} it would be {there.share:.1%}"
             if there.determined
-            else f"; nor would astb run {IDENTIFICATION.name} tell it, with {there.share:.0%}"
+            else f"; astb run {IDENTIFICATION.name} would not determine it either ({there.share:.0%})"
         )
 
 
@@ -343,7 +342,7 @@ def _notes(asked: Sequence[Identified]) -> dict[str, str]:
         row, name = _row(one, ""), quantity(one.parameter.name)
         side = one.parameter.name.removesuffix(name).rstrip(".")
         text = f"{side} {interval(row.low, row.high, row.unit)}".strip()
-        text += "" if one.determined else ", hardly told by the records"
+        text += "" if one.determined else ", hardly determined by the records"
         notes[name] = f"{notes[name]}; {text}" if name in notes else text
     return notes
 
@@ -365,7 +364,7 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
         console.print(text, soft_wrap=True)
     for doubt in answer.doubts:
         console.print(f"doubtful: {doubt}", style="yellow", soft_wrap=True)
-    title = f"What is known after {answer.after}" if answer.after else "What the records tell"
+    title = f"What is known after {answer.after}" if answer.after else "Parameters determined by the records"
     table = open_table(
         title, "parameter", "value", "95 %", "unit", "left", "what it is", whole=("parameter",)
     )

@@ -154,7 +154,7 @@ def choose(
     if finding.verdict is Verdict.UNRESOLVED:
         near = " and ".join(suspect.effect for suspect in finding.suspects)
         return None, (
-            "no cause passes every test: there is nothing to decide between"
+            "no cause passes every test, so there are no alternatives to separate"
             + (f"; best candidates: {near}" if near else "")
         )
     ranked, made = offers(finding, menu), Counter(done)

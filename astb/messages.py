@@ -118,7 +118,7 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
         raise MessageError(f"{to}: there is no machine {host}") from None
     if not all(ip_address(one.partition("%")[0]).is_loopback for one in found):
         raise MessageError(
-            f"{to} is another machine, which would learn what is tested here; --message-elsewhere allows it"
+            f"{to} is another machine and would receive test data; allow it with --message-elsewhere"
         )
     # The address that was looked at: a name may mean another one in a moment.
     return Webhook(url, min(found, key=len) if url.scheme == "http" else host)

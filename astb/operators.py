@@ -52,7 +52,9 @@ class SimulatedHand:
             told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
             done = "error" not in told or (way == "off" and self._has(name))  # what was not on is off
         except OSError as error:  # it runs elsewhere, or has gone
-            raise Unanswered(f"the simulated rig cannot be told to: {error.strerror or error}") from None
+            raise Unanswered(
+                f"the simulated rig does not receive the command: {error.strerror or error}"
+            ) from None
         if not done:
             raise Unanswered(f"the simulated rig cannot do it by itself: {told['error']}")
         self._answer = Answer(DONE, "the simulated rig")
@@ -82,7 +84,7 @@ class Terminal(QuestionBox):
             raise Unanswered("the terminal is closed")
         if self._lines.isatty() and not in_the_foreground(self._lines):
             # To read would stop this process, and with it the set-points of a bench under air.
-            raise Unanswered("this runs in the background of its terminal, where nobody can type")
+            raise Unanswered("the process runs in the background of its terminal and cannot read an answer")
         self._forget_what_was_typed()
         super().ask(question)
         self._wanted.set()

@@ -138,13 +138,13 @@ def read(path: Path) -> RigFile:
         )
     if rig.limits and rig.simulation is not None:
         raise RigFileError(
-            f"rig file {path}: limits beside simulation: those of a simulated rig are simulation.limits"
+            f"rig file {path}: limits and simulation exclude each other: use simulation.limits for a simulated rig"
         )
     for key in _PARTS:
         if isinstance(content.get(key), str):
             earlier(
                 f"rig file {path}: {key} = {content[key]!r}",
-                f'name the rig file {RIG} and put {OF_A_RIG[_PARTS[key]]} beside it, or inherit: like = "{ORDINARY}"',
+                f'name the rig file {RIG}, and put {OF_A_RIG[_PARTS[key]]} there, or inherit: like = "{ORDINARY}"',
             )
     beside = [key for key in ("can", "modbus", "simulation") if key in content]
     own, inherited = _parts(path, rig.like)
@@ -152,8 +152,8 @@ def read(path: Path) -> RigFile:
         own = inherited | own
     elif rig.wiring or "wiring" in own:
         raise RigFileError(
-            f"rig file {path}: {' and '.join(beside)} beside wiring: a rig with a wiring is a real one, and its "
-            f"addresses are the wiring's; remove {' and '.join(beside)}, or the wiring"
+            f"rig file {path}: {' and '.join(beside)} and wiring exclude each other: a rig with a wiring is real, and "
+            f"its addresses are in the wiring; remove {' and '.join(beside)}, or the wiring"
         )
     parts = {key: str(place) for key, place in (inherited | own).items() if key != "wiring" or key in own}
     given = {key: getattr(rig, key) for key in _PARTS if getattr(rig, key)}

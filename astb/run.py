@@ -268,7 +268,7 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
     from drivers.can_log import CanLog
 
     if session.listen is None:
-        raise RigFileError("--keep-frames is for rigs that speak as ours; this one has a wiring of its own")
+        raise RigFileError("--keep-frames needs a rig with the ASTB protocol; this rig has its own wiring")
     receiver = session.bench.receiver
 
     def fail(failure: CanLogError) -> None:

@@ -162,9 +162,7 @@ def open_session(
     """
     if virtual or rig.time == "virtual":
         if rig.simulation is None:
-            raise RigFileError(
-                f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
-            )
+            raise RigFileError(f"rig file {path}: it has no [simulation] table, which virtual time needs")
         simulated = build_rig(rig.simulation, seed)
         for line in simulated.springs.notes if simulated.springs else ():
             say(line)

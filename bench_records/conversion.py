@@ -37,7 +37,7 @@ def recover(directory: Path | str) -> Recovery:
     """
     stream = Path(directory) / STREAM
     if not stream.is_file():
-        raise RecordError(f"{directory} holds no {STREAM}: there is nothing to recover")
+        raise RecordError(f"{directory} holds no {STREAM}, so it cannot be recovered")
     refuse_held(stream.parent)
     give_room(stream.parent)  # what a killed run had reserved
     return convert(stream, {}, recovering=True)

@@ -208,7 +208,7 @@ def read_mdf(
         told = {one.name: one for one in ours.signals} if ours else {}
         places = mdf_file.places(path, mdf, account)
         if not places and account.counts:
-            raise RecordError(f"{path} holds frames on a bus and no signals: --dbc says what is in them")
+            raise RecordError(f"{path} holds bus frames without signals; decode them with --dbc FILE")
         if keys.group is not None:
             places = [one for one in places if keys.group in (one.group, one.called)]
         found = []
@@ -302,7 +302,7 @@ def _write(
     places = [np.full(times.size, index, np.int16) for index, (times, _) in enumerate(series)]
     times = np.concatenate([times for times, _ in series]) if series else np.empty(0)
     if not times.size:
-        raise RecordError(f"{path} holds no samples: a clock and a number beside it are needed")
+        raise RecordError(f"{path} holds no samples; it needs a time column and a column of numbers")
     values = np.concatenate([values for _, values in series])
     order = np.argsort(times, kind="stable")
     start = next((one.series.start for one in found if one.series.start is not None), start_ns or 0)

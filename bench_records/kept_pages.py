@@ -168,13 +168,13 @@ def _figures(trend: Trend, last: KeptCheck) -> list[str]:
     in_unit = f"{THIN_SPACE}{unit(last.unit)}".rstrip()
     mean, scatter = with_uncertainty(trend.mean / last.scale, (trend.scatter or 0.0) / last.scale)
     if len(trend.checks) == 1:
-        return [f"One run: {mean}{in_unit}. Another one would tell a scatter, a third a drift."]
+        return [f"One run: {mean}{in_unit}. A second run shows the scatter, a third the drift."]
     words = [f"{len(trend.checks)} runs; mean {mean}{in_unit}."]
     if trend.scatter is not None:
         told = scatter if trend.scatter else "0"
         words.append(f"They scatter by {told}{in_unit} (one standard deviation).")
     if trend.drift is None:
-        words.append("Too few of them, or too close in time, to tell a drift.")
+        words.append("The runs are too few or too close in time to determine a drift.")
     else:
         # The drift is given over the observed time, because an extrapolation to a day would be uncertain.
         span = (max(trend.days) - min(trend.days)) / last.scale

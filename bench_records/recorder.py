@@ -373,7 +373,7 @@ def _refuse_doubles(signals: Sequence[SignalInfo]) -> None:
     seen: set[str] = set()
     for signal in signals:
         if signal.name in seen:
-            raise RecordError(f"signal {signal.name} is listed twice; a name stands for one series")
+            raise RecordError(f"signal {signal.name} is listed twice; each name needs its own series")
         seen.add(signal.name)
 
 

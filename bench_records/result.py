@@ -242,7 +242,7 @@ def _refuse_a_value(one: Check) -> None:
     if not math.isnan(one.number):
         raise ValueError(f"check {one.name!r} is {one.verdict}, but has the value {one.number}")
     if not one.note:
-        raise ValueError(f"check {one.name!r} is {one.verdict} without a reason; its note must say why")
+        raise ValueError(f"check {one.name!r} is {one.verdict} without a reason; state it in the note")
 
 
 def _refuse_a_bad_uncertainty(one: Check) -> None:

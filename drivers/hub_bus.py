@@ -65,7 +65,7 @@ class HubBus(can.BusABC):
             raise can.CanInitializationError(str(error)) from None
         except OSError as error:
             reason = (
-                "nobody listens there; is the rig running?"
+                "no server listens there; is the rig running?"
                 if isinstance(error, ConnectionRefusedError)
                 else error.strerror or str(error)
             )

@@ -145,7 +145,7 @@ class Link:
         what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
         where = f"from TCP port {port:.0f} (`ss -tnp` shows its program)" if port > 0 else "from the bus"
         return (
-            f"somebody else tries to command the bench and should be stopped: {count:.0f} frames or requests refused, "
+            f"another client tries to command the bench; stop it: {count:.0f} frames or requests refused, "
             f"the last {what} {where}"
         )
 

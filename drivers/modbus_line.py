@@ -191,7 +191,7 @@ class SharedClient:
                 return 'the device closed the connection; after each answer? Then connection = "each"'
             return (
                 "the device takes the connection and closes it before it answers; it may have room for one only, "
-                "which somebody else has"
+                "which another client uses"
             )
         if isinstance(error, OSError):
             return error.strerror or "the connection broke"

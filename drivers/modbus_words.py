@@ -52,7 +52,7 @@ def instead(request: bytes, came: bytes, *, framed: bool) -> str:
         HEADER.unpack_from(came),
     )
     if protocol:
-        return '; what came is no Modbus/TCP: another protocol, or kind = "modbus_rtu"?'
+        return '; the answer is no Modbus/TCP: another protocol, or kind = "modbus_rtu"?'
     if answering != unit:
         return f"; it answers as unit {answering} and not as {unit}: another unit, or echo = false"
     if told != asked:

@@ -129,7 +129,7 @@ class Capture:
         series = {name: self._series(name) for name in self.names}
         empty = [name for name, (times, _) in series.items() if times.size == 0]
         if empty:
-            told = f"{', '.join(empty)}: no samples in this capture, so there is nothing to align"
+            told = f"{', '.join(empty)}: no samples in this capture, so it cannot be aligned"
             raise Misuse(told) if len(empty) == len(series) else Stale(told)  # of others some did come
         first = max(times[0] for times, _ in series.values())
         last = min(times[-1] for times, _ in series.values())

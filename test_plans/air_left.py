@@ -81,8 +81,8 @@ def _contradictions(known: _Known) -> str:
             if of_side[lowest] >= RESIDUAL_PRESSURE:
                 return ""
             found.append(
-                f"{name} reads {pressure / bar:.2f} bar beside {of_side[lowest] / bar:.2f} bar of {lowest}, which is "
-                "joined with it: the zero of one of them is off, and has to be mended before anybody trusts them"
+                f"{name} reads {pressure / bar:.2f} bar, but {of_side[lowest] / bar:.2f} bar of {lowest}, which is "
+                "connected to it: the zero of one of them is wrong; correct it before you trust them"
             )
     return "" if known.silent else "; ".join(found)
 

@@ -56,7 +56,7 @@ class Description(Mapping[str, float]):
         if not missing:
             return ""
         where = self.dimensions.file or "its rig file names no dimensions"
-        return f"{self.rig} has no {', '.join(missing)}: nobody has stated it ({where})"
+        return f"{self.rig} has no {', '.join(missing)}: it is not stated ({where})"
 
 
 def once_for_a_rig(follows: _Follows) -> _Follows:

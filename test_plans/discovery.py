@@ -106,7 +106,7 @@ def _modules(wrong: list[str]) -> Iterator[ModuleType]:
             wrong.append(f"{name} cannot be imported: {type(error).__name__}: {error}")
     if folder := os.environ.get(FOLDER):
         if not Path(folder).is_dir():
-            wrong.append(f"{FOLDER} = {folder} is no folder; one with plans of your own would be right")
+            wrong.append(f"{FOLDER} = {folder} is no folder; name the folder of your plans")
         for path in sorted(Path(folder).glob("*.py")):
             try:
                 yield _module_of(path)

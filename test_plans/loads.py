@@ -88,7 +88,7 @@ class Limits:
         curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):
             raise SpecimenError(
-                f"{self.where} does not say what is good for {name} at {place:g} (SI): it goes from {min(curve):g} to "
+                f"{self.where} has no limit of {name} at {place:g} (SI): its range is {min(curve):g} to "
                 f"{max(curve):g}"
             )
         ends = ([band.low for band in curve.values()], [band.high for band in curve.values()])
@@ -97,7 +97,7 @@ class Limits:
 
     def _stated(self, name: str, unit: str, known: Mapping[str, T], parts: str) -> T:
         if name not in known:
-            raise SpecimenError(f"{self.where} does not say what is good for {name}: {parts} would")
+            raise SpecimenError(f"{self.where} has no limit of {name}; add {parts}")
         if name in self.units and (unit not in UNITS or UNITS[unit].si != self.units[name]):
             raise SpecimenError(
                 f"{self.where}.{name} is stated in {self.units[name]}; the plan asks for it in {unit or 'no unit'}"

@@ -52,7 +52,7 @@ def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
         with path.open("x", encoding="utf-8") as file:
             file.write(_TEXT.format(name=name, Title=name.replace("_", " ").capitalize()))
     except FileExistsError:
-        raise PlanError(f"{path} is there already, and somebody may have worked on it") from None
+        raise PlanError(f"{path} exists already; choose another name or remove it") from None
     except OSError as error:
         raise PlanError(f"{path} cannot be written: {error.strerror}") from None
     return path

@@ -120,7 +120,7 @@ def declared_parameters(function: Callable[..., None]) -> tuple[Parameter, ...]:
 
 def _declared(name: str, hint: Any, default: Any) -> Parameter:
     if default is inspect.Parameter.empty:
-        raise TypeError(f"parameter {name} has no default; every plan runs without being told anything")
+        raise TypeError(f"parameter {name} has no default; a plan must run without arguments")
     kind, *rest = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if get_origin(kind) is Literal:
         one = Parameter(name, default, choices=get_args(kind))

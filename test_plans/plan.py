@@ -148,7 +148,7 @@ def plan_under(load: str, main: Callable[..., None], name: str, **how: Any) -> P
 def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Plan:
     instruction = inspect.cleandoc(main.__doc__ or sys.modules[main.__module__].__doc__ or "")
     if not instruction:
-        raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
+        raise PlanError(f"plan {main.__name__} has no docstring; state the tested property and its limits")
     for name in needs:
         if name not in TABLE.index and not is_dimension(name):
             raise PlanError(

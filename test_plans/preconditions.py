@@ -131,7 +131,7 @@ def calibrated(*signals: str) -> Precondition:
     def look(run: Run) -> ConditionResult:
         if not run.instruments.pieces:
             return ConditionResult(
-                False, "nobody has said which instruments this rig has; its file can name theirs"
+                False, "the instruments of this rig are not stated; name them in the rig file"
             )
         day = today(run)
         troubles = run.instruments.troubles(day, signals)
@@ -148,7 +148,7 @@ def not_overdue() -> Precondition:
         pieces, day = run.instruments.pieces.values(), today(run)
         if not pieces:
             return ConditionResult(
-                None, "nobody has said which instruments this rig has; its file can name theirs"
+                None, "the instruments of this rig are not stated; name them in the rig file"
             )
         if day is None:
             return ConditionResult(None, NO_DAY)

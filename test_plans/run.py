@@ -352,7 +352,7 @@ class Run:
         try:
             answer = answer_to(self, Question(what, (DONE, NOT_POSSIBLE), within, deed)).text
         except NotInTime as reason:
-            raise Aborted(f"{reason}; somebody may be at the rig, so it does not move") from None
+            raise Aborted(f"{reason}; a person may be at the rig, so it does not move") from None
         except Unanswered as reason:
             self.not_available(checks, str(reason))
             return False

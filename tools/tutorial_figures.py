@@ -52,7 +52,7 @@ def main() -> None:
             for outputs, style, title in (
                 (run.outputs, {"color": "0.2", "lw": 0.8}, "measured, 7 bar"),
                 (before, {"color": "0.6", "lw": 1.2, "ls": "--"}, "before: F = p·A"),
-                (after, {"color": colour, "lw": 1.2}, "after: with what was found"),
+                (after, {"color": colour, "lw": 1.2}, "after: with the cause found"),
             ):
                 loop.plot(x[run.scored], (outputs - area)[run.scored, 0], label=title, **style)
     loop.set(xlabel="displacement in mm", ylabel="F − p·A in N", title="A stroke that no fit has seen (PK)")

@@ -196,7 +196,7 @@ def _no_answer(subject: Subject) -> None:
     if took > subject.within + 1 * s:
         raise Breach(f"connect(within={subject.within:g}) took {took:.1f} s to refuse")
     if listener.lost:
-        raise Breach(f"the loss of a connection that never was is told: {listener.lost[0]}")
+        raise Breach(f"a loss was reported without a connection: {listener.lost[0]}")
 
 
 def _what_comes(subject: Subject) -> None:
@@ -329,7 +329,7 @@ def _refusing(subject: Subject) -> None:
             _expect(Refused, f"write of {subject.refused}", partial(bench.transport.write, one))
         bench.transport.read(list(subject.readable))
         if bench.listener.lost:
-            raise Breach(f"the refusal is told as a loss: {bench.listener.lost[0]}")
+            raise Breach(f"the refusal was reported as a loss: {bench.listener.lost[0]}")
 
 
 def _unavailable(subject: Subject) -> None:
@@ -385,7 +385,7 @@ def _closing(subject: Subject) -> None:
             raise Breach(f"{len(bench.listener.samples) - count} callbacks came after close")
         _expect(LinkLost, "read after close", lambda: bench.transport.read(list(subject.readable)))
         if bench.listener.lost:
-            raise Breach(f"closing is told as a loss: {bench.listener.lost[0]}")
+            raise Breach(f"closing was reported as a loss: {bench.listener.lost[0]}")
 
 
 def _losing(subject: Subject) -> None:
@@ -409,7 +409,7 @@ def _losing(subject: Subject) -> None:
             raise Breach(f"reading took more than {subject.within:g} s to say that the connection is lost")
         bench.wait(3 * bench.transport.period + 5 * _POLL)
         if len(bench.listener.lost) != 1:
-            raise Breach(f"the loss is told {len(bench.listener.lost)} times")
+            raise Breach(f"the loss was reported {len(bench.listener.lost)} times")
         if len(bench.listener.lost[0]) < 10:
             raise Breach(f"the reason of the loss is only {bench.listener.lost[0]!r}")
 

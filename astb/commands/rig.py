@@ -175,7 +175,7 @@ def _say_ready(can: str, modbus: str, control: str) -> None:
 def _simulated_only(rig: "RigFile", path: Path) -> "RigFile":
     """Return ``rig``, which must be a simulated one."""
     if rig.simulation is None:
-        misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
+        misuse(f"rig file {path} describes a real rig (no [simulation] table), so it cannot be simulated")
     return rig
 
 

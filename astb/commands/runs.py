@@ -196,7 +196,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     console.print(facts if found.facts else "The records show no difference in rig, specimen or parameters.")
     for run, verdict in zip("AB", found.verdicts, strict=True):
         if verdict in set(Unfinished):
-            console.print(f"{run} is {verdict}: it has no result; only what was kept until now is compared")
+            console.print(f"{run} is {verdict}: it has no result, so only its recorded part is compared")
     console.print(_results(found.checks) if found.checks else "Neither run has a check.")
     for pair in found.curves:
         if pair.apart is not None:

@@ -42,7 +42,7 @@ def model_description(unit: Unit, *, fmi: int, token: str, version: str) -> byte
     SubElement(root, "CoSimulation", able)
     _units(SubElement(root, "UnitDefinitions"), {one.unit for one in every}, fmi)
     categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", name="logStatusError", description="What was refused, and why")
+    SubElement(categories, "Category", name="logStatusError", description="Refused calls and reasons")
     SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=repr(TICK))
     listed = SubElement(root, "ModelVariables")
     for reference, one in enumerate(every):

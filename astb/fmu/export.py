@@ -233,8 +233,8 @@ def _page(unit: Unit) -> str:
 <html lang="en"><meta charset="utf-8"><title>{escape(unit.name)}</title>
 <h1>{escape(unit.said)}</h1>
 {about}
-<p>Inside, steps are {TICK * 1e3:g} ms long: what is left of one at the end of a communication step belongs to the
-next.</p>
+<p>The internal step is {TICK * 1e3:g} ms. The rest of a communication step that is shorter than one internal step is
+added to the next.</p>
 <table><tr><th>name</th><th>kind</th><th>unit</th><th>start</th><th></th></tr>
 {rows}
 </table></html>

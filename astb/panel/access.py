@@ -66,7 +66,7 @@ class Doorkeeper:
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
         name = name.strip("[]").lower()
         if name not in self._names and not _is_address(name):
-            return f"this panel is not called {name}; `astb panel --name {name}` lets it be"
+            return f"this panel does not have the name {name}; start it with `astb panel --name {name}`"
         changes = scope["type"] == "websocket" or scope["method"] not in {"GET", "HEAD"}
         origin = headers.get("origin")
         if changes and origin is not None and origin.partition("://")[2] != host:

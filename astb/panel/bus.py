@@ -131,7 +131,7 @@ class Bus:
 
         rig = self._watch.rig
         if rig.wiring:
-            return f"{rig.name} has a wiring of its own: its buses are not known here"
+            return f"{rig.name} has its own wiring, so its buses are not known here"
         if self._port is None:
             try:
                 self._port = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)

@@ -59,7 +59,7 @@ def panel_command(
     end_in_order()
     rig, path = read_rig(rig_named)
     if rig.time == "virtual":
-        misuse(f"rig file {path} has virtual time, which nobody can watch; a rig in real time would be right")
+        misuse(f"rig file {path} has virtual time, which cannot be watched; choose a rig in real time")
     try:
         sockets = [_listening(host, port)]
     except OSError as error:
@@ -134,8 +134,6 @@ def _print_addresses(host: str, port: int, token: str, names: tuple[str, ...] = 
         else host
     )
     if host != _LOCAL:
-        click.echo(
-            "served to other machines, unencrypted: whoever reads along on the network reads the token"
-        )
+        click.echo("served to other machines without encryption: anyone on the network can read the token")
     click.echo(f"to watch:    http://{name}:{port}/")
     click.echo(f"to command:  http://{name}:{port}/#token={token}")

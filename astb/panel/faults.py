@@ -51,7 +51,7 @@ def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
 def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
     """Return what the rig answers on its control socket. CannotDo if there is none, or it refuses."""
     if rig.simulation is None:
-        raise CannotDo(f"{rig.name} is a real rig: it has faults of its own")
+        raise CannotDo(f"{rig.name} is a real rig; faults can be inserted only into a simulated rig")
     try:
         told = ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))
     except OSError as error:

@@ -154,7 +154,7 @@ class Kept:
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
         if not 0 < len(places) <= TRENDS:
-            raise RecordError(f"{len(places)} trends are asked for; 1 to {TRENDS} fit on a page")
+            raise RecordError(f"{len(places)} trends are requested; a page shows 1 to {TRENDS}")
         for place in places:
             if not 0 <= place < len(checks):
                 raise RecordError(f"{run} has no check {place}; it has {len(checks)}")

@@ -28,7 +28,7 @@ class KeptRig:
         if rig.simulation is None or rig.wiring or running or answers(rig):
             return
         if not LINUX:
-            self._say("a rig in real time needs Linux: here the panel shows what was kept")
+            self._say("a rig in real time needs Linux; here the panel shows records only")
             return
         self.close()
         self._say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")

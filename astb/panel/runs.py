@@ -34,7 +34,7 @@ MS: Final = 1_000_000  # ns
 #: Of each side the pressures in the spring: the bellows first, without which nobody knows of any air.
 _AIR: Final = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
 #: Who stopped a run, if his page does not know his name.
-SOMEBODY: Final = "somebody at the panel"
+SOMEBODY: Final = "a user of the panel"
 _FAILED: Final = (CheckVerdict.FAIL, CheckVerdict.ERROR)
 
 
@@ -210,7 +210,7 @@ class Runs:
             raise CannotDo(
                 f"THE RIG DID NOT TAKE ITS SAFE POSITION, press the emergency stop on the rig: {error}"
             ) from None
-        return "the rig was told to take its safe position"
+        return "the rig was commanded to its safe position"
 
     def reset(self) -> None:
         """Clear a latched fault, while nobody commands."""

@@ -38,7 +38,7 @@ def twin_runs(out: Path, request: Request) -> dict[str, Any]:
     if not run:
         return {"runs": [], "run": "", "story": None}
     if run not in runs:
-        raise RecordError(f"{out} holds no run {run} beside which a model ran")
+        raise RecordError(f"{out} holds no run {run} with results of a twin")
     story = read_twin(out / run)
     assert story is not None
     return {

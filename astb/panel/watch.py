@@ -209,7 +209,7 @@ class Watch:
 
     def _listen(self) -> Listening:
         if not LINUX:
-            raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
+            raise LinkLost("a rig in real time needs Linux; here the panel shows records only")
         return Listening(open_wiring(self.rig, self.path), self.clock, _CONNECT).open()
 
     def _revive(self) -> None:

@@ -116,7 +116,7 @@ class Past(NamedTuple):
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)
-        lines = [f"{one.signal} parts at {one.since:.2f} s, at most {one.words}" for one in found]
+        lines = [f"{one.signal} deviates from {one.since:.2f} s, at most {one.words}" for one in found]
         lines += changed_checks(read_result(kept).checks, read_result(directory).checks)
         begin = f"  up to {self.at:g} s it is {kept} to the bit, and then:"
         return [begin, *(f"    {line}" for line in lines or ["it goes on as it did"])]

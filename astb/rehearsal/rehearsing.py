@@ -212,10 +212,10 @@ def _notes(rig: RigFile, model: str, limits: list[KnownLimit], absent: dict[str,
     if rig.simulation is not None:
         return []
     assumed = sum(one.source == "assumed" for one in limits)
-    notes = [f"{rig.name} is a real rig: the simulated one with the parameters {model} stands for it"]
+    notes = [f"{rig.name} is a real rig: a simulated rig with the parameters {model} is used instead"]
     if assumed:
         notes.append(
-            f"{assumed} of {len(limits)} limits are ours, assumed: [[limits]] of the rig file would tell its own"
+            f"{assumed} of {len(limits)} limits are assumed; state them under [[limits]] in the rig file"
         )
     if absent:
         notes.append(f"as the rig does, the simulated one lacks {', '.join(absent)}")

@@ -257,7 +257,7 @@ def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) ->
     stands = steps == 0
     if stands.any():
         at = int(rows[int(np.argmax(stands)) + 1])
-        account.take(f"the clock stands in {many(int(stands.sum()))}, first in {sheet.at(at)}")
+        account.take(f"the clock does not advance in {many(int(stands.sum()))}, first in {sheet.at(at)}")
     moving = steps[steps > 0]
     usual = float(np.median(moving)) if moving.size else 0.0
     leaps = (steps > _LEAP * usual) & (steps > _LONG)

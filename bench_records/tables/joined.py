@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bench_records.tables.keys import ColumnName, FileKeys
     from bench_records.tables.sheet import Sheet
 
-_RIGHT: Final = "beside each other, dates as 2026-03-19 and times of day as hh:mm:ss would be right"
+_RIGHT: Final = "use adjacent columns with dates as 2026-03-19 and times of day as hh:mm:ss"
 
 
 def date_and_time(sheet: Sheet) -> tuple[int, int] | None:
@@ -45,7 +45,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
     days = _of_text(sheet, columns[0], keys, where) if columns[0].kind == "text" else _of_type(columns[0])
     times = _of_text(sheet, columns[1], keys, where) if columns[1].kind == "text" else _of_type(columns[1])
     if (days.ns % DAY).any() or days.zoned:
-        raise RecordError(f'{where}: the column "{columns[0].name}" has times or zones of its own; {_RIGHT}')
+        raise RecordError(f'{where}: the column "{columns[0].name}" has its own times or zones; {_RIGHT}')
     for sentence in days.told:
         account.take(sentence)
     account.take(f"the columns {columns[0].name} and {columns[1].name} are one clock")

@@ -196,7 +196,7 @@ def _separators(
         at = found.open[other]
         raise RecordError(
             f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals, and the column does '
-            f'not tell; thousands = "{other}" or decimal = "{other}" of this column would say it'
+            f'not decide it; state thousands = "{other}" or decimal = "{other}" for this column'
         )
     return point, other if thousands else ""
 

@@ -75,7 +75,7 @@ CHECKS: Final = {
         Check(
             "undeclared code",
             f"up to {CODES} different values, in at most {100 * CODE_SHARE:g} % of the samples, that lie {FAR:g} "
-            f"ranges of all others away from these (beside few others: {LARGER:g} times as large; beyond {HUGE:g}"
+            f"ranges of all others away from these (with few others: {LARGER:g} times as large; beyond {HUGE:g}"
             " always); or "
             f"a value that is reached and left by jumps of {JUMP:g} usual steps "
             f"({JUMP_ONCE:g} if it comes once)",

@@ -76,7 +76,7 @@ def _add_clock(sheet: Sheet, rate: float) -> None:
     """Put a clock of ``rate`` rows a second behind the columns. RecordError if the file has one."""
     if sheet.clock is not None or any(sheet.places(name) for name in (TimeSource().column, "time_s")):
         raise RecordError(
-            f"{sheet.path} has a clock of its own: file.rate is for a table without one, leave it out"
+            f"{sheet.path} has a time column, and file.rate is for tables without one; remove file.rate"
         )
     sheet.clock = len(sheet.columns)
     seconds = ((sheet.rows * 0 + 1).cumsum() - 1) / rate

@@ -123,7 +123,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it adds {100.0 * part:.2g} % to the misfit explained, and what was found before may be inexact by as much"
+    return f"it adds {100.0 * part:.2g} % to the explained misfit, which is within the error of the causes found before"
 
 
 def explains_too_little(

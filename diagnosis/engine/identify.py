@@ -135,8 +135,8 @@ def _of_form(screened: ScreenedModel) -> Iterator[str]:
     clearest = min(screened.tests, key=lambda test: test.p, default=None)
     if clearest is not None and clearest.p < UNKEPT_SURFACE_P:
         yield (
-            f"the model lacks something: what is left looks like an {clearest.surface.title}; intervals are wider by "
-            "it, and a diagnosis with the identified model looks for its name"
+            f"the model is incomplete: the residual resembles an {clearest.surface.title}; intervals include "
+            "this error; run a diagnosis with the identified model to find its cause"
         )
 
 

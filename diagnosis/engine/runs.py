@@ -73,7 +73,9 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
             )
     keep = [i for i in range(len(dataset.channels)) if any(run.counted[:, i].any() for run in dataset.runs)]
     if not keep:
-        raise DiagnosisError("no run holds a single measured and scored sample: there is nothing to diagnose")
+        raise DiagnosisError(
+            "no run has a sample that is measured and scored, so a diagnosis is not possible"
+        )
     channels = tuple(dataset.channels[i] for i in keep)
     runs, beside = (
         tuple(replace(run, outputs=run.outputs[:, keep]) for run in some)

@@ -50,10 +50,10 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         state = state.after(trials)
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
-            progress("looking for what is missing beside a strained cause", 0.1 + 0.8 * done)
+            progress("looking for a second cause", 0.1 + 0.8 * done)
             chosen = choose_with_strained(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
-            progress("looking again for what acts only now and then", 0.1 + 0.8 * done)
+            progress("looking for causes that act only at times", 0.1 + 0.8 * done)
             plain = plainly(problem, state)
             trials = look_again(problem, plain, trials)
             state = state.with_further(trials)

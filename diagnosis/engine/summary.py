@@ -222,8 +222,8 @@ def _late_together(causes: Sequence[Cause]) -> str:
         return ""
     late = f"{0.5 * (max(low) + min(high)):.{decimals(max(low), min(high))}f} {delays[0].unit}"
     return (
-        f"All of these are late by the same {late}: what they have in common may be late, such as their device or its "
-        "clock, or what drives the simulation may be ahead of them."
+        f"All of these are late by the same {late}. A common part may be late, such as their device or its "
+        "clock, or the inputs of the simulation may be early."
     )
 
 

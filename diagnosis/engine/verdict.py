@@ -121,11 +121,11 @@ def _leaving(
         return {least.effect: next(iter(impossible.values()))}
     if clear and (similarities := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
         return dict.fromkeys(
-            similarities, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
+            similarities, f"it is not needed with a fitted surface ({clear[0].surface.title})"
         )
     left = residual_bound(problem.select, found.floors)
     if unsure := vague(model, screened.tests, found.accepted, left, found.state.finite):
-        beside = f" beside a fitted surface ({clear[0].surface.title})" if clear else ""
+        beside = f" with a fitted surface ({clear[0].surface.title})" if clear else ""
         return {unsure[0]: f"it may be zero{beside or ', by its interval'}"}
     owed = owed_to_form(model, found.accepted)
     if owed and clear:  # what has no name may be all that is wrong with the form

@@ -143,7 +143,7 @@ def _doubt(
     text = [f'"{one.reading}"' if key == "reading" else f"{one.sign}" for one in (columns[name], changed)]
     return (
         f"{keys} = {text[0]} may be wrong: with {text[1]} the error of the simulation in "
-        f"{channels[c]} would be {shares[c]:.2g} times what it is now"
+        f"{channels[c]} would be {shares[c]:.2g} times the present one"
     )
 
 

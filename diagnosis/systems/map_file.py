@@ -133,8 +133,8 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
     if len(named) != 1:
         raise DiagnosisError(
-            f"{map_path}: {' and '.join(named) or 'nothing'} is named to be diagnosed; right would be either "
-            f"system = one of {_SYSTEMS}, or a simulator of your own"
+            f"{map_path}: {' and '.join(named) or 'nothing'} is named to be diagnosed; use either "
+            f"system = one of {_SYSTEMS}, or your own simulator"
         )
     own = simulator or mapping.simulator
     folder = map_path.parent if simulator is None else Path.cwd()
@@ -156,8 +156,8 @@ def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
     """
     if simulator.lower().endswith(".fmu"):
         raise DiagnosisError(
-            f"{simulator}: an FMU needs --map MAP, which says what columns are its variables, what of it is believed, "
-            "and what may be missing"
+            f"{simulator}: an FMU needs --map MAP, which states the columns of its variables, the priors of its "
+            "parameters and the possible effects"
         )
     system = load_system(simulator, Path.cwd())
     there = column_names(first, ["time", *system.signals])

@@ -87,7 +87,9 @@ def read_mapped(
     elif own is not None:
         mapping, system = plain_map(paths[0], own)
     else:
-        raise DiagnosisError(f"{where}: neither a map nor a simulator says what its columns are")
+        raise DiagnosisError(
+            f"{where}: neither a map nor a simulator states the meaning of its columns; give --map FILE"
+        )
     errors = Errors(system.errors.values())
     given = channels_of(mapping, system, where, errors)
     settings: dict[str, float] = {}

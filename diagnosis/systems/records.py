@@ -77,7 +77,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
             beside.append(_run(record, sines, simulator, channels, twice))
         elif not found:
             raise DiagnosisError(
-                f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
+                f"{directory} holds no phase whose name begins with {REPLAY!r}, so it cannot be replayed; the "
                 "plans `screening` and `identification` make such records"
             )
         runs += [(Path(directory), run) for run in found]

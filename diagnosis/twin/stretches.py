@@ -48,7 +48,7 @@ LEAST: Final = 2.0
 _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 
 #: Why the model cannot be judged somewhere.
-AIR: Final = "the air is being filled or vented, and no wire says how far the valves are open"
+AIR: Final = "the springs are being filled or vented, and the opening of the valves is not measured"
 LOST: Final = "the motion was not received"
 LEVELING: Final = (
     "a leveling valve was connected, and what it lets in hangs on tenths of a millimetre of its lever"

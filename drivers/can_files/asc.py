@@ -34,7 +34,7 @@ _BLOCK: Final = re.compile(r"\s*begin\s+trigger", re.IGNORECASE)
 _STAMPED: Final = re.compile(r"\s*-?\d")
 _OWN_ID: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 _START: Final = ("start", "of")
-_NAMED: Final = "frame(s) with a name in the place of the identifier"
+_NAMED: Final = "frame(s) with a name instead of the identifier"
 _BASE_MEANT: Final = (
     "a line `base hex  timestamps absolute`, as it is true of the file, before the first frame"
 )
@@ -79,12 +79,12 @@ def read_asc(path: Path, account: Account) -> Frames:
             _unknown(log, line)
     if log.names and log.letters:
         raise CanLogError(
-            f"{path} has names in the place of identifiers ({log.names}), and {log.letters} may be either; a log with "
-            "numbers would be right"
+            f"{path} has names instead of identifiers ({log.names}), and {log.letters} may be either; export a log "
+            "with numbers"
         )
     if log.names and not log.frames:
         raise CanLogError(
-            f"{path} has names in the place of identifiers ({log.names}), without the number (ID = 256) behind them; a "
+            f"{path} has names instead of identifiers ({log.names}), without the number (ID = 256) behind them; a "
             "log with numbers would be right"
         )
     if log.relative:

@@ -60,7 +60,7 @@ class _Reader(blf.BLFReader):
                     break
                 signature, _, _, length, kind = _HEAD.unpack(head)
                 if signature != b"LOBJ":
-                    raise CanLogError(f"{self.path}: what stands behind its objects is none")
+                    raise CanLogError(f"{self.path}: the data after its last object are no object")
                 if length > _OBJECT_BYTES:
                     raise CanLogError(
                         f"{self.path} is damaged: an object of {size(length)}; at most {size(_OBJECT_BYTES)} are read"

@@ -36,7 +36,7 @@ _LENGTHS: Final = frozenset({*range(9), 12, 16, 20, 24, 32, 48, 64})
 #: So many frames in rising order occur by chance in less than one log of five thousand.
 _SURE: Final = 8
 _LARGE: Final = 10**6 * 10**9  #: ns: no delta, and no time since the beginning of a log
-_MEANT: Final = "--stamps absolute or --stamps delta says how they are meant"
+_MEANT: Final = "state --stamps absolute or --stamps delta"
 
 
 @dataclass
@@ -93,8 +93,8 @@ def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
         if to_zero or 4 * falls < len(steps):
             line = log.lines[int(np.argmax(steps < 0)) + 1]
             raise CanLogError(
-                f"{log.path}: in line {line} the time stamps begin anew or go back: there are two logs in the file, or "
-                f"they count from line to line; a file for each log would be right, and {_MEANT}"
+                f"{log.path}: in line {line} the time stamps go back: the file contains two logs, or "
+                f"they are differences; split the file, or {_MEANT}"
             )
         return "delta"
     if rises <= 1 and stands > 1 and int(stamps.max()) > 0:

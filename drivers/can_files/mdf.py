@@ -79,9 +79,7 @@ def _check_groups(path: Path, mdf: Any, account: Account) -> None:
                 f"{path}: group {number} holds frames, but does not say that they are of a CAN bus"
             )
         elif _DATA in names and _EXTENDED not in names:
-            raise CanLogError(
-                f"{path}: group {number} does not say which identifiers have 29 bits ({_EXTENDED})"
-            )
+            raise CanLogError(f"{path}: group {number} does not mark identifiers of 29 bits ({_EXTENDED})")
 
 
 def _is_can(source: Any) -> bool:

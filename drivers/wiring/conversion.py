@@ -163,8 +163,8 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
     gain, of, into = _gain(where, calibration.gain)
     if not unit and signal.unit != "1":
         raise WiringError(
-            f"{where}.unit is missing: in which unit does the rig tell {signal.name}? "
-            f"Right would be such as {signal.unit!r}"
+            f"{where}.unit is missing: state the unit in which the rig reports {signal.name}, "
+            f"such as {signal.unit!r}"
         )
     if into:
         after = unit_of(f"{where}.calibration.gain = {calibration.gain!r}", into, signal.si)
@@ -211,7 +211,7 @@ def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
 
 def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Curve:
     if calibration.gain != 1.0 or calibration.offset != 0.0:
-        raise WiringError(f"{where}.calibration: a table stands instead of gain and offset, not beside them")
+        raise WiringError(f"{where}.calibration: a table replaces gain and offset; remove them")
     numbers, meanings = zip(*((float(a), float(b)) for a, b in calibration.table), strict=True)
     if not all(map(math.isfinite, (*numbers, *meanings))):
         raise WiringError(f"{where}.calibration.table: inf and nan are no rows to draw lines between")
@@ -251,7 +251,7 @@ def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -
             other = taken.setdefault(one, name)
             if other != name:
                 raise WiringError(
-                    f"{where}.choices: {one:g} stands for {other} and for {name}; it can mean one"
+                    f"{where}.choices: {one:g} is {other} and {name}; each number needs one meaning"
                 )
         numbers[signal.choices.index(name)] = all_given
     return Choices(numbers)

@@ -218,7 +218,7 @@ class DescribedWiring(Outlet):
         given = {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
         for name, value in given.items():
             if math.isnan(value):
-                raise LinkLost(f"{self.rig} does not tell {name}: {targets[name].given} has no value")
+                raise LinkLost(f"{self.rig} does not report {name}: {targets[name].given} has no value")
         return given
 
     def _check_identity(self, clock: Clock, deadline: int) -> None:
@@ -239,7 +239,7 @@ class DescribedWiring(Outlet):
                 samples = self._sources.samples(prefix, time, points)
             except Exception as error:  # the receiving thread must survive errors of a user's function
                 self._failure = self._failure or Misuse(
-                    f"what comes from {self.rig} could not be made signals of, with the functions of "
+                    f"readings of {self.rig} could not be converted to signals by the functions of "
                     f"{self._description.functions}: {error!r}"
                 )
                 return
@@ -299,7 +299,7 @@ class DescribedWiring(Outlet):
         """Return the points, or the table of signals, by which the rig was identified."""
         points = [f"{point} = {value:g}" for point, value in self._description.identity.items()]
         told = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
-        return told or "not told: the wiring has no [identity], so any rig with these points would do"
+        return told or "unknown: the wiring has no [identity], so any rig with these points is accepted"
 
     def source(self, name: str) -> str:
         """Return the points of a signal, or its place in the table."""

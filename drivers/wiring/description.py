@@ -179,7 +179,7 @@ class _Reader:
     def _remembered(self) -> dict[str, str]:
         """Return a note of the settings that no point reads back."""
         names = [name for name, one in self._settings.items() if one.fixed is None and not one.read]
-        return {"settings": f"taken to be what was last written: {', '.join(names)}"} if names else {}
+        return {"settings": f"assumed to be the last written value: {', '.join(names)}"} if names else {}
 
     def _digest(self) -> str:
         keys = msgspec.to_builtins(self._keys)
@@ -219,7 +219,7 @@ class _Reader:
         if entry.absent:
             others = [key for key in _given(entry) if key != "absent"]
             if others:
-                raise WiringError(f"{where} is absent and has {', '.join(others)}; right is one of them")
+                raise WiringError(f"{where} has absent and {', '.join(others)}; keep one of them")
             self._absent[signal.name] = entry.absent
             return
         _refuse_wrong_keys(where, signal, entry)

@@ -86,8 +86,8 @@ class SequenceReader:
         if source is None:
             if self._keys.up or self._keys.reset or self._keys.rest:
                 raise WiringError(
-                    f'{self._where} lead the rig from state to state, and signals."rig.state" is missing or '
-                    "absent; right is where the rig tells its state"
+                    f'{self._where} change the state of the rig, and signals."rig.state" is missing or '
+                    'absent; state the point of "rig.state"'
                 )
             return ()
         assert isinstance(source.conversion, Choices), "a state is a choice"

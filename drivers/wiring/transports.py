@@ -45,7 +45,7 @@ def open_transport(
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
         guess = f" {did_you_mean(kind, KINDS)};" if isinstance(kind, str) else ""
         raise WiringError(
-            f"transports.{name}: kind = {kind!r} is no transport;{guess} it is one of {', '.join(KINDS)}, or one of "
+            f"transports.{name}: kind = {kind!r} is no transport;{guess} use one of {', '.join(KINDS)}, or one of "
             'your own as "package.module:factory" or "file.py:factory"'
         )
     opener: Any = port

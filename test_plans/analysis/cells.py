@@ -164,7 +164,7 @@ def _sum(
     """
     there = cells_in(values)
     if lacking := [cell for cell in needed if cell not in there]:
-        raise NotAvailable(f"without {', '.join(lacking)} nobody knows what the load cells bear together")
+        raise NotAvailable(f"without {', '.join(lacking)} the sum of the load cells is unknown")
     known = described(rig)
     shares = {cell: share(cell) for cell in there if cell in needed or cell in known}
     return np.asarray(sum(one * np.asarray(values[cell]) for cell, one in shares.items() if one))

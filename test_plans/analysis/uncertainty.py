@@ -180,7 +180,7 @@ def _composed(best: Samples, parts: Mapping[str, Samples], even: Samples, place:
     own = {cause: float(abs(part[place])) for cause, part in parts.items()}
     u = sqrt(sum(part**2 for part in own.values()))
     if not isfinite(u):
-        return Measured(float(best[place]), unknown="the computation has no number beside this one")
+        return Measured(float(best[place]), unknown="the computation has no neighbouring value")
     told = sorted(own, key=lambda cause: own[cause], reverse=True)
     largest = {cause: own[cause] for cause in told if own[cause] ** 2 > LEAST_SHARE * u**2}
     return Measured(float(best[place]), u, float(even[place]), largest)
@@ -333,7 +333,7 @@ def repeated(found: Sequence[Measured]) -> Measured:
     """
     n = len(found)
     if n < 4:
-        raise ValueError(f"{n} measurements do not tell their scatter; four or more would")
+        raise ValueError(f"{n} measurements are too few for their scatter; use four or more")
     values = np.array([one.value for one in found])
     scatter = float(values.std(ddof=1) / sqrt(n) * sqrt((n - 1) / (n - 3)))
     lacking = next((one for one in found if one.u is None), None)

@@ -171,7 +171,7 @@ def _look_at_the_wind(run: Run) -> ConditionResult:
     return ConditionResult(True, f"a {kind} wind by the {by}")
 
 
-CAN_BLOW: Final = Precondition("wind and track can be made by what is asked to", _look_at_the_wind)
+CAN_BLOW: Final = Precondition("the rig can make the wind and the track", _look_at_the_wind)
 
 
 def _bench_holds(name: str) -> Precondition:

@@ -53,9 +53,7 @@ STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
 #: A twin is asked every so many s whether rig and model part.
 ASKED_EVERY: Final = 20 * s
-NOBODY_WATCHES: Final = (
-    "no twin watches this run: nobody says whether rig and model part, and the cycles go on"
-)
+NOBODY_WATCHES: Final = "no twin watches this run, so deviations are not detected, and the cycles continue"
 A_THOUSAND: Final = 1000.0
 CYCLES: Final = ("cycles", "1")
 MADE: Final = CheckName(
@@ -263,7 +261,7 @@ def _reason(run: Run, deviation: Deviation | None) -> Iterator[None]:
     finally:
         if deviation is not None:
             why = (run.twin.deviation or deviation).sentence
-            run.warn(f"the cycles were ended, as rig and model part. {why}")
+            run.warn(f"the cycles were ended because the rig deviates from the model. {why}")
 
 
 def _cycle(

@@ -48,15 +48,15 @@ STRETCHES: Final = (WIDE, ASIDE, ALONE)
 
 IDENTIFICATION: Final = Programme(
     "identification",
-    "Identification: what tells the parameters of unknown springs, in a few minutes.",
+    "Identification: determine the parameters of unknown springs in a few minutes.",
     (Part(AW0, STRETCHES), Part(AW3, STRETCHES)),
     """
     Under the empty and under the full car, and so at two pressures, the bench moves the springs up and down by several
     amplitudes and frequencies, holds them high and low, shears and rolls them; once about a place to the side, once
     with the auxiliary chambers shut off. No motion reaches the bump stop.
 
-    Nothing is judged here: `astb identify` makes a set of parameters of the record. How well each of them will be known
-    is told beforehand by `astb identify --expect identification`.
+    This plan has no checks. `astb identify` makes a set of parameters from the record, and
+    `astb identify --expect identification` predicts their uncertainty.
     """,
 )
 

@@ -246,7 +246,7 @@ def measuring_chain(
     if dummy == "blocks" and not all(abs(one) < AT_BLOCKS for one in high):
         places = " and ".join(f"{one / mm:.1f} mm" for one in high)
         raise RigFault(
-            f"no blocks stand in place of the springs: the bolster rests at {places}, blocks reach 0 mm"
+            f"the blocks are not inserted instead of the springs: the bolster rests at {places}, blocks reach 0 mm"
         )
     if mass > 0.0:
         _weigh(run, mass)
@@ -337,7 +337,7 @@ def _weigh(run: Run, mass: float) -> None:
             check_band(run, OVER_MASS, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
-                    f"nobody confirmed that the {mass:g} kg and all hands are off the bolster: nothing is pressed"
+                    f"it was not confirmed that the {mass:g} kg and all hands are off the bolster, so it is not loaded"
                 )
 
 

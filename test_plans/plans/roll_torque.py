@@ -49,7 +49,7 @@ RECIPROCAL: Final = CheckName(
 )
 TORSION: Final = CheckName(
     "torsional stiffness of one diaphragm, K_φ",
-    "The roll torque of one spring over its roll, beside that of the two springs' heights: the rubber bears it.",
+    "The roll torque of one spring over its roll, without the part of the two springs' heights; the rubber carries it.",
 )
 STIFF: Final = CheckName(
     "roll torque of the pair over roll",

@@ -60,7 +60,7 @@ HOLDING: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED")
 SAFE: Final = (
     CheckName(
         "{after}: springs without air after",
-        "How long the springs keep their air after this event: until then nobody may reach into the bench.",
+        "How long the springs keep their air after this event: until then keep out of the bench.",
     ),
     CheckName(
         "{after}: actuators let go after",

@@ -60,7 +60,7 @@ KEPT: Final = 4
 
 BESIDE: Final = CheckName(
     "platform beside the record, {way}",
-    "What is left between the platform and the record, rms, over the record: without it the springs met another track.",
+    "Deviation of the platform from the record, rms over rms; if it is large, the springs met another track.",
 )
 TRAVEL: Final = CheckName(
     "largest travel of the bolster",
@@ -193,7 +193,7 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
     shown = name.partition(".")[2]
     if asked < LEAST:
         few = f"{asked / mm:.2g} {'mrad' if shown == 'roll' else 'mm'} rms"
-        run.not_available([BESIDE.of(way=shown)], f"it moves by {few}, as little as its transducer tells")
+        run.not_available([BESIDE.of(way=shown)], f"it moves by {few}, less than its transducer resolves")
         return
 
     def left(late: float, read: Samples) -> Samples:

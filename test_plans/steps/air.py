@@ -41,7 +41,7 @@ PRESSURE: Final = CheckName(
 AIR: Final = (LOAD, REST_HEIGHT, PRESSURE)
 TIGHT: Final = CheckName(
     "air lost per minute, {side} spring",
-    "The share of its air that a closed spring loses per minute: with a leak it stands on its stops the next morning.",
+    "The share of its air that a closed spring loses per minute: with a leak it rests on its stops the next morning.",
 )
 
 #: What tells the mass of air in the springs.

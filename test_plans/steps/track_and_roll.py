@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PASSED_ON: Final = CheckName(
     "bolster over platform at 1.2 Hz",
-    "How much of the track's motion reaches the car near its natural frequency: passengers feel what is transmitted.",
+    "How much of the track's motion reaches the car near its natural frequency, where passengers feel it.",
 )
 PEAK: Final = CheckName(
     "peak of the bolster",

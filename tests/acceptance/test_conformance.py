@@ -122,12 +122,12 @@ def lax(request: bytes, reply: bytes) -> bytes:
         ({"frames": slow_frames}, {"SpringLeft, rate", "frames lost, by their counters"}),
         (
             {"answers": hasty_codes},
-            {"a function that there is not", "half of a float", "somebody else asks for it"},
+            {"a function that there is not", "half of a float", "another client requests the lease"},
         ),
         ({"answers": swapped_words}, {"readings that differ between CAN and Modbus"}),
         (
             {"answers": lax},
-            {"generator.frequency, NaN", "air.left_target, half of it", "somebody else asks for it"},
+            {"generator.frequency, NaN", "air.left_target, half of it", "another client requests the lease"},
         ),
     ],
     ids=["slow frames", "codes", "words", "lax"],

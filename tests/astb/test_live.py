@@ -172,7 +172,7 @@ def test_a_drawing_tells_trouble():
         "limit tripped",
         "main › there",
         "not known",
-        "does not tell",
+        "not reported by the rig",
         "to be held",
         "no reading",
         " 95 %",

@@ -190,7 +190,7 @@ def test_what_does_not_come_by_itself_is_read_when_asked(wired):
         wired.wiring.read(["air.right_mode"])["air.right_mode"]
     )  # never written, never reported
     assert wired.wiring.capabilities.notes == {
-        "settings": "taken to be what was last written: vertical.control, air.right_mode"
+        "settings": "assumed to be the last written value: vertical.control, air.right_mode"
     }
 
 

@@ -171,7 +171,7 @@ height = { from = "plc.h", unit = "mm" }
 -> signals."left.height" is there twice
 
 "left.height" = { from = "plc.h" }
--> signals."left.height".unit is missing: in which unit does the rig tell left.height? Right would be such as 'mm'
+-> signals."left.height".unit is missing: state the unit in which the rig reports left.height, such as 'mm'
 
 "left.height" = { from = "plc.h", unit = "inch" }
 -> "left.height".unit: 'inch' is no unit that is known here; right would be one of m, mm, um, cm
@@ -210,7 +210,7 @@ height = { from = "plc.h", unit = "mm" }
 -> what the numbers mean must rise, or fall, from row to row
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 2, table = [[0, 0], [1, 2]] } }
--> a table stands instead of gain and offset
+-> a table replaces gain and offset
 
 "left.height" = { unit = "mm" }
 -> from is missing: which point of the rig is it? Or absent = "why not"
@@ -225,7 +225,7 @@ height = { from = "plc.h", unit = "mm" }
 -> "left.height".to: left.height is a measurement, which has from, value, function, unit
 
 "left.height" = { from = "plc.h", unit = "mm", absent = "none" }
--> is absent and has from, unit; right is one of them
+-> has absent and from, unit; keep one of them
 
 "lateral.force" = { from = ["plc.f1", "plc.f2"], unit = "kN" }
 -> from has 2 points: a value or a function must make one of them
@@ -253,7 +253,7 @@ height = { from = "plc.h", unit = "mm" }
 -> 'HOLT' is no choice of rig.state; did you mean 'HOLD'?
 
 "rig.state" = { from = "plc.state", choices = { HOLD = 1, ACTIVE = [2, 1] } }
--> 1 stands for HOLD and for ACTIVE; it can mean one
+-> 1 is HOLD and ACTIVE; each number needs one meaning
 
 "rig.state" = { from = "plc.state", unit = "mm" }
 -> rig.state is a choice (OFF | BOOT
@@ -284,7 +284,7 @@ height = { from = "plc.h", unit = "mm" }
 
 [sequences]
 rest = [{ "plc.c" = 0 }]
--> signals."rig.state" is missing or absent; right is where the rig tells its state
+-> signals."rig.state" is missing or absent; state the point of "rig.state"
 """
 BAD_SEQUENCES = r"""
 [[sequences.up]]

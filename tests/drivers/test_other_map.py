@@ -261,12 +261,12 @@ def test_a_plan_says_with_what_it_goes_on(tmp_path):
     stand = MixedVersions(SWAPPED)
     with Bench(stand.wiring, stand.memory.clock) as bench:
         assert execute(look, bench, tmp_path, watcher=Watcher()).verdict == "pass"
-    assert any("the rig speaks another table of signals" in text and "left.height" in text for text in said)
+    assert any("the rig uses another table of signals" in text and "left.height" in text for text in said)
 
 
 def test_a_rig_without_a_map_file_is_refused_as_ever(world):
     world.peer.map_hash ^= 1
-    with pytest.raises(MapMismatch, match=r"what differs cannot be told, for .*function is unknown"):
+    with pytest.raises(MapMismatch, match=r"the differences are unknown: .*function is unknown"):
         world.bench.connect()
 
 

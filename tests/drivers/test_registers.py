@@ -158,7 +158,7 @@ def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
         ({"bit": 1, "scale": 2.0}, "scale, offset and null are for numbers, not for a bit"),
         (
             {"type": "int16", "null": 40000},
-            r"null = 40000 is nothing that int16 can hold \(-32768 to 32767\)",
+            r"null = 40000 does not fit into int16 \(-32768 to 32767\)",
         ),
         ({"group": "fats"}, "group = 'fats' is not among .groups.; did you mean 'fast'"),
         ({"word_order": "middle"}, "word_order = 'middle'"),

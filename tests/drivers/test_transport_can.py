@@ -416,7 +416,7 @@ def test_pages_are_served_alternately(memory: InMemory, connected: Callable) -> 
         ({"Set.Target": 1000.5}, r"Set\.Target = 1000\.5 does not fit: it carries -1000 to 1000"),
         ({"Set.Mode": 256}, r"Set\.Mode = 256 does not fit: it carries 0 to 255"),
         ({"Set.Mode": math.nan}, r"Set\.Mode = nan does not fit"),
-        ({"Set.Alive": 1}, r"Set\.Alive is filled in by the transport"),
+        ({"Set.Alive": 1}, r"Set.Alive is written by the transport"),
         ({"Set.Mod": 1}, r"Set has no signal 'Mod'; did you mean 'Mode'"),
         ({"Sets.Mode": 1}, r"no message for 'Sets\.Mode'; did you mean 'Set'"),
     ],

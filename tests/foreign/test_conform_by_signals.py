@@ -82,7 +82,7 @@ class FillsWhenArmed(PlcRig):
     ("spoilt", "broken"),
     [
         (FollowsInHold, "HOLD, whatever set-point comes: heights and displacements"),
-        (FillsWhenArmed, "armed, before the first set-point of its own: pressures"),
+        (FillsWhenArmed, "armed, before its first set-point: pressures"),
     ],
 )
 def test_a_rig_that_moves_by_itself_is_found_out(spoilt, broken):

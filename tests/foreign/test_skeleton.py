@@ -163,7 +163,7 @@ def test_without_senders_the_skeleton_is_the_same_and_says_so(tmp_path, nobody):
     assert "left.height" in one and one["vertical_left.force_setpoint"]["to"].endswith(
         "ForceSetpointVerticalLeft"
     )
-    assert "who sends them" not in texts[0] and "Of 4 signals the DBC does not say who sends them" in texts[1]
+    assert "does not name the sender" not in texts[0] and "does not name the sender of 4 signals" in texts[1]
 
 
 def test_units_in_utf8_are_read_correctly(tmp_path):

@@ -64,7 +64,7 @@ def test_a_stop_tells_who_when_and_since_when_the_springs_are_empty(client, door
     told = parts.runs.state()["stopped"]
     assert time.time() - 5 < told["at"] / 1000 <= told["empty"] / 1000 <= time.time()
     assert page.post("/api/estop").status_code == 200
-    assert parts.runs.state()["stopped"]["by"] == "somebody at the panel"
+    assert parts.runs.state()["stopped"]["by"] == "a user of the panel"
 
 
 def test_a_stop_ends_a_run_that_receives_no_data(parts, monkeypatch):

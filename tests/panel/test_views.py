@@ -150,7 +150,9 @@ def test_a_real_rig_is_not_broken_on_purpose(panel, monkeypatch) -> None:
     )
     page = panel(RigFile("steel"))
     assert page.post("/api/faults/on", json={"name": "leak"}).status_code == 409
-    assert page.get("/api/faults").json() == {"error": "steel is a real rig: it has faults of its own"}
+    assert page.get("/api/faults").json() == {
+        "error": "steel is a real rig; faults can be inserted only into a simulated rig"
+    }
 
 
 def frames(*instants: tuple[int, int]) -> np.ndarray:
@@ -178,6 +180,6 @@ def test_frames_are_counted_by_identifier_with_the_longest_gap_between_two(tmp_p
 
 def test_an_impossible_bus_is_reported(tmp_path) -> None:
     bus = Bus(Watch(RigFile("theirs", wiring="theirs.toml"), tmp_path / "rig.toml"))
-    assert bus.look()["error"] == "theirs has a wiring of its own: its buses are not known here"
+    assert bus.look()["error"] == "theirs has its own wiring, so its buses are not known here"
     bus.close()
     assert not (tmp_path / INDEX).exists()

@@ -79,7 +79,7 @@ def test_signals_without_a_source_are_not_available_with_a_reason(asked, operato
 def test_an_unanswered_request_for_handwork_ends_the_run(asked):
     result, _ = asked(QuestionBox(), within=0.1)
     assert result.verdict is Outcome.BLOCKED
-    assert "fit the plate of 16 mm: no answer within 0.1 s; somebody may be at the rig" in result.reason
+    assert "fit the plate of 16 mm: no answer within 0.1 s; a person may be at the rig" in result.reason
 
 
 def test_whoever_answers_abort_ends_the_run(asked):
@@ -216,7 +216,7 @@ def test_a_background_job_asks_no_question():
     os.close(here)
     os.close(there)
     assert done.stdout.splitlines() == [
-        "this runs in the background of its terminal, where nobody can type",
+        "the process runs in the background of its terminal and cannot read an answer",
         "asked",
     ]
 
@@ -228,7 +228,7 @@ def test_a_simulated_rig_on_another_machine_leaves_the_question_to_others():
     operator = with_hand(QuestionBox(), SimulatedHand(order))
     operator.ask(Question("press the emergency stop", deed="estop on"))
     assert operator.answer() is None, "it is asked, and somebody may answer"
-    with pytest.raises(Unanswered, match="cannot be told to: Connection refused"):
+    with pytest.raises(Unanswered, match="does not receive the command: Connection refused"):
         SimulatedHand(order).ask(Question("press the emergency stop", deed="estop on"))
 
 

@@ -137,7 +137,7 @@ def test_a_spacing_in_the_wrong_unit_is_refused_with_the_right_one(tmp_path):
 
 def test_values_to_be_stated_have_no_default():
     rig = Description("hall", UNKNOWN)
-    with pytest.raises(NotAvailable, match="hall has no bolster_mass: nobody has stated it"):
+    with pytest.raises(NotAvailable, match="hall has no bolster_mass: it is not stated"):
         rig["bolster_mass"]
     assert rig.lacks("bolster_mass", "gravity") and not ours().lacks(*ordinary().known)
     with pytest.raises(KeyError):
@@ -245,7 +245,7 @@ def without(*names):
 def test_without_the_weight_of_the_bolster_the_load_is_zero(tmp_path):
     result = ran(tmp_path, "aw0", without("bolster_mass"))
     assert result.verdict is Outcome.BLOCKED
-    assert "has no bolster_mass: nobody has stated it (mine.toml)" in result.reason
+    assert "has no bolster_mass: it is not stated (mine.toml)" in result.reason
 
 
 def test_what_a_description_lacks_is_not_available_and_the_rest_is_judged(tmp_path):

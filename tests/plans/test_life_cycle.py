@@ -188,10 +188,10 @@ def test_a_failure_in_tear_down_does_not_hide_the_first(made, tmp_path):
 
 
 def test_third_party_programs_are_reported_with_a_blocked_plan(bench, made, tmp_path):
-    bench.strangers = lambda: "somebody else tries to command the bench"
+    bench.strangers = lambda: "another client tries to command the bench"
     result, _ = made(raising(RigFault("did not reach ACTIVE")))
     assert "somebody else" in " ".join(event.text for event in read(tmp_path / "out").events)
-    assert result.reason.endswith("did not reach ACTIVE; somebody else tries to command the bench")
+    assert result.reason.endswith("did not reach ACTIVE; another client tries to command the bench")
 
 
 def test_a_failure_in_tear_down_blocks(made):

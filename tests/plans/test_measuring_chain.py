@@ -120,7 +120,7 @@ def test_steel_blocks_are_stiffer_than_can_be_seen_and_springs_are_not_taken_for
     assert all(one == pytest.approx(1000 * MN, rel=0.2) for one in stiffness.values())
     result, _ = judged("measuring_chain", given={"dummy": "blocks"})
     assert result.verdict is Outcome.BLOCKED
-    assert "no blocks stand in place of the springs: the bolster rests at -52" in result.reason
+    assert "the blocks are not inserted instead of the springs: the bolster rests at -52" in result.reason
 
 
 @slow
@@ -181,7 +181,7 @@ def test_a_common_scale_error_of_cells_and_actuators_shows_by_the_mass(weighed):
 def test_no_pressure_until_removal_of_the_mass_is_confirmed(weighed):
     run = weighed(lambda made, question: "done" if question.startswith("Put") else "not possible")
     assert run.result.verdict is Outcome.BLOCKED
-    assert "nobody confirmed that the 500 kg" in run.result.reason
+    assert "it was not confirmed that the 500 kg" in run.result.reason
     assert "press" not in {phase.name for phase in run.result.phases}
 
 

@@ -218,7 +218,7 @@ def test_repeats_keep_what_the_instruments_do_and_add_their_scatter():
     assert found.u == pytest.approx(sqrt(0.04**2 + scatter**2))
     alike = repeated([Measured(1.0, 1.0, 0.05, {"noise": 1.0})] * 4)
     assert (alike.u, alike.even) == (0.05, 0.05)
-    with pytest.raises(ValueError, match="3 measurements do not tell their scatter"):
+    with pytest.raises(ValueError, match="3 measurements are too few for their scatter"):
         repeated([Measured(1.0, 0.1)] * 3)
 
 

@@ -143,7 +143,7 @@ def test_raw_bus_logging_is_decoded_as_any_log_of_frames(tmp_path) -> None:
                 can.Message(start + 0.01 * k + 0.002, 257, False, data=long, is_fd=True, channel=1)
             )
         log.on_message_received(can.Message(start + 0.6, is_error_frame=True, channel=1))
-    with pytest.raises(RecordError, match="holds frames on a bus and no signals: --dbc"):
+    with pytest.raises(RecordError, match="holds bus frames without signals; decode them with --dbc"):
         import_file(path, tmp_path / "none")
     said = import_file(path, tmp_path / "o", LogKeys(dbc=dbc))
     assert said.startswith("100 samples") and "1 error frame" in said

@@ -212,7 +212,7 @@ def test_a_cut_off_run_is_blocked_but_shown(small_run: Path) -> None:
             {"simulated": True, "change": {"sensor_lag": {"left_height": "2 ms"}}},
             "sensor_lag = left_height 2 ms",
         ),
-        ({"simulated": True, "sealed_effects": True}, "SIMULATED sealed effects, which nobody is told"),
+        ({"simulated": True, "sealed_effects": True}, "SIMULATED sealed effects (not shown)"),
     ],
 )
 def test_the_head_says_under_which_circumstances_was_measured(tmp_path: Path, meta: dict, told: str) -> None:

@@ -164,7 +164,7 @@ BAD_FILES = {
     'name = "x"\n[modbus]\nunit = "1"\n[simulation]': "modbus.unit = '1'; a whole number would be right",
     'name = "x"\ntime = "slow"\n[simulation]': 'time = \'slow\'; "real" or "virtual" would be right',
     'name = "x"\ntime = "virtual"': "time = virtual needs a [simulation] table",
-    'name = "x"': "without a [simulation] table there is nothing to run in virtual time",
+    'name = "x"': "it has no [simulation] table, which virtual time needs",
     'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1; a whole number >= 0 would be right",
     'name = "x"\n[simulation]\nseed = 99999999999999999999': "simulation.seed = a whole number of more than 64",
     'name = "x"\n[simulation]\nlate_ticks = "drop"': 'drop\'; "catch_up" or "skip" or "fault" would',

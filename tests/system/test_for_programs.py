@@ -96,7 +96,7 @@ def test_a_program_at_a_needed_port_is_reported(rig) -> None:
     assert before[f"CAN hub 127.0.0.1:{can}"] == ("fine", "free")
     with socket.create_server(("127.0.0.1", can)):
         after = findings(path)
-    assert after[f"CAN hub 127.0.0.1:{can}"] == ("missing", "somebody else listens there")
+    assert after[f"CAN hub 127.0.0.1:{can}"] == ("missing", "used by another program")
     assert after[f"Modbus 127.0.0.1:{modbus}"] == ("fine", "free")
 
 

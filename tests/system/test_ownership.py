@@ -189,7 +189,7 @@ def test_the_commanders_port_at_another_address_has_no_effect(site, armed):
     assert armed.rig.state == "ACTIVE"
     assert abs(armed.platform.vertical - place) < 1e-3
     assert armed.rig.strangers - before >= 30
-    assert "somebody else tries to command the bench" in armed.strangers()
+    assert "another client tries to command the bench" in armed.strangers()
 
 
 @pytest.mark.slow
@@ -233,7 +233,7 @@ def test_a_third_party_command_does_not_prevent_arming(site):
             bench.arm()
             bench.wait(300 * ms)
             assert bench.rig.state == "ACTIVE"
-            assert "somebody else tries to command the bench" in bench.describe()
+            assert "another client tries to command the bench" in bench.describe()
             assert "frames or requests refused, the last CAN frame 0x203" in bench.strangers()
     finally:
         task.cancel()

@@ -239,7 +239,7 @@ def test_a_rig_can_be_given_effects_and_a_real_one_cannot(tmp_path):
 
 
 def test_what_cannot_be_diagnosed_is_refused_before_anything_is_computed(tmp_path):
-    with pytest.raises(DiagnosisError, match="gone is no directory of a run"):
+    with pytest.raises(DiagnosisError, match="gone is not the folder of a run"):
         astb.diagnose_record(tmp_path / "gone")
 
 

@@ -206,7 +206,7 @@ def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_pa
     arguments = ("--effect", "leak.left=0.2mm2", "--sealed", tmp_path / "sealed.toml")
     run = run_here("leak_down", *arguments, rig=VIRTUAL + '[simulation.change]\norifice_diameter = "14 mm"\n')
     told = ["SIMULATED", "VIRTUAL TIME", "effect leak.left = 0.2 mm2", "changed orifice_diameter = 14 mm"]
-    told += ["sealed effects, which nobody is told"]
+    told += ["sealed effects (not shown)"]
     assert " · ".join(told) in run.said
     head = run.files()["report.html"].decode().partition('class="banner')[0]
     for words in told:

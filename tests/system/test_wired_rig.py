@@ -89,7 +89,7 @@ def test_a_rig_file_that_does_not_go_with_its_wiring(run, rig, message):
 def test_a_rig_with_a_wiring_has_real_time(run):
     code, err = run(WIRING, 'name = "hall"\n', "--virtual")
     assert code == MISUSE
-    assert "without a [simulation] table there is nothing to run in virtual time" in err
+    assert "it has no [simulation] table, which virtual time needs" in err
 
 
 @pytest.mark.slow

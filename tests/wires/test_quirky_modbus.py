@@ -291,7 +291,7 @@ def test_one_connection_only(connected: Callable) -> None:
         second, _, _ = connected(port=server.port, connection="shared", groups=groups)
         assert first.read(list(TRUTH)) == second.read(list(TRUTH)) == pytest.approx(TRUTH)
         assert server.connections == 1
-        with pytest.raises(LinkLost, match="room for one only, which somebody else has"):
+        with pytest.raises(LinkLost, match="room for one only, which another client uses"):
             connected(port=server.port)
         first.close()
         assert second.read(list(TRUTH)) == pytest.approx(TRUTH)

@@ -413,7 +413,7 @@ def main(arguments: list[str]) -> int:
         print(
             f"The table moves what other programs rely on:\n  {f'{chr(10)}  '.join(wrong)}", file=sys.stderr
         )
-        print("Put it back, and give what is new a free place of its own.", file=sys.stderr)
+        print("Restore it, and give the new signal a free place.", file=sys.stderr)
         return 1
     generated = files()
     stale = [

@@ -207,7 +207,7 @@ def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str
     for field in msgspec.structs.fields(keys):
         comment = re.search(r"#: (.*)", places[field.name])
         if comment is None:
-            raise ValueError(f"{keys.__name__}.{field.name} has no comment that says what it is")
+            raise ValueError(f"{keys.__name__}.{field.name} has no comment that explains it")
         text = comment[1].replace("``", "`").replace("|", "\\|")
         yield field.encode_name, _default(field), re.sub(r"^key `\w+`: ", "", text)
 

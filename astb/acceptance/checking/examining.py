@@ -192,9 +192,9 @@ class _Examination:
     def _capabilities(self) -> list[str]:
         can = self.wiring.capabilities
         return [
-            "function generator of its own" if can.generator else "no generator: the bench streams the waves",
+            "has a function generator" if can.generator else "no generator: the bench streams the waves",
             "one commander at a time (lease)" if can.lease else "no lease: two commanders would not notice",
             "watchdog of the settings" if can.watchdog else "no watchdog of the settings' connection",
-            "tells its map" if can.identity else "does not tell which map it speaks",
+            "reports its signal map" if can.identity else "does not report its signal map",
             *(f"{name}: {text}" for name, text in can.notes.items()),
         ]

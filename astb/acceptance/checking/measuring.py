@@ -296,7 +296,7 @@ class Measuring:
         blind = unseen(self._rig, cells)
         self._lines.append(
             MoveLine(
-                what="forces and moments that the load cells tell",
+                what="forces and moments that the load cells measure",
                 verdict=Plausibility.DOUBTFUL
                 if {"force upward", "roll moment"} & set(blind)
                 else Plausibility.FINE,
@@ -320,7 +320,7 @@ class Measuring:
         verdict, found = Plausibility.FINE, _shown(value, u, si)
         if one.contradicted:
             verdict = Plausibility.DOUBTFUL
-            found += ": what is stated is wrong"
+            found += ": the stated values are wrong"
             if one.rivals:
                 found += f", or that of {' or '.join(map(_words, one.rivals))}"
         elif one.unresolved:
@@ -332,7 +332,7 @@ class Measuring:
         elif stated and stated.value and si != "s":
             off = value / stated.value - 1
             if abs(off) > WANTED and abs(value - stated.value) > u:
-                found += f", {off:+.1%} from what is stated"
+                found += f", {off:+.1%} from the stated values"
         self._lines.append(
             MoveLine(
                 what=_words(one.name), verdict=verdict, found=found, right=right, value=value, uncertainty=u

@@ -211,7 +211,7 @@ def _sides(bench: Bench, book: _Moves) -> None:
             swapped = abs(theirs) > abs(mine)
             signal = bench.table[f"{side}.height"]
             book.note(
-                f"the {side} laser stands on the {side}",
+                f"the {side} laser is mounted on the {side}",
                 not swapped,
                 f"{signal.show(mine)}, the other one {signal.show(theirs)}"
                 + (": are the sides swapped?" if swapped else ""),

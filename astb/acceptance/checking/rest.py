@@ -103,7 +103,7 @@ def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict
         if piston in means and laser in means and abs(means[piston] - means[laser]) > _APART:
             shown = signals[piston].show(means[piston])
             found.setdefault(
-                laser, f"the actuator beside it stands at {shown}: the sign, scale or offset of one of them?"
+                laser, f"the actuator at the same place reads {shown}; check sign, scale and offset of both"
             )
     return found
 

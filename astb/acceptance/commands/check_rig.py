@@ -51,7 +51,7 @@ def check_command(target: str, as_json: bool, allow_motion: bool) -> None:
         rig, path = find_rig(target)
         report = _listen(rig, path, say)
         if allow_motion and report.doubtful:  # a wrong reading is a wrong place to start from
-            say("nothing is moved: what is doubtful at rest must be corrected first")
+            say("The rig is not moved. Correct the readings that are in doubt at rest first.")
         elif allow_motion:
             report = replace(report, moves=_move(rig, path, say))
     except (RigFileError, WiringError) as error:

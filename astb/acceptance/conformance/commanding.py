@@ -82,7 +82,7 @@ def command(access: RawAccess) -> list[Notebook]:
         Notebook("what a command leaves"),
     )
     if (code := line.write(LEASE_ADDRESS, struct.pack(">H", 1))) != 0:
-        leases.skip("the lease", f"somebody holds the bench (exception {code})")
+        leases.skip("the lease", f"another client holds the bench (exception {code})")
         return [leases]
     shown = False
     try:
@@ -146,7 +146,7 @@ def _joins(access: RawAccess, book: Notebook) -> None:
     stream.start()
     try:
         joins = other.write(LEASE_ADDRESS, struct.pack(">H", token))
-        book.refusal("somebody else writes the token, which all can read on CAN", joins, NO_AUTHORITY)
+        book.refusal("another client writes the token, which is readable on CAN", joins, NO_AUTHORITY)
         request(line.words(LEASE_ADDRESS, 1, function=3)[0])
         access.wait(2 * _CYCLE)
         code = line.write(LEASE_ADDRESS, struct.pack(">H", token))
@@ -166,17 +166,17 @@ def _lease(access: RawAccess, book: Notebook, token: int) -> None:
     other = access.modbus()
     hidden = other.words(LEASE_ADDRESS, 1, function=3)[0] != token
     found = "another number" if hidden else "the token"
-    book.note("somebody else reads, before the first command", hidden, found, "another number")
+    book.note("another client reads the token before the first command", hidden, found, "another number")
     before = _reported(access, "rig.strangers")
-    book.refusal("somebody else asks for it", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
+    book.refusal("another client requests the lease", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
     setting = TABLE["generator.cycles"]
     book.refusal(
-        "somebody else writes a setting", other.write(setting.address or 0, _float(1.0)), NO_AUTHORITY
+        "another client writes a setting", other.write(setting.address or 0, _float(1.0)), NO_AUTHORITY
     )
     book.refusal(
-        "somebody else triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
+        "another client triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
     )
-    book.refusal("somebody else feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
+    book.refusal("another client feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
     counted = _reported(access, "rig.strangers") - before
     book.note("strangers are counted", counted == 4, f"{counted:g}", "4")
 

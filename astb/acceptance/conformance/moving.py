@@ -40,7 +40,7 @@ def move(access: RawAccess) -> list[Notebook]:
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     line = access.modbus()
     if not (token := take(line)):
-        states.skip("the way up", "somebody holds the bench")
+        states.skip("the way up", "another client holds the bench")
         return [states]
     stream = Stream(access, token)
     stream.carry("Control", "PlatformSetpoints")
@@ -64,7 +64,7 @@ def way_up(
     """Lead the bench up ``to`` a state, the platform where it is; write down each step; return whether all went."""
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
-            "the way up", f"the bench is {access.listener.state}, not DISABLED: nobody leads it up from there"
+            "the way up", f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first"
         )
         return False
     stream.set("control.enable", 1.0)

@@ -121,7 +121,7 @@ def lead(bench: "Bench") -> list[Notebook]:
     if bench.has("platform.vertical", "platform.vertical_setpoint"):
         _small_move(bench, motion)
     else:
-        motion.skip("the platform goes 2 mm up", "the rig cannot move it, or does not tell where it is")
+        motion.skip("the platform goes 2 mm up", "the rig cannot move it or does not report its position")
     _silence(bench, silence)
     left = {name: value for name, value in bench.settings.in_force().items() if value != in_force[name]}
     found = ", ".join(f"{name} = {bench.table[name].show(value)}" for name, value in left.items())
@@ -132,7 +132,7 @@ def lead(bench: "Bench") -> list[Notebook]:
 
 def _arm(bench: "Bench", book: Notebook) -> float:
     """Arm the bench, with set-points that are what is measured where it takes any; return how long that took (s)."""
-    with _watched(bench, book, "armed, before the first set-point of its own"):
+    with _watched(bench, book, "armed, before its first set-point"):
         before = bench.clock.now()
         bench.arm(within=_ARM_WITHIN)
         return (bench.clock.now() - before) / NS

@@ -60,7 +60,7 @@ def note_still(book: Notebook, what: str, courses: Courses) -> None:
     ):
         name, far = furthest(courses, names)
         if not name:
-            book.skip(f"{what}: {kind}", "the rig does not tell them")
+            book.skip(f"{what}: {kind}", "the rig does not report them")
             continue
         found = f"{name} by {far / unit:.3f} {text}"
         right = f"by {limit / unit:g} {text} at most"

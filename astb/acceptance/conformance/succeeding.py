@@ -27,7 +27,7 @@ def succeed(access: RawAccess) -> list[Notebook]:
     book = Notebook(_GROUP)
     line = access.modbus()
     if not (token := take(line)):
-        book.skip("arming", "somebody holds the bench")
+        book.skip("arming", "another client holds the bench")
         return [book]
     stream = Stream(access, token)  # of control bits alone
     stream.start()

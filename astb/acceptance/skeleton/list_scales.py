@@ -145,12 +145,10 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
         return kind
     fit = may & {1, 2, 4}
     if explicit or len(fit) != 1:
-        raise LeftOut(
-            f"its size {size} does not tell how many registers it has, with type {kind or 'unknown'}"
-        )
+        raise LeftOut(f"its number of registers is unknown: size {size}, type {kind or 'unknown'}")
     registers = fit.pop()
     if not kind and registers > 1:
-        raise LeftOut(f"it has {registers} registers, and no type says what they hold")
+        raise LeftOut(f"it has {registers} registers and no data type; state the type")
     return f"{kind.rstrip('0123456789')}{16 * registers}" if kind else kind
 
 

@@ -96,7 +96,7 @@ OPEN: Final = {
     ),
     **dict.fromkeys(
         ("decimals", "decimal", "decimal places", "nachkommastellen", "dezimalstellen", "dezimale"),
-        ("0", "it may say how a number is shown or what it is; a column scale, such as 0.1, would be right"),
+        ("0", "it may be a display format or a unit; use a column scale, such as 0.1"),
     ),
 }
 #: Heads of columns that make numbers others, whatever else stands in them.

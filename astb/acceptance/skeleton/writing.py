@@ -45,8 +45,8 @@ host = "127.0.0.1"
 port = 502
 unit = 1
 word_order = "high"
-# What its manual says of it, if it says so: what counts up, or a coil that is toggled, while somebody commands;
-# that it takes functions 5 and 6 only ("single"), or 15 and 16 only ("multiple"); the most registers of one request.
+# From the manual of the device, if stated: a life sign (a counter or a coil that is toggled while commands are sent),
+# functions 5 and 6 only ("single") or 15 and 16 only ("multiple"), and the largest number of registers in a request.
 # alive = { point = "…", every = "100 ms" }
 # writes = "multiple"
 # request_max = 125
@@ -56,11 +56,11 @@ every = "50 ms"
 
 """
 _SEQUENCES: Final = """\
-# Where several bits tell the state, each has a weight, and all that can be together gets a number:
+# If several bits form the state, each bit has a weight, and each possible combination gets a number:
 # "rig.state" = { from = ["plc.ready", "plc.runs", "plc.fault"], value = "ready + 2 * runs + 4 * fault",
 #     choices = { DISABLED = 0, HOLD = 1, ACTIVE = 3, FAULT_DISABLED = [4, 5, 7] } }    (in one line)
 #
-# How the rig is led, once "rig.state" is known:
+# Orders that change the state, once "rig.state" is known:
 # [[sequences.up]]
 # start = ["DISABLED"]
 # orders = [{ "TRANSPORT.POINT" = 1 }]
@@ -92,17 +92,17 @@ def skeleton(
 ) -> str:
     """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
     points: list[Point] = []
-    text = 'description = "A rig described in part: fill in what is absent"\nlatency = "100 ms"\n\n'
+    text = (
+        'description = "Incomplete description of a rig: fill in the missing entries"\nlatency = "100 ms"\n\n'
+    )
     if dbc is not None:
         points += dbc_points(dbc, charset=charset)
         path = json.dumps(os.path.relpath(dbc, beside))
         text += f'[transports.bus]\nkind = "can"\nbus = "can0"\ndbc = {path}\n'
         text += f"charset = {json.dumps(charset)}\n" if charset else ""
         if unsaid := sum(one.written and one.read for one in points):
-            text += (
-                f"# Of {unsaid} signals the DBC does not say who sends them: they are told by names alone.\n"
-            )
-            text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
+            text += f"# The DBC does not name the sender of {unsaid} signals: direction is derived from their names.\n"
+            text += "# If senders are added, node = NAME prevents that signals of the rig are sent.\n"
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
         text += _nulls(points)

@@ -48,8 +48,8 @@ def bench(parameters: Parameters) -> Unit:
             "Two air springs with their valves under a bolster that three servo-hydraulic actuators push, on a "
             "vibration platform. Units are SI; pressures are over the atmosphere, heights over design height, lateral "
             "positions to the left.",
-            "It begins at rest, under its preload or without air. What it tells is true: lags, noise and steps of the "
-            "measuring chain are not in it. Set-points are held over a communication step.",
+            "It begins at rest, under its preload or without air. The outputs are true values: lags, noise and "
+            "resolution of the measuring chain are not included. Set-points are held over a communication step.",
         ),
         (*valves(), *_setpoints(parameters), *_outputs(), *_parameters(parameters)),
         defaults_of(parameters),

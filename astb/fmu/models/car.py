@@ -74,8 +74,8 @@ def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
         f"{vehicle.name} {parameters.load_case}",
         f"Half of {vehicle.name} on one bogie, as heavy as {parameters.name} carries under {parameters.load_case}",
         (
-            "Half a car with lateral damper, bump stop and anti-roll bar. It is told what its two springs do to it, "
-            "how the track runs under the bogie and what the wind does, and says how the springs stand: its outputs "
+            "Half a car with lateral damper, bump stop and anti-roll bar. Its inputs are the forces of its two "
+            "springs, the motion of the track and the wind. Its outputs are the positions of the springs, and "
             "have the names of the inputs of the springs' FMU. Units are SI, lateral positions to the left.",
             "It begins at rest on the track. Within a communication step the track goes on with the speeds and "
             "accelerations that were given with it; forces are held.",

@@ -56,7 +56,7 @@ VALVES: Final = (
 )
 #: Each stands for left and right.
 OF_SPRINGS: Final = (
-    ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Force up on what stands on the spring"),
+    ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Upward force on the car body"),
     ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on it"),
     ("roll_moment", "N*m", Algebraic.ROLL_MOMENT, "Moment on it, left side up"),
 )
@@ -96,8 +96,8 @@ def springs(parameters: Parameters) -> Unit:
         f"Both air springs of {parameters.name} under {parameters.load_case}, with their valves and supply",
         (
             "Two air springs with auxiliary chambers, orifices, leveling and service valves, differential pressure "
-            "valve and supply. They are driven by how far they are stretched, and say what they do to what stands on "
-            "them. Units are SI; pressures are over the atmosphere, heights over design height, lateral positions to "
+            "valve and supply. Inputs are their displacements; outputs are their forces on the car "
+            "body. Units are SI; pressures are over the atmosphere, heights over design height, lateral positions to "
             "the left.",
             "It begins at rest, with relaxed rubber and the pressure that carries its preload. Within a communication "
             "step the displacements go on with the speeds that were given with them.",

@@ -36,8 +36,8 @@ def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterato
         if channel.noise > 0.0 and size > _COARSE * channel.noise:
             yield (
                 f"{channel.name} of {simulator.name} changes by {size / channel.noise:.2g} times its noise where the "
-                f"communication step is {0.5 * step:g} s and not {step:g} s: let fmu.step be shorter, or what is "
-                "found may be the step"
+                f"communication step is {0.5 * step:g} s and not {step:g} s; use a shorter fmu.step, or the "
+                "error of the step may be found as a cause"
             )
     times = sum(len(one.outputs) for one in runs) / sum(len(one.outputs) for one in few)
     yield from _biases(simulator, few, now, changes, times)
@@ -77,9 +77,9 @@ def _biases(
     if doubted:
         each = ", ".join(f"{base[k].name} {_size(float(bias[k]), base[k])}" for k in doubted)
         yield (
-            f"the communication step of {simulator.step_of(runs[0].experiment):g} s alone makes numbers of "
-            f"{simulator.name} wrong: {each}, up to {shares[doubted[0]]:.2g} times how well these runs tell them; half "
-            "of fmu.step leaves a quarter of that"
+            f"the communication step of {simulator.step_of(runs[0].experiment):g} s causes errors in parameters of "
+            f"{simulator.name} wrong: {each}, up to {shares[doubted[0]]:.2g} times their uncertainty; half "
+            "of fmu.step leaves a quarter of this error"
         )
 
 

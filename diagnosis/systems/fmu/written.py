@@ -48,7 +48,7 @@ def write_identified(path: Path, found: Identification, simulator: Simulator, di
     for one in found.parameters:
         low, high = (one.value + sign * Z95 * one.deviation for sign in (-1.0, 1.0))
         note = f"95 %: {low:.6g} to {high:.6g} {one.parameter.unit}"
-        note += "" if one.determined else ", hardly told by the records"
+        note += "" if one.determined else ", hardly determined by the records"
         name, value = _text(one.parameter.name), _text(f"{one.value:.{_DIGITS}g} {one.parameter.unit}")
         rows.append(f"{name} = {value}  # {note}")
     path.write_text("\n".join(rows) + "\n", "utf-8")
@@ -75,7 +75,7 @@ def _lines(finding: Finding, simulator: FmuSimulator, values: Mapping[str, float
     }
     if beside:
         yield ""
-        yield "[beside]  # what no variable of the FMU says: sensors, and terms without a name; in SI"
+        yield "[beside]  # parameters outside of the FMU: sensors and unnamed terms, in SI"
         for name, found in beside.items():
             inside = ", ".join(f"{_text(key)} = {value:.{_DIGITS}g}" for key, value in found.items() if key)
             yield f"{_text(name)} = {{ {inside} }}" if inside else f"{_text(name)} = {found['']:.{_DIGITS}g}"

@@ -235,7 +235,7 @@ class AstbRegisters:
         try:
             places = read_places(self._port.read_file, FILE_READ_MAX, map_hash)
         except (Refused, ValueError) as error:
-            why = f"; what differs cannot be told, for {error}"
+            why = f"; the differences are unknown: {error}"
             raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why))) from None
         found = compare(self._table, places)
         if found.refused:
@@ -307,6 +307,6 @@ class AstbRegisters:
         if token == self._token:
             return "nothing was written on this connection for too long, and the bench waits for it no longer"
         return (
-            "connect again to take it, and look at the bench first: this commander was silent for too long, its "
-            f"connection broke, or the rig was started anew, and {self.whose()} holds the bench now"
+            "inspect the bench, then connect again to take it: this commander was silent for too long, its "
+            f"connection broke, or the rig was restarted, and {self.whose()} holds the bench now"
         )

@@ -83,7 +83,7 @@ def why_action(name: str, rig: RigState) -> str:
         if any(CONTROL_MODES[int(rig.readings[one])] != "displacement" for one in _CONTROLS):
             return "a car moves actuators in displacement control; set vertical.control and lateral.control to it"
         return (
-            "what is set is no car (it needs a mass, a radius of gyration, a bump stop whose travel rises from point "
+            "the settings are no car (it needs a mass, a radius of gyration, a bump stop whose travel rises from point "
             "to point, a frequency of the track), its track is too fast, or waves were added for another program"
         )
     return _PROGRAM.get(name, "")

@@ -202,7 +202,7 @@ class AstbTransport:
         if map_hash != self._table.map_hash:
             found = self.registers.differences(map_hash)
             self.absent = found.absent
-            self.differs = f"the rig speaks another table of signals, hash {map_hash:#010x}: {found}"
+            self.differs = f"the rig uses another table of signals, hash {map_hash:#010x}: {found}"
 
     def close(self) -> None:
         """Release the lease and close both connections. Repeated calls are harmless."""

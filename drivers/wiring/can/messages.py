@@ -288,7 +288,7 @@ def _raw_null(where: str, signal: Signal, null: float) -> float:
     last = first + (1 << signal.length) - 1
     if null != round(null) or not first <= null <= last:
         raise WiringError(
-            f"{where}: null = {null:.12g} is nothing that {signal.length} bits can hold ({first} to {last}), in whole "
+            f"{where}: null = {null:.12g} does not fit into {signal.length} bits ({first} to {last}), in whole "
             "numbers, before scale and offset"
         )
     return int(null)

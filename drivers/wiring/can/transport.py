@@ -201,7 +201,7 @@ class CanTransport(Transport):
         if why := message.decoding.message.unsound:
             raise WiringError(f"{place} cannot be sent: {why}; another DBC, or id and points, would be right")
         if signal in message.guards:
-            raise WiringError(f"{place} is filled in by the transport; nobody else writes it")
+            raise WiringError(f"{place} is written by the transport; remove it from the orders")
         if not message.sendable:
             raise WiringError(f"{place}: {message.name} has pages within pages, which can be read only")
         if self._keys.node is not None and message.name not in self._ours:
@@ -210,7 +210,7 @@ class CanTransport(Transport):
             )
         if message.j1939 and j1939.source_of(message.identifier) == j1939.NOBODY:
             raise WiringError(
-                f"{place}: in the DBC {message.name} is sent by nobody's address, 0xFE; ours would be right: "
+                f"{place}: in the DBC {message.name} has the null address 0xFE as its source; state ours: "
                 f"source = 0x27 in messages.{message.name}"
             )
 

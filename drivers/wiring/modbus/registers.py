@@ -225,7 +225,7 @@ def _point(
         raise WiringError(
             f"{place}: a string needs its length, in registers"
             if kind == "string"
-            else f"{place}: length = {keys.length} is for type = 'string'; {kind} has a size of its own"
+            else f"{place}: length = {keys.length} is for type = 'string'; {kind} has a fixed size"
         )
     if not (keys.scale and math.isfinite(keys.scale) and math.isfinite(keys.offset)):
         raise WiringError(
@@ -270,12 +270,12 @@ def _held(place: str, point: RegisterPoint, code: float) -> float:
     low, high = replace(point, scale=1.0, offset=0.0).range()
     if point.type in ("float32", "float64"):
         if math.isfinite(code) and not low <= code <= high:
-            raise WiringError(f"{place}: null = {code:g} is nothing that {point.type} can hold")
+            raise WiringError(f"{place}: null = {code:g} does not fit into {point.type}")
         letter = f">{_FORMATS[point.type][0]}"
         return float(struct.unpack(letter, struct.pack(letter, code))[0])
     if not (low <= code <= high and code == round(code)):
         raise WiringError(
-            f"{place}: null = {code:.12g} is nothing that {point.type} can hold ({low:.12g} to {high:.12g}), in whole "
+            f"{place}: null = {code:.12g} does not fit into {point.type} ({low:.12g} to {high:.12g}), in whole "
             "numbers, before scale and offset"
         )
     return code

@@ -153,7 +153,7 @@ class ModbusTransport(Transport):
         )
         members = [point for point in self._points.values() if point.group == group]
         if not members:
-            raise WiringError(f"{place}: no point has group = {group!r}, so there is nothing to read")
+            raise WiringError(f"{place}: no point has group = {group!r}, so no register would be read")
         if stale <= every:
             raise WiringError(f"{place}: stale = {keys.stale!r} is not longer than every = {keys.every!r}")
         for point in members:

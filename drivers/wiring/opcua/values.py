@@ -98,4 +98,4 @@ def error_text(error: BaseException, within: float) -> str:
         return error.strerror or "no connection"
     if isinstance(getattr(error, "code", None), int):  # each status is an exception of its name
         return f"the server says {type(error).__name__}"
-    return "what came is no answer of an OPC UA server"
+    return "the answer is not that of an OPC UA server"

@@ -150,7 +150,7 @@ class Killer:
             if len(record):
                 write_csv(record, self._directory / "record.csv", 10.0, ["left.height"])
             if run.result.title not in report_page(folder):
-                found.wrong.append("the report does not tell the title")
+                found.wrong.append("the report does not show the title")
         except RecordError as error:
             found.wrong.append(str(error))
         if not found.lost <= ALLOWED:
@@ -210,9 +210,7 @@ def killer() -> Iterator[Killer]:
 
 def main() -> int:
     """Kill runs, say what was lost, and return 1 if it was too much or something is not right."""
-    parser = argparse.ArgumentParser(
-        description="Kill runs at drawn moments and look at what is left of them."
-    )
+    parser = argparse.ArgumentParser(description="Kill runs at random moments and inspect their records.")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()

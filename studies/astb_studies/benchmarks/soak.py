@@ -199,7 +199,7 @@ def judged(seen: Soak, sizes: list[float]) -> list[str]:
 
 def main() -> int:
     """Soak, say what was seen, and return 1 if something is wrong."""
-    parser = argparse.ArgumentParser(description="Let a rig run at its full rate, with faults on and off.")
+    parser = argparse.ArgumentParser(description="Run a rig at its full rate, with faults on and off.")
     parser.add_argument("--minutes", type=float, default=30.0)
     seconds = 60 * (minutes := parser.parse_args().minutes)
     seen, sizes = soak(minutes)

@@ -167,7 +167,7 @@ def main() -> None:
 @click.option(
     "--meant", is_flag=True, help="Only the faults that a check of the plan is meant for: for long plans."
 )
-@click.option("--workers", type=int, help="Processes; as many as there are cores otherwise.")
+@click.option("--workers", type=int, help="Number of processes (default: number of cores).")
 def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int | None) -> None:
     """Run PLANS on a rig with each fault, and put what comes out in the place of what is known of these plans."""
     rows = _carried_out([sound_case(plan) for plan in plans], out, workers)
@@ -184,7 +184,7 @@ def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int 
 @click.option(
     "--first", type=int, default=0, help="Seed of the first one; rigs with other seeds stay as they are."
 )
-@click.option("--workers", type=int, help="Processes; as many as there are cores otherwise.")
+@click.option("--workers", type=int, help="Number of processes (default: number of cores).")
 def sound_command(out: Path, plans: tuple[str, ...], rigs: int, first: int, workers: int | None) -> None:
     """Run PLANS in turn on sound rigs that are drawn from their tolerances, over the ranges of their parameters."""
     found = [sound_run(row) for row in _carried_out(sound_cases(list(plans), rigs, first), out, workers)]

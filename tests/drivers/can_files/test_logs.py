@@ -90,7 +90,7 @@ def test_names_without_it(tmp_path) -> None:
         tmp_path,
         "a.asc",
         asc(recording(), name="Heights"),
-        r"names in the place of identifiers \(Heights in line 7\)",
+        r"names instead of identifiers \(Heights in line 7\)",
     )
     lines = asc(recording()).splitlines()
     lines += [
@@ -185,7 +185,7 @@ def test_candump(tmp_path, stamps: str, extra: str | None) -> None:
         found, account = read(tmp_path, "a.log", text)
         same(found, recording(fd=fd))
         assert account.counts == {}
-        assert any("count from line to line" in one for one in account.taken) == (stamps == "d")
+        assert any("are differences" in one for one in account.taken) == (stamps == "d")
         assert any("taken as UTC" in one for one in account.taken) == (stamps == "A")
 
 
@@ -211,7 +211,7 @@ def test_stamps_that_may_count_or_not(tmp_path) -> None:
             "6 lines are too few .*--stamps absolute or --stamps delta",
         )
     twice = candump(recording(), "z") + candump(recording(), "z")
-    refused(tmp_path, "a.log", twice, "in line 41 the time stamps begin anew")
+    refused(tmp_path, "a.log", twice, "in line 41 the time stamps go back")
     lines = candump_lines(recording(), "d")
     lines[20] = "(000.001) can1 what is this"
     refused(tmp_path, "a.log", "\n".join(lines) + "\n", "all later time stamps count from it")

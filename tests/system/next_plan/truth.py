@@ -70,7 +70,7 @@ def pressures(rig) -> dict[str, float]:
 def untruths(reason: str, rig) -> Iterator[str]:
     """Yield everything in ``reason`` that is not so, or that is missing: a cause that is true, and what to do."""
     yield from of_the_air(reason, rig)
-    if "somebody else tries to command" in reason:
+    if "another client tries to command" in reason:
         yield "nobody else tries to command the bench"
     named = [one for one in CAUSES if re.search(one[0], reason)]
     if not named:

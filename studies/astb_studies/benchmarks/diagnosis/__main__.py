@@ -54,8 +54,8 @@ def wanted(system: str, count: int, white: int, coloured: int, of_another_form: 
 @click.option(
     "--kept", default=COUNTED, type=Path, show_default="the sources", help="Where judgements are kept."
 )
-@click.option("--again", is_flag=True, help="Forget what is kept.")
-@click.option("--page-only", is_flag=True, help="Write the page from what is kept.")
+@click.option("--again", is_flag=True, help="Discard the kept results.")
+@click.option("--page-only", is_flag=True, help="Write the page from the kept results.")
 def main(
     count: int,
     small: int,

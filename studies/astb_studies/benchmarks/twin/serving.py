@@ -16,7 +16,9 @@ from bench_sim.rig.rig import Rig
 
 @click.command()
 @click.argument("case")
-@click.option("--rig", "file", type=click.Path(path_type=Path), required=True, help="It tells the ports.")
+@click.option(
+    "--rig", "file", type=click.Path(path_type=Path), required=True, help="Rig file with the ports."
+)
 def main(case: str, file: Path) -> None:
     """Serve the rig of a CASE (JSON), and let its effect begin when its time has come."""
     wanted, ports = msgspec.json.decode(case, type=Case), read(file)

@@ -120,7 +120,7 @@ def ride_in_tick(
     there = np.isfinite(at[TOLD["shear"]])
     first, last = int(np.argmax(there)), int(there.size - np.argmax(there[::-1]))
     if not there[first:last].all():
-        raise LinkLost("the rig did not tell all the time what its car does: the ride cannot be judged")
+        raise LinkLost("the rig did not report its car at all times, so the ride cannot be judged")
     columns = {name: at[told][first:last] for name, told in TOLD.items()}
     read = {name: at[name][first:last] - rest[name] for name in (*POSES, "lateral.force")}
     return TickCourse(0.5 * float(upward_force(rest, run.rig)), columns, read, delay.hold)

@@ -424,9 +424,7 @@ def _compare(run: Run, what: str, check: str, both: Agreement) -> None:
         f"U of the difference {both.expanded / factor:.2g}{shown}"
     )
     if both.expanded > TELLS * both.alone:
-        run.not_available(
-            [AGREES.of(what=what)], f"{told}: so much uncertainty would hide what is looked for"
-        )
+        run.not_available([AGREES.of(what=what)], f"{told}: the uncertainty is larger than the effect")
         return
     run.check(
         AGREES.of(what=what), Exact(both.normalised, unknown=A_COMPARISON), "1", low=-1.0, high=1.0, note=told

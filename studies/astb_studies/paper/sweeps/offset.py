@@ -48,7 +48,7 @@ TRAVEL: Final = CheckName(
 )
 LEFT_OF_STIFFNESS: Final = CheckName(
     "{load}: stiffness of 1 mm, 60 mm over centre",
-    "The lateral stiffness that remains far from the middle: that is where a car stands in a curve or in wind.",
+    "The lateral stiffness that remains far from the middle: a car has such an offset in a curve or in wind.",
 )
 AREA_LOST: Final = CheckName(
     "{load}: effective area lost at 60 mm",
