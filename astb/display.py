@@ -195,7 +195,9 @@ def drawn(seen: Snapshot) -> Text:
     for one in seen.readings:
         _draw_reading(text, one)
     if seen.assumed:
-        text.append(f"{seen.assumed} of these limits are assumed, the rig's file does not tell them\n", "dim")
+        text.append(
+            f"{seen.assumed} of these limits are assumed because the rig file does not state them\n", "dim"
+        )
     return text
 
 
@@ -209,7 +211,7 @@ def _time_left(seen: Snapshot) -> str:
 
 def _punctuality(seen: Snapshot) -> str:
     if seen.late is None:
-        return "the rig does not tell"
+        return "not reported by the rig"
     worst = "" if seen.latest is None else f", at most {seen.latest / us:.0f} µs since the rig started"
     return f"{seen.late}{worst}"
 

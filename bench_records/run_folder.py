@@ -131,7 +131,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
     words += [f"effect {name} = {value}" for name, value in meta.get("effects", {}).items()]
     words += [f"changed {name} = {_shown(value)}" for name, value in meta.get("change", {}).items()]
     if meta.get("sealed_effects"):
-        words.append("sealed effects, which nobody is told")
+        words.append("sealed effects (not shown)")
     return words
 
 

@@ -340,7 +340,7 @@ def _around(entry: FileEntry, expected: Any) -> Band:
     key, tolerance = entry.key, number(f"{entry.key}.tolerance", entry.parts["tolerance"])
     if not 0.0 < tolerance < 1.0:
         raise EntryError(
-            f"{key}.tolerance = {tolerance:g} is no fraction of what is expected; 0.08 would be 8 %"
+            f"{key}.tolerance = {tolerance:g} is no fraction of the expected value; write 0.08 for 8 %"
         )
     middle = number(f"{key}.expected", expected) * entry.factor
     if middle <= 0.0:
