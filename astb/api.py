@@ -86,7 +86,7 @@ def run_plan(
     """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
 
     ``answers`` are those to what the plan asks its operator: by the text of the question or its deed, with ``*`` for
-    anything, or somebody who can be asked. ``suspension`` is how another thread holds the run and lets it go on.
+    anything, or a user who can be asked. ``suspension`` is how another thread holds the run and lets it go on.
 
     The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
     touched. Who interrupts it, as in a notebook, gets KeyboardInterrupt when the rig is at rest and the record whole.
@@ -154,7 +154,7 @@ def diagnose_record(
 
 
 def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
-    """Return the rig with ``effects`` beside those of its file."""
+    """Return the rig with ``effects`` next to those of its file."""
     if file.simulation is None:
         raise RigFileError(f"{file.name} is a real rig, and effects={dict(effects)!r} are for simulated ones")
     simulation = replace(file.simulation, effects=file.simulation.effects | dict(effects))

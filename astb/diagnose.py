@@ -156,7 +156,7 @@ def read_data(
 ) -> tuple[Simulator, Dataset]:
     """Return the system and its measured runs: records of the bench, or files for a map or a simulator of one's own.
 
-    Of the bench's runs, `with_roles` says which choose models and tell the gain.
+    Of the bench's runs, `with_roles` states which choose models and tell the gain.
 
     DiagnosisError or RecordError, which name the file and what would be right.
     """
@@ -230,9 +230,9 @@ def _kept_back(names: Sequence[str]) -> dict[str, Role]:
 def chosen_effects(
     text: str | None, simulator: Simulator, held: Collection[str] = ()
 ) -> tuple[str, ...] | None:
-    """Return the effects named in ``text``, with commas; None stands for the whole catalogue.
+    """Return the effects named in ``text``, with commas; None represents the whole catalogue.
 
-    A name without its place stands for all places. DiagnosisError for one that the catalogue does not have, and for one
+    A name without its place represents all places. DiagnosisError for one that the catalogue does not have, and for one
     that the model in doubt has already: ``held``.
     """
     if text is None:
@@ -306,7 +306,7 @@ def _checks(rows: Sequence[CheckPrediction]) -> "Table":
 
 
 def _roles(of: Provenance) -> str:
-    """Say which runs the model was fitted to, which chose its causes, and which tell the gain."""
+    """State which runs the model was fitted to, which chose its causes, and which tell the gain."""
     roles = {"fitted to": of.fit, "causes selected on": of.select, "gain measured on": of.report}
     return "; ".join(f"{what} {_runs(names)}" for what, names in roles.items() if names)
 

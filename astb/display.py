@@ -29,14 +29,14 @@ _OUTCOMES: Final = {
     Outcome.BLOCKED: "magenta",
 }
 
-#: How often a terminal is drawn anew.
+#: How often a terminal is drawn again.
 _PER_SECOND: Final = 4
 
 
 class _Screen(Progress):
     """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile.
 
-    While somebody is asked nothing is drawn, for the answer is typed there.
+    While a user is asked nothing is drawn, for the answer is typed there.
     """
 
     run: Live | None = None
@@ -102,7 +102,7 @@ class ProgressDisplay:
             self._print(text, "bold")
 
     def warn(self, text: str) -> None:
-        """Show what somebody has to know before they touch the bench."""
+        """Show what a user has to know before they touch the bench."""
         self._print(f"  {text}", "bold")
 
     def begin(self, plan: str, live: Live | None = None) -> None:
@@ -167,7 +167,7 @@ class ProgressDisplay:
         self._print(f"  report: {directory / REPORT}")
 
     def _print(self, text: str, style: str = "") -> None:
-        # As text with a style of its own: a style of the whole print would colour what is drawn below, too.
+        # As text with its own style: a style of the whole print would colour what is drawn below, too.
         self._console.print(Text(text, style), soft_wrap=True)
 
 

@@ -41,7 +41,7 @@ ROOM: Final = 1e9
 CONNECT: Final = 0.3 * s
 
 APT: Final = "apt install"
-#: Programs that somebody may use beside the bench, the package they come in, and what for.
+#: Programs that a user may use next to the bench, the package they come in, and what for.
 TOOLS: Final = {
     "mbpoll": ("mbpoll", "a Modbus client that owes nothing to us"),
     "tshark": ("tshark", "live views of the bus, `astb rig --capture-port`"),
@@ -63,7 +63,7 @@ def examine_machine(rig: RigFile, records: Path) -> list[MachineCheck]:
     """Return what is available and what is missing, for ``rig`` on this machine and records under ``records``.
 
     Takes about half a second. Nothing is changed and nothing leaves the machine, except that the rig file's own
-    addresses are asked whether somebody listens there.
+    addresses are asked whether a user listens there.
     """
     return [
         _python(),
@@ -101,7 +101,7 @@ def _system() -> MachineCheck:
 
 
 def _real_time() -> Iterator[MachineCheck]:
-    """Tell what Linux gives to runs in real time."""
+    """Show what Linux gives to runs in real time."""
     yield from _priority()
     yield _punctuality()
     yield _socketcan()
@@ -148,7 +148,7 @@ def _packages() -> Iterator[MachineCheck]:
 
 
 def _compiled_code() -> MachineCheck:
-    """Tell whether machine code can be kept: without it every start compiles the model anew."""
+    """Show whether machine code can be kept: without it every start compiles the model again."""
     from bench_protocol.runtime.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
@@ -172,7 +172,7 @@ def _compiled_code() -> MachineCheck:
 
 
 def _can_write(folder: str | Path) -> bool:
-    """Try it with a file that has no name: permissions alone do not tell."""
+    """Try it with a file that has no name: permissions alone do not report."""
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
@@ -192,7 +192,7 @@ def _processors() -> MachineCheck:
 
 
 def _in_a_thread(attempt: Callable[[], None]) -> str:
-    """Return why ``attempt`` fails, in a thread whose priority nobody else has; empty if it does not."""
+    """Return why ``attempt`` fails, in a thread whose priority no one else has; empty if it does not."""
     said = ""
 
     def body() -> None:

@@ -26,7 +26,7 @@ from test_plans.recording import recorded_signals
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
 
-#: All forms of files: tables first, as an MDF file is one unless a DBC says what its frames are.
+#: All forms of files: tables first, as an MDF file is one unless a DBC states what its frames are.
 FORMS: Final = (*tables.FORMS, *reading.FORMS)
 
 
@@ -57,7 +57,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     """Make a run of a file in the new ``directory``; return in words what came in and what was left out.
 
     A file of CAN frames is read with our own messages, or with those of a DBC: then its signals are called
-    MESSAGE.SIGNAL, in the units of the DBC; ``keys`` say how it is meant. ``table`` are keys for the reader of
+    MESSAGE.SIGNAL, in the units of the DBC; ``keys`` state how it is meant. ``table`` are keys for the reader of
     tables, as KEY=VALUE. RecordError for what cannot be.
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
@@ -89,7 +89,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
 
 
 def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames: bool) -> None:
-    """RecordError for a key that says nothing of such a file: whoever gave it meant something."""
+    """RecordError for a key that says nothing of such a file: anyone who gave it meant something."""
     if frames:
         idle = {
             "--table": (table, f"for tables and MDF files, not for the frames in {source}"),
@@ -109,7 +109,7 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
 
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:
-    """Write the result of a run that nobody judged here, so that report and index know it."""
+    """Write the result of a run that no one judged here, so that report and index know it."""
     title = f"Imported from {source.name}"
     reason = "imported: nothing was judged here"
     conclude("imported", title, "", [], reason=reason, warnings=account.lines()).write(directory)

@@ -43,7 +43,7 @@ _SENDER: Final = 0x3FF_FFFF
 
 @dataclass(frozen=True)
 class LogKeys:
-    """How a log of frames is meant, where it does not tell by itself."""
+    """How a log of frames is meant, where it does not report by itself."""
 
     dbc: Path | None = None
     charset: str | None = None  #: of the DBC
@@ -224,7 +224,7 @@ def _ranges(decodings: Mapping[str, Decoding], index: Mapping[tuple[str, str], i
 def _names(
     source: Path, counts: Mapping[Kind, int], dbc: Dbc, account: Account
 ) -> dict[Kind, tuple[str, Described]]:
-    """Return what each kind of frames is called, and its message; of several senders each has a name of its own."""
+    """Return what each kind of frames is called, and its message; of several senders each has its own name."""
     found: dict[Kind, Described] = {}
     for kind, count in counts.items():
         message = dbc.of(kind.identifier, kind.extended)

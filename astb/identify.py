@@ -53,13 +53,13 @@ PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
 _OF_SENSORS: Final = frozenset(quantity.name for quantity in SENSOR_QUANTITIES)
-#: Of heights and lateral displacements at which the shape of a bellows is told.
+#: Of heights and lateral displacements at which the shape of a bellows is reported.
 _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be identified: records, the map of foreign files, what is believed, and a plan to look ahead to.
+    """What is to be identified: records, the map of foreign files, what is assumed, and a plan to look ahead to.
 
     ``specimen`` is the drawing of the springs, which goes over the ``model``; ``simulator`` takes the place of both.
     """
@@ -73,7 +73,7 @@ class Request:
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One quantity as it is shown: in its unit, with its 95 % interval and that which was believed."""
+    """One quantity as it is shown: in its unit, with its 95 % interval and that which was assumed."""
 
     name: str
     title: str
@@ -83,7 +83,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     believed_low: float
     believed_high: float
-    left: float  #: part of the believed standard deviation that is left
+    left: float  #: part of the assumed standard deviation that is left
     told: bool
 
 
@@ -210,7 +210,7 @@ def _programme(name: str) -> "Programme":
 
 
 def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Console") -> Answer:
-    """Say what a run would tell of springs of which nothing but a set is known."""
+    """State what a run would tell of springs of which nothing but a set is known."""
     with progress_bar(console) as progress:
         progress(f"looking ahead to {ahead.name}", 0.0)
         simulator = UnknownSpring(parameters)
@@ -239,7 +239,7 @@ def _asked(found: Identification) -> list[Identified]:
 
 
 def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
-    """Yield what would tell what the records do not."""
+    """Yield what would show what the records do not."""
     runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
     after = {one.parameter.name: one for one in _asked(expected(found, runs))}
     for one in untold:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from diagnosis.report.page import InvestigationHistory
 
 LOG: Final = "investigation.json"
-#: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not told apart.
+#: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not distinguished.
 LEAST_GAP: Final = 10.0
 #: A run that promises less is made so often at most: what needs more of them is hardly different.
 REPEATS: Final = 5

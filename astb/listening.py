@@ -1,4 +1,4 @@
-"""A rig as anybody may hear it: readings as they come, what is asked for, and never a command by itself."""
+"""A rig as anybody may hear it: readings as they come, what is requested, and never a command by itself."""
 
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Listening:
-    """One connection to the rig of ``wiring``: whoever commands it notices nothing.
+    """One connection to the rig of ``wiring``: anyone who commands it notices nothing.
 
     As a context manager it is open from the beginning to the end, and has not been lost meanwhile.
     """

@@ -1,4 +1,4 @@
-"""Messages of a run to whoever is not there: at a question and at the end, to a command or to a webhook."""
+"""Messages of a run to anyone who is not there: at a question and at the end, to a command or to a webhook."""
 
 import shlex
 import shutil
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bench_records.result import Result
     from test_plans.operator import Answer, Operator, Question, QuestionBox
 
-#: A message that nobody has taken by then is given up: the run does not wait for it, and its program no longer.
+#: A message that no one has taken by then is given up: the run does not wait for it, and its program no longer.
 WITHIN: Final = 10 * s
 _SCHEMES: Final = ("http", "https")
 #: Of the checks that failed so many are named.
@@ -30,7 +30,7 @@ _NAMED: Final = 20
 
 
 class MessageError(ValueError):
-    """A receiver of messages that is none; the text says what would be right."""
+    """A receiver of messages that is none; the text states what would be right."""
 
 
 class Receiver(Protocol):
@@ -125,7 +125,7 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
 
 
 class Messages:
-    """Sends what a run has to tell, each message by a thread of its own: no run waits, and none is lost for it."""
+    """Sends what a run has to tell, each message by its own thread: no run waits, and none is lost for it."""
 
     def __init__(self, to: Receiver) -> None:
         self._to = to

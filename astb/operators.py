@@ -31,7 +31,7 @@ STDIN: Final = "-"
 
 
 class AnswersFileError(ValueError):
-    """A file of answers that is none; the text names it and says what would be right."""
+    """A file of answers that is none; the text names it and states what would be right."""
 
 
 class SimulatedHand:
@@ -91,7 +91,7 @@ class Terminal(QuestionBox):
         answers = " / ".join(question.allowed)
         self._print(f"? {question.text}  [{answers}], within {question.within:g} s", "bold")
         if self._reader is None:
-            # Nobody can be kept from waiting for a line; the process does not wait for this thread.
+            # No one can be kept from waiting for a line; the process does not wait for this thread.
             self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
             self._reader.start()
 
@@ -115,7 +115,7 @@ class Terminal(QuestionBox):
             with suppress(OSError, ValueError):  # a terminal that is gone, or what is no text
                 while self._wanted.wait() and (line := self._lines.readline()):
                     self._take(line)
-        finally:  # whatever came, nobody answers here any more
+        finally:  # whatever came, no one answers here any more
             self._ended = True
 
     def _take(self, line: str) -> None:
@@ -173,7 +173,7 @@ def operator_for(answers: str | None, console: Console) -> Operator:
 def with_hand(operator: Operator | None, hand: Operator | None) -> Operator:
     """Return who is asked on a rig that may have a ``hand`` of its own.
 
-    What is known beforehand goes first; nobody at a terminal can do to a simulated rig what it can do by itself.
+    What is known beforehand goes first; no one at a terminal can do to a simulated rig what it can do by itself.
     """
     both = (operator, hand) if isinstance(operator, Script) else (hand, operator)
     return FirstOf(*filter(None, both))

@@ -25,7 +25,7 @@ class Blocked(Exception):
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let `--rig` and `--rig-records` say which rig, and where its records go."""
+    """Let `--rig` and `--rig-records` state which rig, and where its records go."""
     group = parser.getgroup("astb", "test bench for air springs")
     group.addoption(
         "--rig",
@@ -177,7 +177,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Say what was blocked, and whose fault it was."""
+    """State what was blocked, and whose fault it was."""
     blocked = terminalreporter.stats.get("blocked", [])
     if blocked:
         terminalreporter.section("BLOCKED: the product was not judged")

@@ -28,7 +28,7 @@ SEED_MAX: Final = 2**32 - 1
 
 
 class RigFileError(ValueError):
-    """The rig file does not say what is needed, or says what nobody understands."""
+    """The rig file does not state what is needed, or states what no one understands."""
 
 
 class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -60,7 +60,7 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
     limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb rig limits`
-    sealed: str = ""  #: path of a file of effects that nobody is told
+    sealed: str = ""  #: path of a file of effects that no one is told
     spring: str = ""  #: path of an FMU that computes the springs
     spring_map: SpringMap = SpringMap()  #: which of its variables are what
     can: SimulatedCan = SimulatedCan()
@@ -192,7 +192,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _placed(simulation: Simulation, home: Path) -> Simulation:
-    """Return the simulation with whole paths, for whoever starts it from another directory; names stay names."""
+    """Return the simulation with whole paths, for anyone who starts it from another directory; names stay names."""
     parameters, sealed, spring = simulation.parameters, simulation.sealed, simulation.spring
     if Path(parameters).suffix == ".toml":
         parameters = str((home / parameters).resolve())

@@ -23,7 +23,7 @@ class RigInMemory:
     """A ``rig`` that ticks while its ``clock`` passes, and any number of ports to it.
 
     Ports hear one another as on a real bus, and the rig knows who sent what and who is gone, as its hub does.
-    ``run`` stands in for ``rig.run`` where somebody has to do something to the rig between ticks.
+    ``run`` replaces ``rig.run`` where a user has to do something to the rig between ticks.
     """
 
     def __init__(self, rig: "Rig", run: Callable[[int], Block] | None = None) -> None:
@@ -145,7 +145,7 @@ class RigInMemory:
 
 
 def _number(name: str) -> int:
-    """Return what stands for a TCP port in the name of a port in memory."""
+    """Return what represents a TCP port in the name of a port in memory."""
     return int(name.rpartition(":")[2])
 
 
@@ -156,7 +156,7 @@ class _Wire:
         self._memory, self._wire = memory, wire
 
     def cut(self) -> None:
-        """Close all connections and let nobody in."""
+        """Close all connections and let no one in."""
         self._memory.shut.add(self._wire)
         self._memory.disconnect(self._wire)
 

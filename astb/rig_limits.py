@@ -22,7 +22,7 @@ class KnownLimit(NamedTuple):
 def known_limits(rig: RigFile) -> list[KnownLimit]:
     """Return the limits of ``rig``; ValueError with key, value and what would be right for one that cannot be.
 
-    What the file of a simulated rig does not tell holds in the simulation all the same; of a real rig it is assumed.
+    What the file of a simulated rig does not report holds in the simulation all the same; of a real rig it is assumed.
     """
     rows = rig.simulation.limits if rig.simulation else rig.limits
     otherwise = SIMULATED if rig.simulation else ASSUMED

@@ -57,7 +57,7 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What a run keeps beside its samples: who runs it, in which surroundings, every CAN frame, a report to print.
+    """What a run keeps next to its samples: who runs it, in which surroundings, every CAN frame, a report to print.
 
     And who gets a message when it asks something and when it ends, and whether its twin watches it.
     """
@@ -116,7 +116,7 @@ def run_plans(
                 results.append(result)
                 ended(result, directory)
                 if left_in_trouble(result) and plan is not part[-1]:
-                    # Whatever broke may have left air in the springs: somebody has to look before the next plan.
+                    # Whatever broke may have left air in the springs: a user has to look before the next plan.
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
     return results
@@ -137,7 +137,7 @@ def _turn(
 
 
 def deviates(directory: Path) -> bool:
-    """Return whether the run in ``directory`` deviated from a model that ran beside it."""
+    """Return whether the run in ``directory`` deviated from a model that ran next to it."""
     with suppress(RecordError):
         story = read_twin(directory)
         return story is not None and bool(story.deviations)
@@ -145,7 +145,7 @@ def deviates(directory: Path) -> bool:
 
 
 def left_in_trouble(result: Result) -> bool:
-    """Return whether a run may have left the bench otherwise than at rest: it was blocked, or its tear-down was."""
+    """Return whether a run may have left the bench differently than at rest: it was blocked, or its tear-down was."""
     return result.verdict is Outcome.BLOCKED or any(text.startswith(IN_TEAR_DOWN) for text in result.warnings)
 
 
@@ -161,7 +161,7 @@ def run_plan(
     keeping: Keeping = Keeping(),
     suspension: Suspension | None = None,
 ) -> tuple[Result, Path]:
-    """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
+    """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one next to it.
 
     KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
     """
@@ -239,7 +239,7 @@ def _live(
     keeping: Keeping,
     suspension: Suspension | None,
 ) -> Live:
-    """Return the model of a run that begins now, for whoever watches it."""
+    """Return the model of a run that begins now, for anyone who watches it."""
     return Live(
         plan.name,
         session.bench,
@@ -255,7 +255,7 @@ def _live(
 
 
 def box_of(operator: "Operator | None") -> QuestionBox | None:
-    """Return where the questions to this operator wait for whoever answers, if they do."""
+    """Return where the questions to this operator wait for anyone who answers, if they do."""
     return operator if isinstance(operator, QuestionBox) else None
 
 
@@ -383,13 +383,13 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
 
 
 def _surroundings(parameters: "Parameters") -> str:
-    """Say what surrounds a simulated rig."""
+    """State what surrounds a simulated rig."""
     warmth = float(parameters.record.ambient_temperature) - UNITS["degC"].zero
     return f"{warmth:.1f} °C, {float(parameters.record.atmospheric_pressure) / mbar:.0f} hPa"
 
 
 def new_directory(out: Path, name: str) -> Path:
-    """Make the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on beside earlier runs.
+    """Make the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on next to earlier runs.
 
     Nothing that lies there is touched. Raises RecordError where no directory can be made, NotKept of a disk that fails.
     """

@@ -60,7 +60,7 @@ class Session:
     virtual: bool
     parameters: "Parameters | None"  #: of the simulation, None for a real rig
     seed: int | None
-    wiring: "Description | None" = None  #: of a rig that does not speak as ours do
+    wiring: "Description | None" = None  #: of a rig that does not use as ours do
     listen: "Callable[[], CanPort] | None" = (
         None  #: opens another port of the CAN bus, which hears all the others
     )
@@ -77,7 +77,7 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
 
 
 def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
-    """Return the simulated rig, not yet running, with the faults that are asked for.
+    """Return the simulated rig, not yet running, with the faults that are requested.
 
     Raises ParameterError as `simulated_parameters` does, FaultError, and ValueError for a limit that does not fit.
     """
@@ -130,7 +130,7 @@ def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
 
 
 def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:
-    """Return what stands on the CAN bus of ``rig``: its pace, where one is asked for; ValueError if it cannot be."""
+    """Return what is on the CAN bus of ``rig``: its pace, where one is requested; ValueError if it cannot be."""
     from bench_sim.rig.pace import Pace, read_bit_rate
 
     can = simulation.can
@@ -158,7 +158,7 @@ def open_session(
 ) -> Iterator[Session]:
     """Yield a session with ``rig``; the bench is not yet connected.
 
-    A simulated rig in real time that does not answer is started in a process of its own and stopped at the end.
+    A simulated rig in real time that does not answer is started in its own process and stopped at the end.
     """
     if virtual or rig.time == "virtual":
         if rig.simulation is None:
@@ -201,7 +201,7 @@ def virtual_session(
 ) -> Iterator[Session]:
     """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can.
 
-    ``run`` stands in for ``rig.run`` where somebody looks at the rig between its ticks; ``absent`` is what the bench
+    ``run`` replaces ``rig.run`` where a user looks at the rig between its ticks; ``absent`` is what the bench
     is to do without, with the reasons.
     """
     from astb.rig_in_memory import RigInMemory
@@ -225,7 +225,7 @@ def virtual_session(
 
 @contextlib.contextmanager
 def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[Session]:
-    """Yield a session with a rig that is running somewhere, simulated or not, whatever it speaks.
+    """Yield a session with a rig that is running somewhere, simulated or not, whatever it uses.
 
     WiringError, before anything is connected, for a wiring that cannot be.
     """
@@ -284,7 +284,7 @@ def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":
     """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench.
 
-    RigFileError for a file of instruments that is none. Of a real rig that names no such file nobody knows any.
+    RigFileError for a file of instruments that is none. Of a real rig that names no such file no one knows any.
     """
     if not rig.instruments:
         return ordinary() if rig.simulation else UNKNOWN
@@ -319,7 +319,7 @@ def answers(rig: RigFile) -> bool:
 def started(
     simulation: Simulation, path: Path, seed: int | None, say: Callable[[str], None]
 ) -> Iterator[None]:
-    """Run ``astb rig`` for ``path``, with the ``simulation``, in a process of its own while the block lasts."""
+    """Run ``astb rig`` for ``path``, with the ``simulation``, in its own process while the block lasts."""
     with start_rig(simulation, path, seed, subprocess.PIPE) as process:
         try:
             say(ready_line(process))
@@ -332,7 +332,7 @@ def started(
 
 
 def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> subprocess.Popen[str]:
-    """Start ``astb rig`` in a process of its own; it ends when nobody holds the other end of ``lifeline`` any more."""
+    """Start ``astb rig`` in its own process; it ends when no one holds the other end of ``lifeline`` any more."""
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]
     for name, text in simulation.effects.items():

@@ -11,16 +11,16 @@ from typing import Final
 
 _WITHIN: Final = 5.0  # s
 _HOME: Final = Path(__file__).resolve().parents[1]
-#: Beside this file: the commit that sdist and wheel were made of (setup.py).
+#: Next to this file: the commit that sdist and wheel were made of (setup.py).
 TOLD: Final = "commit.txt"
 
 
 @cache
 def commit() -> str:
-    """Return the commit of the software, with "+ changes" if files differ from it; "" where nobody knows.
+    """Return the commit of the software, with "+ changes" if files differ from it; "" where no one knows.
 
-    A checkout is asked itself; a wheel was told when it was built; what pip installed from a repository tells where it
-    came from.
+    A checkout is asked itself; a wheel was reported when it was built; what pip installed from a repository shows where
+    it came from.
     """
     if (_HOME / ".git").exists():
         revision = _git("rev-parse", "HEAD")

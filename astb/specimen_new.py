@@ -1,6 +1,6 @@
 """`astb copy specimen`: limits of a specimen with other loads or another drawing, derived from its model.
 
-Plans run on the simulated bench with these springs. Each limit is a band of its own there, so that each check shows
+Plans run on the simulated bench with these springs. Each limit is its own band there, so that each check shows
 which limit its value belongs to. That value becomes the expected one; tolerances stay those of the base file.
 """
 
@@ -43,7 +43,7 @@ _GIVEN: Final = "given to `astb copy specimen`"
 class Asked:
     """What is different from the specimen ``base``: preloads (N) by load case, and values of the drawing (SI).
 
-    ``plans`` are run beside that of each load case.
+    ``plans`` are run next to that of each load case.
     """
 
     base: str = ORDINARY
@@ -127,7 +127,7 @@ def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     target.write_text("\n".join([*head, "", *_toml(content)]) + "\n", encoding="utf-8")
     try:
         read_specimen(target)
-    except SpecimenError:  # what is asked for contradicts itself
+    except SpecimenError:  # what is requested contradicts itself
         target.unlink()
         raise
     return left_out

@@ -22,7 +22,7 @@ from test_plans.programmes.motions import Stretch, Wave
 from test_plans.specimen import Specimen, ordinary
 from test_plans.steps.shaking import AMPLITUDE
 
-#: A sine is measured over so long, and no less than two cycles; before it as long again passes, beside fading in.
+#: A sine is measured over so long, and no less than two cycles; before it as long again passes, next to fading in.
 MEASURED: Final = 1 * s
 #: Relative, of the amplitude: the frame gives way.
 NEAR: Final = 0.1

@@ -1,4 +1,4 @@
-"""A run with its twin: `astb watch` in a process of its own beside it, so that nothing of the run waits for it.
+"""A run with its twin: `astb watch` in its own process next to it, so that nothing of the run waits for it.
 
 Only a plan that asks in virtual time waits, while its clock stands: no twin would be as fast as the rig is there.
 """
@@ -21,7 +21,7 @@ from test_plans.run import NoTwin, TwinState
 _PATIENCE: Final = 120.0
 #: A twin that uses no processor time for so long (s) is stopped, or waits for something that does not come.
 _STILL: Final = 10.0
-#: After so long (s) somebody who waits for the end of the run is told why.
+#: After so long (s) a user who waits for the end of the run is told why.
 _QUIET: Final = 3.0
 #: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
 _BEHIND: Final = 2.0
@@ -39,7 +39,7 @@ class _Pulse:
 
     @property
     def still(self) -> bool:
-        """Whether it has not worked for `_STILL`, while somebody asked; False where the system does not tell."""
+        """Whether it has not worked for `_STILL`, while a user asked; False where the system does not report."""
         with suppress(OSError):
             fields = self._stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
             if (spent := " ".join(fields[11:13])) != self._spent:
@@ -103,7 +103,7 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
     if not wanted:
         yield NoTwin()
         return
-    # In a session of its own: Ctrl-C ends the plan, and the twin sees the end of it.
+    # In its own session: Ctrl-C ends the plan, and the twin sees the end of it.
     twin = subprocess.Popen(
         [sys.executable, "-m", "astb", "watch", str(directory)],
         stdin=subprocess.DEVNULL,

@@ -91,7 +91,7 @@ class Head(NamedTuple):
 
 
 def read_head(read: ReadFile) -> Head:
-    """Return what the black box has; ValueError if it speaks another format."""
+    """Return what the black box has; ValueError if it uses another format."""
     form, recording, number, high, low, count, trigger, period, channels, size = read(INDEX_FILE, 0, _HEAD)
     if form != _FORMAT or period != _PERIOD or channels > len(CHANNELS):
         raise ValueError(f"the black box has format {form}, {channels} channels every {period} ms: not ours")

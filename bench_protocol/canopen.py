@@ -1,8 +1,8 @@
 """CANopen on the bench (CiA 301): the rig is one node, and every message of the table has a place in its plan.
 
 The messages keep their identifiers, whatever these would mean in the predefined connection set: the communication
-parameters of the PDOs say which node sends them. A message of the rig is the TPDO, one of the commander the RPDO, whose
-number follows from its identifier and never changes::
+parameters of the PDOs state which node sends them. A message of the rig is the TPDO, one of the commander the RPDO,
+whose number follows from its identifier and never changes::
 
     identifier   181h to 190h   281h to 290h   381h to 390h   481h to 490h
     TPDO           1 to 16       17 to 32       33 to 48       49 to 64
@@ -62,7 +62,7 @@ class NmtState(IntEnum):
 
 
 class NmtCommand(IntEnum):
-    """What an NMT master tells a node."""
+    """What an NMT master reports a node."""
 
     START = 1
     STOP = 2

@@ -106,7 +106,7 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
         raise DbcError(f"{path} cannot be read: {error.strerror}") from None
     logging.getLogger("cantools").setLevel(
         logging.ERROR
-    )  # it tells of names that come twice; so do we, to a person
+    )  # it reports of names that come twice; so do we, to a person
     try:
         base = cantools.database.load_string(
             text, database_format="dbc" if path.suffix.lower() == _DBC else None, strict=False

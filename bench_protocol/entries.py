@@ -42,7 +42,7 @@ def read_entry(
     shapes: Collection[Sequence[str]] = (VALUE,),
     units: Mapping[str, Unit] = UNITS,
 ) -> FileEntry:
-    """Return an entry in a unit of ``si`` that has, beside unit and origin, the parts of one of the ``shapes``.
+    """Return an entry in a unit of ``si`` that has, next to unit and origin, the parts of one of the ``shapes``.
 
     Without ``si`` any unit fits. EntryError for everything else.
     """

@@ -85,7 +85,7 @@ class Reassembly:
             )
             return None
         message.last = time
-        message.packets[data[0]] = data[1:8]  # one that is asked for again takes the place of the first
+        message.packets[data[0]] = data[1:8]  # one that is requested again takes the place of the first
         if len(message.packets) < message.count:
             return None
         del self._open[key]

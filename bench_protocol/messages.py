@@ -100,7 +100,7 @@ class Message:
 
     @property
     def first_bit(self) -> int:
-        """Where the fields start: an E2E header stands in front, a sample counter behind."""
+        """Where the fields start: an E2E header is in front, a sample counter behind."""
         return 12 if self.protection is Protection.E2E else 0
 
     def placed(self) -> Iterator[tuple[Field, int]]:

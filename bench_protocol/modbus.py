@@ -70,7 +70,7 @@ class ModbusError(Exception):
 
 
 class FramingError(ValueError):
-    """The stream is not Modbus/TCP, and nothing tells where the next request would start: close the connection."""
+    """The stream is not Modbus/TCP, and nothing shows where the next request would start: close the connection."""
 
 
 class Bank(Protocol):

@@ -166,7 +166,7 @@ def _var(
 
 
 def _several(index: int, name: str, code: ObjectCode, *entries: Entry, count: str = "ro") -> DictionaryObject:
-    """Return an ARRAY or RECORD: its sub-index 0 says how far the others go."""
+    """Return an ARRAY or RECORD: its sub-index 0 states how far the others go."""
     last = max(entry.sub for entry in entries)
     head = Entry(0, "Highest sub-index supported", DataType.UNSIGNED8, count, 0 if count == "rw" else last)
     return DictionaryObject(index, name, code, (head, *entries))

@@ -15,7 +15,7 @@ from bench_protocol.wires import Table
 
 
 def _complete(table: Table) -> Table:
-    """Return ``table``; ValueError for a sensor or set-point without a CAN message, or a rate that nobody sends at."""
+    """Return ``table``; ValueError for a sensor or set-point without a CAN message, or a rate that no one sends at."""
     for message in table.messages:
         if message.rate not in (0.0, *RATES):
             rates = ", ".join(f"{rate:g}" for rate in RATES)

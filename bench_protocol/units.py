@@ -140,5 +140,5 @@ FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero
 
 
 def in_unit(value: float, unit: str) -> float:
-    """Return an SI ``value`` as a number of ``unit``; KeyError for a unit that nobody declared."""
+    """Return an SI ``value`` as a number of ``unit``; KeyError for a unit that no one declared."""
     return value / FACTORS[unit]

@@ -20,7 +20,7 @@ BUS_LOAD_MAX: Final = 0.5
 
 
 class _Rows(dict[str, int]):
-    """Rows by name; what is missing is told with the name that is nearest."""
+    """Rows by name; what is missing is reported with the name that is nearest."""
 
     def __missing__(self, name: str) -> int:
         raise KeyError(

@@ -12,7 +12,7 @@ _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]
 
 
 class NotAValue(ValueError):
-    """A text that is no number with a unit of the quantity; the message says what would be."""
+    """A text that is no number with a unit of the quantity; the message states what would be."""
 
 
 def read_written(what: str, text: Any, si: str) -> float:

@@ -1,4 +1,4 @@
-"""The table of checks: each value beside its limits, and a drawing of where in the band it lies."""
+"""The table of checks: each value next to its limits, and a drawing of where in the band it lies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLORS = {
     CheckVerdict.ERROR: "#5b3f8c",
     CheckVerdict.NOT_AVAILABLE: "#5b6670",
 }
-#: Names of checks of one kind that are told in full.
+#: Names of checks of one kind that are reported in full.
 NAMED = 2
 #: Shares of a variance.
 ALMOST_ALL, MOSTLY = 0.9, 0.5
@@ -99,7 +99,7 @@ def _some(names: list[str]) -> str:
 
 
 def _numbers_with_limits(one: Check) -> list[str]:
-    """Value, low and high in the check's unit, all with as many digits as tell them apart.
+    """Value, low and high in the check's unit, all with as many digits as distinguish them .
 
     A hundredth of the band is resolved: more would be noise, fewer would hide a verdict.
     """

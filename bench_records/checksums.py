@@ -10,13 +10,13 @@ from bench_records.disk import kept
 from bench_records.layout import JUNIT, META, PARQUET, RESULT, put
 
 SUMS: Final = "SHA256SUMS"
-#: What a run concluded and what it rests on. The report can be made anew from these.
+#: What a run concluded and what it rests on. The report can be made again from these.
 KEPT: Final = (PARQUET, META, RESULT, JUNIT)
 FRAMES: Final = "can.blf"
 
 
 def write_sums(directory: Path) -> Path:
-    """Write the checksums of the files of a run beside them; return the path. NotKept for a disk that fails."""
+    """Write the checksums of the files of a run next to them; return the path. NotKept for a disk that fails."""
     path = directory / SUMS
     with kept(path):
         lines = [
@@ -29,7 +29,7 @@ def write_sums(directory: Path) -> Path:
 
 
 def broken_files(directory: Path) -> list[str]:
-    """Return which files of a run are not as they were written, or gone; an old run without checksums tells that."""
+    """Return which files of a run are not as they were written, or gone; an old run without checksums reports that."""
     try:
         lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Conformity with limits under uncertainty: coverage factor, probability, and how a value is written beside its own.
+"""Conformity with limits under uncertainty: coverage factor, probability, and how a value is written next to its own.
 
 What a value may be off by is an even distribution (the largest of those that went into it, with the standard deviation
 ``even``) and a normal one for all the rest, together ``u``: the model of EA-4/02, S9; normal where ``even`` is 0.

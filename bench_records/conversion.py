@@ -31,7 +31,7 @@ ROW_GROUP = 1 << 20
 
 
 def recover(directory: Path | str) -> Recovery:
-    """Make the Parquet record of a stream that a killed process left behind, and say how much of it there was.
+    """Make the Parquet record of a stream that a killed process left behind, and state how much of it there was.
 
     Raises ``RecordError`` where there is no stream, none of ours, or one that a run is writing.
     """
@@ -44,7 +44,7 @@ def recover(directory: Path | str) -> Recovery:
 
 
 def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
-    """Write Parquet file and ``meta.json`` beside a stream, with ``meta`` added to its facts, and remove the stream.
+    """Write Parquet file and ``meta.json`` next to a stream, with ``meta`` added to its facts, and remove the stream.
 
     Raises ``RecordError`` for a stream that is none of ours, and ``NotKept``, while the stream stays, for a disk that
     refuses the record.

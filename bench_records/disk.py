@@ -11,7 +11,7 @@ from typing import Final
 from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
-#: Of no use to name another file for: the machine is at fault, not whoever named it.
+#: Of no use to name another file for: the machine is at fault, not anyone who named it.
 REFUSALS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -33,7 +33,7 @@ _CANNOT: Final = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 class NotKept(RecordError):
-    """A disk that refuses what a run has to keep; the text names the file and says why."""
+    """A disk that refuses what a run has to keep; the text names the file and states why."""
 
 
 def why(error: BaseException) -> str:
@@ -45,13 +45,13 @@ def why(error: BaseException) -> str:
 
 
 def of_the_disk(error: BaseException) -> bool:
-    """Return whether the disk is at fault, and neither a name nor whoever may write there."""
+    """Return whether the disk is at fault, and neither a name nor anyone who may write there."""
     return isinstance(error, OSError) and error.errno in REFUSALS and error.errno not in _NAMES
 
 
 @contextmanager
 def kept(path: Path, what: str = "") -> Iterator[None]:
-    """Let what is written to ``path`` meanwhile be told as NotKept if the disk refuses it."""
+    """Let what is written to ``path`` meanwhile be reported as NotKept if the disk refuses it."""
     import pyarrow as pa
 
     try:

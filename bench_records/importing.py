@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bench_records.tables.sheet import Column, Sheet
 
 TIME: Final = "time_s"
-#: What a clock may be called that has dates, or tells its unit.
+#: What a clock may be called that has dates, or reports its unit.
 _CLOCKS: Final = ("time", "timestamp", "datetime", "date", "date/time", "zeit", "zeitstempel", "datum", "t")
 _COLUMN: Final = re.compile(r"(?P<name>\S+?)(?: ?(?:\[(?P<unit>[^\]]*)\]|\((?P<round>[^)]*)\)))?")
 #: From names of the table of signals to how the record describes them.
@@ -44,7 +44,7 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
     thousands: str | None = None
     group: ColumnName | None = None  #: of an MDF file: only this one
     raw: bool = False
-    #: What stands for no value, by signal; of "": in all columns.
+    #: What represents no value, by signal; of "": in all columns.
     null: dict[str, list[float | str]] = msgspec.field(default_factory=dict)
 
 

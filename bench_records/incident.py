@@ -1,4 +1,4 @@
-"""What the rig's black box kept of an incident, beside the record of the run: a story in words, and its samples."""
+"""What the rig's black box kept of an incident, next to the record of the run: a story in words, and its samples."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def write_incident(
         samples = pa.BufferOutputStream()
         pq.write_table(pa.table({_TIME: times, **channels}), samples)
         put(Path(directory) / SAMPLES, samples.getvalue().to_pybytes())
-        put(Path(directory) / STORY, story.encode())  # last: whoever finds it finds the samples
+        put(Path(directory) / STORY, story.encode())  # last: anyone who finds it finds the samples
 
 
 class IncidentSection(NamedTuple):

@@ -22,7 +22,7 @@ def junit(result: Result) -> bytes:
 
     The time of a check is that since the one before, and the run itself has what comes after the last: together they
     are the time of the suite. Only a run in real time has a time stamp. Parameters and the serial number of the
-    specimen stand in the names of suite and cases: two runs of a plan would hide each other.
+    specimen are in the names of suite and cases: two runs of a plan would hide each other.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
@@ -88,7 +88,7 @@ def _given(result: Result) -> str:
 
 
 def _times(result: Result) -> list[float]:
-    """How long each check took, and the run after the last of them (s); nothing for what has no time of its own."""
+    """How long each check took, and the run after the last of them (s); nothing for what has no time itself."""
     ends = [0.0]
     for one in result.checks:
         ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))

@@ -1,4 +1,4 @@
-"""What stands above a report beside the bench's own words: laboratory, customer, order number and a logo."""
+"""What stands above a report next to the bench's own words: laboratory, customer, order number and a logo."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What somebody adds to a run afterwards: comments, photos and files with time and author, beside what was signed.
+"""What a user adds to a run afterwards: comments, photos and files with time and author, next to what was signed.
 
-Notes lie in a folder of their own, each with the checksum of its file. They are only ever added: no file that the run
+Notes lie in their own folder, each with the checksum of its file. They are only ever added: no file that the run
 left, and no earlier note, is touched.
 """
 
@@ -56,7 +56,7 @@ def add_note(
                 return _add(
                     folder, number, Note(at=utc_date(), by=by.strip(), text=text.strip()), file, content
                 )
-            except FileExistsError:  # somebody else adds one just now
+            except FileExistsError:  # another user adds one just now
                 number += 1
 
 

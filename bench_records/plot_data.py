@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 ASSETS: Final = Path(__file__).parent / "assets"
-#: Steps of a range, and what stands for a gap.
+#: Steps of a range, and what represents a gap.
 STEPS: Final = 65534
 GAP: Final = 65535
 

@@ -1,6 +1,6 @@
 """What all drawings of reports share: colours, type, a pair of axes of a given size, and the SVG element for the page.
 
-Colours are those of Okabe and Ito, which people with any kind of colour vision can tell apart, and no meaning rests
+Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish , and no meaning rests
 on colour alone.  Text stays text, so that it is set in the page's own type and can be searched.
 """
 
@@ -92,7 +92,7 @@ def panel(
     return figure, axes
 
 
-#: Size of a title, and between it and what stands on the right, in points.
+#: Size of a title, and between it and what is on the right, in points.
 _TITLE: Final = 9.5
 _BETWEEN: Final = 8.0
 

@@ -30,7 +30,7 @@ def browser() -> str | None:
 
 
 def browser_version(path: str) -> int | None:
-    """Return the main version of a browser; None if it does not tell."""
+    """Return the main version of a browser; None if it does not report."""
     try:
         told = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
     except (OSError, subprocess.SubprocessError):
@@ -40,7 +40,7 @@ def browser_version(path: str) -> int | None:
 
 
 def write_pdf(page: Path) -> Path:
-    """Print a page of ours as PDF beside it; return its path. RecordError if that fails, and what would help."""
+    """Print a page of ours as PDF next to it; return its path. RecordError if that fails, and what would help."""
     program = browser()
     if program is None:
         looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)

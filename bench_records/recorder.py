@@ -225,7 +225,7 @@ class Recorder:
             self._put_back()
             raise
         finally:
-            # Held until there is a record: nobody takes the run for one that was cut off.
+            # Held until there is a record: no one takes the run for one that was cut off.
             with suppress(OSError):  # a full disk refuses the last bytes again; that is known by now
                 self._file.close()
             give_room(self.directory)
@@ -257,7 +257,7 @@ class Recorder:
             try:
                 self._drain()
             except RecordError:
-                return  # the thread has nobody to tell: receive, event, flush and close will
+                return  # the thread has no one to tell: receive, event, flush and close will
 
     def _finish_stream(self) -> None:
         import pyarrow as pa
@@ -280,7 +280,7 @@ class Recorder:
             (self.directory / _HEAD).unlink()
 
     def _put_back(self) -> None:
-        """Where somebody has removed the folder, make it again with what the stream holds: it is open still."""
+        """Where a user has removed the folder, make it again with what the stream holds: it is open still."""
         stream = self.directory / STREAM
         if stream.exists():
             return
@@ -321,7 +321,7 @@ class Recorder:
 
 
 def _undisturbed(write: Callable[[], None]) -> None:
-    """Write in a thread of its own, where no Ctrl-C comes: half a batch would make all that follow unreadable.
+    """Write in its own thread, where no Ctrl-C comes: half a batch would make all that follow unreadable.
 
     Who is interrupted meanwhile hears of it when the thread has ended what it does.
     """
@@ -354,7 +354,7 @@ def _stream_schema() -> pa.Schema:
 
 
 def _create(head: Path, stream: Path) -> BinaryIO:
-    """Open ``head``, which becomes ``stream`` when the facts of the run stand in it, and hold it."""
+    """Open ``head``, which becomes ``stream`` when the facts of the run are in it, and hold it."""
     with begun(stream, f"the directory {stream.parent}"):
         stream.parent.mkdir(parents=True, exist_ok=True)
     in_place = not OPEN_FILES_MOVE

@@ -1,4 +1,4 @@
-"""A run for the drawing of the bench: readings at the instants that an eye tells apart, valves, states, events."""
+"""A run for the drawing of the bench: readings at the instants that an eye distinguishes , valves, states, events."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ DECIMALS: Final = {"mm": 1, "bar": 2, "kN": 1, "K": 1, "degC": 1, "mrad": 2, "m/
 #: So many pictures of a run at most, and so far apart at least (s).
 PICTURES: Final = 3000
 APART: Final = 0.1
-#: A reading stands for so long (s): the slowest comes once a second.
+#: A reading represents so long (s): the slowest comes once a second.
 STANDS: Final = 2.5
 _EVENTS: Final = 300
-#: Units that are written otherwise than they are typed.
+#: Units that are written differently than they are typed.
 WRITTEN: Final = {"m/s2": "m/s²", "degC": "°C"}
 _STATE: Final = "rig.state"
 

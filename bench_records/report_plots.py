@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-#: Of what is on the right, so that it is told from the left without its colour.
+#: Of what is on the right, so that it is distinguished from the left without its colour.
 DASH = (5.0, 1.8)
-#: Behind how many colours lines are told apart by points, too.
+#: Behind how many colours lines are distinguished by points, too.
 DOTS = (1.2, 1.2)
 
 # Two points for each bin: finer than a printer's dots on this width.
@@ -248,7 +248,7 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
     for index, one in enumerate(curves):
         color, dash = look(index, one.name)
         if len(curves) > len(PALETTE):
-            # So many read best on a scale from dark to light; neighbours are told apart by dashes, too.
+            # So many read best on a scale from dark to light; neighbours are distinguished by dashes, too.
             color = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1)))
             dash = (DASH, ())[index % 2]
         step = 1 if one.kind == "sweep" else max(1, math.ceil(len(one.xs) / LOOP_POINTS))
@@ -348,7 +348,7 @@ def _linestyle(dash: tuple[float, ...]) -> Any:
 
 
 def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
-    """Names beside the lines, in their colours: nearer to the eye than a legend in a box."""
+    """Names next to the lines, in their colours: nearer to the eye than a legend in a box."""
     from matplotlib.lines import Line2D
 
     axes, first = paper.axes, paper.top + 0.05 * (paper.bottom - paper.top)

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from bench_records.report_plots import Series
 
 STRIP_STRETCHES = 400
-#: Beside the first: more are no longer read on paper.
+#: Next to the first: more are no longer read on paper.
 TABLE_COLUMNS = 8
 #: So finely a reader can zoom into the signals of a run: two points for each of so many stretches.
 FINE = 4000
-#: The kind of event that tells of a limit that tripped.
+#: The kind of event that reports of a limit that tripped.
 TRIP = "trip"
 
 
@@ -144,7 +144,7 @@ def _titled(axis: Axis) -> str:
 
 
 def curve_tables(curves: list[Curve]) -> list[Table]:
-    """The numbers of all sweeps, those over the same points beside each other; loops have too many to print."""
+    """The numbers of all sweeps, those over the same points next to each other; loops have too many to print."""
     over: dict[tuple[Axis, tuple[float | None, ...]], list[Curve]] = {}
     for one in curves:
         if one.kind == "sweep":

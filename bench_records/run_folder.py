@@ -16,9 +16,9 @@ from bench_records.record import Record, read
 from bench_records.result import Check, Result, SpecimenFacts, conclude, read_result
 from bench_records.stream import is_held, read_head
 
-#: What tells that there is a run, the best first.
+#: What identifies that there is a run, the best first.
 SIGNS: Final = (RESULT, STREAM, PARQUET)
-#: What `meta.json` tells beside the circumstances of a run.
+#: What `meta.json` tells next to the circumstances of a run.
 _BESIDE: Final = {"samples", "duration_s", "events"}
 _OF_THE_STREAM: Final = {"start_ns", "signals"}
 

@@ -1,6 +1,6 @@
 """Axes that drawings of one size share: matplotlib draws what is in them, and the words around them are set here.
 
-The words are text of the page, in the page's own type. matplotlib would measure each of them in a type of its own to
+The words are text of the page, in the page's own type. matplotlib would measure each of them in its own type to
 find its place, which took two thirds of a drawing; all that it takes is where it begins, ends or has its middle.
 """
 
@@ -73,7 +73,7 @@ class Sheet:
         color: str = SOFT,
         bold: bool = False,
     ) -> None:
-        """Set text that stands on ``y`` and begins, ends or has its middle at ``x``."""
+        """Set text that is on ``y`` and begins, ends or has its middle at ``x``."""
         weight = "font-weight: 700; " if bold else ""
         look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
         self._words.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
@@ -106,7 +106,7 @@ class Sheet:
         return factor
 
     def vertical_numbers(self) -> str:
-        """Set the numbers of the vertical scale, with lines beside them; return their common factor, if any."""
+        """Set the numbers of the vertical scale, with lines next to them; return their common factor, if any."""
         places, factor = _ticks(self.axes.yaxis)
         for value, text in places:
             self.write(self.left - GAP, self.y(value) + OF_FIGURES * NUMBERS, text, anchor="end")
@@ -114,7 +114,7 @@ class Sheet:
         return factor
 
     def seconds(self) -> None:
-        """Set the unit beside the last number of the scale, where nothing else is."""
+        """Set the unit next to the last number of the scale, where nothing else is."""
         self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
 
     def fill(self, boxes: Sequence[Box], color: str, **rest: Any) -> None:

@@ -41,7 +41,7 @@ class Instrument(NamedTuple):
 
 
 def identification(record: Record, result: Result, duration: float) -> list[Entry]:
-    """What a report says first: what every run has to tell, even if it is empty, and what this one has beside it."""
+    """What a report says first: what every run has to tell, even if it is empty, and what this one has next to it."""
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [

@@ -1,7 +1,7 @@
 """The stream that a run writes while it lasts: who holds it, and what it tells, wherever it breaks off.
 
-Its head stands there from the first moment on, and its writer holds a lock that ends with the process, however that
-ends: a stream that nobody holds is of a run that was cut off.
+Its head is there from the first moment on, and its writer holds a lock that ends with the process, however that
+ends: a stream that no one holds is of a run that was cut off.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def read_head(stream: Path) -> dict[str, Any]:
 
 
 def read_stream(stream: Path) -> Streamed:
-    """Return what a stream holds that nobody writes any more.
+    """Return what a stream holds that no one writes any more.
 
     Raises ``RecordError`` for a stream that is none of ours.
     """
@@ -146,7 +146,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 @contextmanager
 def metadata_errors(path: Path) -> Iterator[None]:
-    """Let what a file says of itself be read: RecordError if somebody has damaged it."""
+    """Let what a file says of itself be read: RecordError if a user has damaged it."""
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):

@@ -1,4 +1,4 @@
-"""The templates of pages: what they are given stands in them as text, unless they say that it is a drawing."""
+"""The templates of pages: what they are given is in them as text, unless they say that it is a drawing."""
 
 from __future__ import annotations
 

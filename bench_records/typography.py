@@ -10,7 +10,7 @@ FIGURE_SPACE, PUNCTUATION_SPACE, THIN_SPACE, MINUS = "\u2007", "\u2008", "\u2009
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-#: Units that are written otherwise than they are typed.
+#: Units that are written differently than they are typed.
 _UNITS = {"1": "", "deg": "°", "degC": "°C", "us": "µs"}
 
 

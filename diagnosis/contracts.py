@@ -21,7 +21,7 @@ ROLES: Final[tuple[Role, ...]] = ("fit", "select", "report")
 
 
 class DiagnosisError(ValueError):
-    """Data, a map or a request that cannot be diagnosed; the text says what is wrong and what would be right."""
+    """Data, a map or a request that cannot be diagnosed; the text states what is wrong and what would be right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class Nuisance(Parameter):
 class Hypothesis:
     """An effect that the base model may lack, as the diagnosis tries it.
 
-    ``amplitude`` is 0 where the effect is absent (its ``low`` is 0 where only one sign is physical); ``shapes`` are
-    parameters that mean nothing while it is absent (a time constant), tried at the points of ``grid``.
+    ``amplitude`` is 0 where the effect is missing (its ``low`` is 0 where only one sign is physical); ``shapes`` are
+    parameters that mean nothing while it is missing (a time constant), tried at the points of ``grid``.
     """
 
     name: str
@@ -136,7 +136,7 @@ class Experiment:
     inputs: Mapping[str, Array]
     settings: Mapping[str, float] = field(default_factory=dict)  #: constants of this run, e.g. the preload
     minutes: float = 0.0  #: what the run costs on the rig
-    #: The record that this is a part of, replayed from where all of its parts begin; "": a record of its own.
+    #: The record that this is a part of, replayed from where all of its parts begin; "": its own record.
     source: str = ""
     #: Inputs that keep their value until the next sample; the others are straight lines between samples.
     held: frozenset[str] = frozenset()
@@ -222,13 +222,13 @@ class CheckFigures(Protocol):
     def experiments(self) -> Sequence[Experiment]: ...
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a planned experiment is given without the error that this nuisance stands for."""
+        """Return whether a planned experiment is given without the error that this nuisance represents."""
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
         """Return the figures that an experiment holds, of its ``outputs`` (n,) by channel; none if it holds none."""
 
 
-#: Values of effects (and surfaces) by effect name and parameter name. What is not named is absent.
+#: Values of effects (and surfaces) by effect name and parameter name. What is not named is missing.
 Effects = Mapping[str, Mapping[str, float]]
 
 
@@ -267,7 +267,7 @@ class Job:
 
 
 class CompleteSimulator:
-    """A simulator with all that one may offer beside ``run``: the base of those that offer any of it.
+    """A simulator with all that one may offer together with ``run``: the base of those that offer any of it.
 
     Each has a default that does without. Others are completed by the engine (`diagnosis.engine.simulation.completed`).
     """
@@ -282,11 +282,11 @@ class CompleteSimulator:
     identity: str = ""
     #: Fewest jobs that are worth a call of `run_many`: fewer hardly have anything to share.
     least_batch: int = 1
-    #: Names of nuisances and effects that rough outputs do not tell apart: differences in them are never rough.
+    #: Names of nuisances and effects that rough outputs do not distinguish : differences in them are never rough.
     too_alike: frozenset[str] = frozenset()
     #: Errors of its inputs that its nuisances imitate exactly, so that no data tell of them: what one standard
     #: deviation of each does to the nuisances, by name in their own units. The zero of a height sensor makes every
-    #: volume and area another one, and leaves no trace beside that.
+    #: volume and area another one, and leaves no trace together with that.
     unseen_errors: Sequence[Mapping[str, float]] = ()
     #: How nuisances are learnt otherwise, such as by a calibration: what to do, by the name of the nuisance.
     references: Mapping[str, str] = MappingProxyType({})

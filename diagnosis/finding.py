@@ -1,6 +1,6 @@
 """The finding: what a diagnosis says, with all it rests on, as JSON that people and programs read.
 
-Numbers are in the unit beside them; only ``models`` is in SI. What is not known is null: JSON has no NaN.
+Numbers are in the unit together with them; only ``models`` is in SI. What is not known is null: JSON has no NaN.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     """A named effect that explains what the base model gets wrong.
 
     ``strength`` is λ, the norm of its footprint in standard deviations of the noise after the base model was refitted;
-    ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) say how
-    much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
+    ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) state
+    how much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
     that goes with it, all channels together. Where there are ``laws``, only the ``phenomenon`` is claimed: the cause is
     the simplest of its laws that suffices. ``status`` is *named*, or *suspected* where nothing unseen gains by it.
     """
@@ -67,8 +67,8 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     source: str = ""
     plain: str = ""  #: what is so, a sentence without its end; "": the title says it
     phenomenon: str = ""  #: what it is one law of; "": of nothing else in the catalogue
-    laws: list[Rival] = []  #: others of the phenomenon that these runs do not tell from it
-    separated_by: str = ""  #: what would tell them apart; "" where nothing has to be
+    laws: list[Rival] = []  #: others of the phenomenon that these runs do not report from it
+    separated_by: str = ""  #: what would distinguish them ; "" where nothing has to be
     status: str = NAMED
 
 
@@ -105,7 +105,7 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     """The score z of one candidate against the base model, at the best point of its shape grid.
 
     ``strength`` is the λ that the score estimates, before overdispersion widens the scatter in which z is measured.
-    ``outcome`` tells what became of it: below the threshold, accepted, or the gate that it did not pass.
+    ``outcome`` shows what became of it: below the threshold, accepted, or the gate that it did not pass.
     """
 
     effect: str
@@ -207,7 +207,7 @@ class Unseen(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Pair(msgspec.Struct, frozen=True, kw_only=True):
-    """Two effects that the fit runs tell apart, or not: the predicted BIC gap is λ²(1 − cosine²)."""
+    """Two effects that the fit runs distinguish , or not: the predicted BIC gap is λ²(1 − cosine²)."""
 
     first: str
     second: str
@@ -310,7 +310,7 @@ class PanelRow(msgspec.Struct, frozen=True, kw_only=True):
     """One test on the errors of the base model: it shows what is wrong, and where, and names nothing.
 
     ``p`` is the chance of a statistic as large if the model were right, ``q`` the same after Benjamini and Hochberg
-    over the whole panel.  A test that does not apply says why and has neither.
+    over the whole panel.  A test that does not apply states why and has neither.
     """
 
     test: str

@@ -1,1 +1,1 @@
-"""The bench for whoever writes a plan: devices with readings and settings, over CAN and Modbus."""
+"""The bench for anyone who writes a plan: devices with readings and settings, over CAN and Modbus."""

@@ -320,7 +320,7 @@ class PythonCanPort:
         """Leave the bus. No callback follows after this returns. Repeated calls are harmless."""
         self._closing = True
         if isinstance(self._bus, HubBus):
-            self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when nobody reads
+            self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when no one reads
         if threading.current_thread() is not self._thread:
             self._thread.join()
         if self.wire is not None:

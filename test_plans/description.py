@@ -21,7 +21,7 @@ _Follows = TypeVar("_Follows", bound=Callable[..., Any])
 class Description(Mapping[str, float]):
     """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`; they do not change.
 
-    NotAvailable, with its name, for one that nobody has stated: there is no default.
+    NotAvailable, with its name, for one that no one has stated: there is no default.
     """
 
     __slots__ = ("dimensions", "known", "rig")
@@ -51,7 +51,7 @@ class Description(Mapping[str, float]):
         return self.dimensions.known.get(name)
 
     def lacks(self, *names: str) -> str:
-        """Return in words which of the dimensions ``names`` nobody has stated; "" if all are known."""
+        """Return in words which of the dimensions ``names`` no one has stated; "" if all are known."""
         missing = [name for name in dict.fromkeys(names) if name not in self.dimensions.known]
         if not missing:
             return ""
@@ -60,7 +60,7 @@ class Description(Mapping[str, float]):
 
 
 def once_for_a_rig(follows: _Follows) -> _Follows:
-    """Keep what follows from a description and hashable arguments; from other mappings, which change, it is anew."""
+    """Keep what follows from a description and hashable arguments; from other mappings, which change, it is again."""
 
     @wraps(follows)
     def known(rig: Mapping[str, float], *args: Hashable) -> Any:

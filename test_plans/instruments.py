@@ -23,7 +23,7 @@ PACKAGE: Final = "instruments"
 
 #: Validity of a calibration without a due date in the file.
 INTERVAL: Final = timedelta(days=365)
-#: The properties of an instrument; "signal" stands for the SI unit of its readings.
+#: The properties of an instrument; "signal" represents the SI unit of its readings.
 PROPERTIES: Final = {
     "offset": "signal",
     "gain": "1",

@@ -18,7 +18,7 @@ ABORT: Final = "abort"
 
 
 class Unanswered(Exception):
-    """Nobody answers a question; the text says why."""
+    """No one answers a question; the text states why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Operator(Protocol):
     """Who can be asked. A run asks one question at a time and looks for its answer until there is one."""
 
     def ask(self, question: Question) -> None:
-        """Take a question. Unanswered, with the reason, if nobody will answer it."""
+        """Take a question. Unanswered, with the reason, if no one will answer it."""
 
     def answer(self) -> Answer | None:
         """Return the answer to the question, None as long as there is none. Unanswered if there will be none."""
@@ -83,7 +83,7 @@ Reply = str | Callable[[Question], str]
 
 
 class Script:
-    """Answers known beforehand: by the text of the question or its deed, in which ``*`` stands for anything.
+    """Answers known beforehand: by the text of the question or its deed, in which ``*`` represents anything.
 
     The first that fits is taken. ValueError for an answer that the question does not allow.
     """
@@ -110,7 +110,7 @@ class Script:
 
 
 class QuestionBox:
-    """Where a question waits for whoever answers it, from any thread: a terminal, a panel in a browser.
+    """Where a question waits for anyone who answers it, from any thread: a terminal, a panel in a browser.
 
     ``question`` is what to show. What is shown where is not its business.
     """

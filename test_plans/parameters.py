@@ -48,7 +48,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """What a file may be, in words, and which names stand for what needs none: ``File("a table of …", ("none",))``."""
+    """What a file may be, in words, and which names represent what needs none: ``File("a table of …", ("none",))``."""
 
     about: str
     names: tuple[str, ...]

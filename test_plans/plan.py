@@ -33,12 +33,12 @@ Part = Callable[..., None]
 class Plan:
     """A test instruction: set-up, main part and tear-down, which always runs.
 
-    The instruction is the docstring of the main part, the title its first line. In both ``{AW0.preload}`` stands for
+    The instruction is the docstring of the main part, the title its first line. In both ``{AW0.preload}`` represents
     what a specimen has to carry in that load case, which :meth:`on` puts in. ``lasts`` is how long it takes (s of
-    the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
+    the bench's time, 0 if no one knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
     part may be given by name, ``values`` (SI) what it will be given. On a rig that lacks one of the signals ``needs``
     the plan is blocked before anything moves, and so it is if one of the preconditions ``requires`` is not met.
-    ``checks`` are the names of what it checks, each with a sentence for whoever reads what the plan does.
+    ``checks`` are the names of what it checks, each with a sentence for anyone who reads what the plan does.
     """
 
     name: str
@@ -113,9 +113,9 @@ def plan(
     """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
 
     The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
-    begins by arming the bench and ends by letting the air off and disarming. What the function takes beside the run are
-    the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter that
-    has no default, no unit or no range, or for a need that is no signal.
+    begins by arming the bench and ends by letting the air off and disarming. What the function takes next to the run
+    are the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter
+    that has no default, no unit or no range, or for a need that is no signal.
     """
 
     def made(function: Part) -> Plan:
@@ -129,7 +129,7 @@ def plan_under(load: str, main: Callable[..., None], name: str, **how: Any) -> P
     """Make a plan called ``name`` of a function that takes the load, too; the rest as for `plan`.
 
     In its docstring ``{load}`` is the load, ``{car}`` the car that it is of, ``{preload}`` what a spring then carries.
-    What the function takes beside run and load are the plan's parameters.
+    What the function takes next to run and load are the plan's parameters.
     """
 
     def under(run: Run, **given: Value) -> None:

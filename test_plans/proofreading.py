@@ -47,7 +47,7 @@ def _begins_with_a_run(part: Callable[..., None]) -> bool:
 
 
 def _unknown_names(part: Any) -> Iterator[tuple[int, str]]:
-    """Yield global names of a function and of those inside that nobody has given a value."""
+    """Yield global names of a function and of those inside that no one has given a value."""
     known = part.__globals__.keys() | vars(builtins).keys()
     for code in _codes(part.__code__):
         for step in dis.get_instructions(code):
@@ -88,7 +88,7 @@ def _wrong_words(part: Any, run: Run) -> Iterator[tuple[int, str]]:
     stored = {
         one.id for one in ast.walk(tree) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)
     }
-    if name in stored:  # the name stands for something else somewhere
+    if name in stored:  # the name represents something else somewhere
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):

@@ -43,7 +43,7 @@ def timing(
     ticks = round(after["rig.tick"] - before["rig.tick"])
     late = round(after["rig.late_ticks"] - before["rig.late_ticks"])
     if ticks < 0 or late < 0 or min(counts) < 0:
-        return None  # the rig was started anew, or its counters went round
+        return None  # the rig was started again, or its counters went round
     if not any(counts):
         return Timing(ticks=ticks, late=late, disturbed=disturbed, period=TICK)
     worst = after["rig.lateness_max"]

@@ -1,4 +1,4 @@
-"""A track as somebody measured it: how far rails lie beside the line that they should follow, by distance or by time.
+"""A track as a user measured it: how far rails lie next to the line that they should follow, by distance or by time.
 
 A table (CSV, Parquet, Arrow) with a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
 left), ``cant`` (how much higher the left rail is) and ``roll`` (left side up), each with its unit in the head, such as

@@ -51,7 +51,7 @@ class Subject:
     values: tuple[float, float] = (1.0, 0.0)  #: two numbers that all of these can take
     unavailable: str = ""  #: a point of which the rig says that it has no value
     refused: str = ""  #: a point that the rig does not take
-    nobody: Callable[[], Transport] | None = None  #: one to where nobody answers
+    nobody: Callable[[], Transport] | None = None  #: one to where no one answers
     cut: Callable[[], None] | None = None  #: cuts the connection of the transport made last
     clock: Clock = field(default_factory=RealClock)
     within: float = 2 * s  #: of whatever must happen
@@ -159,7 +159,7 @@ def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Ex
 
 
 def _before_connecting(subject: Subject) -> None:
-    """A transport that is not connected says so, and nobody was ever heard."""
+    """A transport that is not connected says so, and no one was ever heard."""
     transport = subject.make()
     try:
         _expect(LinkLost, "read before connect", lambda: transport.read(list(subject.readable)))
@@ -183,7 +183,7 @@ def _unknown_points(subject: Subject) -> None:
 
 
 def _no_answer(subject: Subject) -> None:
-    """Where nobody answers, connect ends in time with LinkLost, and no loss is told of what never was."""
+    """Where no one answers, connect ends in time with LinkLost, and no loss is told of what never was."""
     if subject.nobody is None:
         raise _Skipped("the subject has no `nobody`")
     transport, listener = subject.nobody(), _Listener(subject.clock)
@@ -389,7 +389,7 @@ def _closing(subject: Subject) -> None:
 
 
 def _losing(subject: Subject) -> None:
-    """A lost connection is told once, in words, and reading says the same in time."""
+    """A lost connection is reported once, in words, and reading says the same in time."""
     if subject.cut is None:
         raise _Skipped("the subject has no `cut`")
     with _Bench(subject) as bench:

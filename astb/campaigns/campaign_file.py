@@ -1,4 +1,4 @@
-"""A campaign file: the TOML that says which plans run with which parameters, specimens, rigs and seeds."""
+"""A campaign file: the TOML that states which plans run with which parameters, specimens, rigs and seeds."""
 
 from collections.abc import Iterator, Mapping
 from itertools import product
@@ -22,7 +22,7 @@ Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
 
 
 class CampaignError(ValueError):
-    """A campaign file that cannot be carried out; the text says what would be right."""
+    """A campaign file that cannot be carried out; the text states what would be right."""
 
 
 class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -115,7 +115,7 @@ def _base(rig: str, home: Path) -> Simulation:
 
 
 def _path(name: str, home: Path) -> str:
-    """Return a path for workers, which may stand in another directory; names are left as they are."""
+    """Return a path for workers, which may are in another directory; names are left as they are."""
     return str((home / name).resolve()) if name.endswith(".toml") else name
 
 

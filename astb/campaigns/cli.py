@@ -116,7 +116,7 @@ def _command_line() -> str:
 
 
 def _write_page_and_workbook(rows: list[dict[str, Any]], out: Path) -> None:
-    """Write the page and the workbook of a campaign beside its rows, which are in a directory of their own."""
+    """Write the page and the workbook of a campaign next to its rows, which are in their own directory."""
     page, book = (out.with_name(f"{out.name}.{ending}") for ending in ("html", "xlsx"))
     try:
         write_page(rows, page, out.name)

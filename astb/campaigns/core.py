@@ -44,7 +44,7 @@ def carried_out(
     ``prepare``, which each worker calls once. An exception, a worker that dies again and again and a time limit are
     results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels what still runs.
     """
-    from cloudpickle import dumps  # takes what stands in a script, too
+    from cloudpickle import dumps  # takes what is in a script, too
 
     run = uuid4().hex  # another client of the same scheduler must not be given these results
     ended: SimpleQueue[Future] = SimpleQueue()

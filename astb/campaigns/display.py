@@ -1,4 +1,4 @@
-"""What somebody sees of a campaign: a bar with the time left on a terminal, a line now and then through a pipe."""
+"""What a user sees of a campaign: a bar with the time left on a terminal, a line now and then through a pipe."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple
 
 Row = Mapping[str, Any]
 
-#: Verdicts of a check that speak against its case.
+#: Verdicts of a check that contradict its case.
 FAILED: Final = ("fail", "error")
-#: The order in which cases are read: what needs somebody first.
+#: The order in which cases are read: what needs a user first.
 WORST_FIRST: Final = ("fail", "error", "blocked", "incomplete", "not available", "marginal", "pass", "")
 
 
@@ -108,7 +108,7 @@ def in_unit(check: Mapping[str, Any], what: str) -> float | None:
 
 
 def name_of(check: Mapping[str, Any]) -> str:
-    """Return what tells a check from the others of its plan."""
+    """Return what identifies a check from the others of its plan."""
     phase = str(check.get("phase") or "")
     return (
         f"{check['name']} ({phase})"

@@ -30,7 +30,7 @@ class KeptRows:
     """Rows by their ``key``, in a directory that one campaign at a time writes to.
 
     A part gets its name when it is complete and on the disk. Parts are joined from time to time; if that is cut short,
-    a row may stand in two of them, which `read_rows` and the next opening see to.
+    a row may are in two of them, which `read_rows` and the next opening see to.
     """
 
     def __init__(self, directory: Path, *, without_errors: bool = False) -> None:
@@ -93,7 +93,7 @@ class KeptRows:
         return path
 
     def _replace_all(self, table: "pa.Table") -> None:
-        """Let one part with ``table`` stand for all that are there."""
+        """Let one part with ``table`` represent all that are there."""
         old = _parts(self.directory)
         if table.num_rows:
             _write(table, self._next_part())

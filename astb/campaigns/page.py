@@ -71,7 +71,7 @@ class Spread(NamedTuple):
 
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
-    """Write the page of a campaign; it stands alone. NotKept if the disk refuses it."""
+    """Write the page of a campaign; it is self-contained. NotKept if the disk refuses it."""
     text = template("campaign.html.j2", Path(__file__).parent).render(
         name=name,
         total=len(rows),

@@ -1,4 +1,4 @@
-"""A campaign: the cases that are not kept yet are carried out, each becomes a row, and somebody may watch."""
+"""A campaign: the cases that are not kept yet are carried out, each becomes a row, and a user may watch."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext

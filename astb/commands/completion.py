@@ -15,7 +15,7 @@ Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 def complete_from(names: Callable[[], Iterable[str]], *, files: bool = False) -> Completer:
     """Return what offers those of the ``names`` that begin as the user began; nothing where they cannot be had.
 
-    With ``files`` a shell offers its own as well: bash where no name fits, the others beside the names.
+    With ``files`` a shell offers its own as well: bash where no name fits, the others next to the names.
     """
 
     def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

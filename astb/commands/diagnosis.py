@@ -124,7 +124,7 @@ def investigate_command(
 
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, None, effects, sealed)
-    # Whoever ends the run, tear-down runs.
+    # Anyone who ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         done = investigate_rig(rig, path, virtual=virtual, seed=seed, budget=budget, model=model, out=out)

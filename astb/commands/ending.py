@@ -7,12 +7,12 @@ from typing import Final, NoReturn
 
 from bench_protocol.runtime.own_process import available_signals
 
-#: Signals that whoever sent them may not know of: a closed terminal, Ctrl-\\.
+#: Signals that anyone who sent them may not know of: a closed terminal, Ctrl-\\.
 UNAWARES: Final = ("SIGHUP", "SIGQUIT")
 
 
 def end_in_order() -> None:
-    """Let whoever ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
+    """Let anyone who ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
     for number in available_signals("SIGTERM", "SIGQUIT"):
         signal.signal(number, signal.default_int_handler)
     for number in available_signals("SIGHUP"):
@@ -21,7 +21,7 @@ def end_in_order() -> None:
 
 
 def _hung_up(number: int, _: object) -> NoReturn:
-    """End as Ctrl-C does, once: the shell tells of a closed terminal, too, in the middle of a tear-down."""
+    """End as Ctrl-C does, once: the shell reports of a closed terminal, too, in the middle of a tear-down."""
     signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 

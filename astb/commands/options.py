@@ -62,7 +62,7 @@ _SIMULATION_OPTIONS: Final = (
 
 
 def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command say what the simulated rig simulates, over the rig file: see `simulated`."""
+    """Let a command state what the simulated rig simulates, over the rig file: see `simulated`."""
     for option in reversed(_SIMULATION_OPTIONS):
         command = option(command)
     return command

@@ -188,7 +188,7 @@ def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
 
 @contextmanager
 def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
-    """Yield what listens to the bus, into the file at ``path`` if there is one; None if nobody wants to know."""
+    """Yield what listens to the bus, into the file at ``path`` if there is one; None if no one wants to know."""
     from bench_sim.rig.capture import Capture, CaptureFile
 
     capture = Capture()
@@ -203,14 +203,14 @@ def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
     """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or work its emergency stop."""
     if (
         until_eof
-    ):  # whoever started this rig holds the other end: the rig stops when its parent ends, however it does
+    ):  # anyone who started this rig holds the other end: the rig stops when its parent ends, however it does
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
     signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
 
 
 def _end(stop: threading.Event, by: str) -> None:
-    """Stop the rig, and say by what, where whoever did it may not know."""
+    """Stop the rig, and state by what, where anyone who did it may not know."""
     if not stop.is_set() and by in UNAWARES:
         click.echo(f"astb: the rig was ended by {by}", err=True)
     stop.set()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 #: Exit codes by verdict; of several plans the last in this order counts.
 _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked": BLOCKED}
-#: What is kept beside the record, and who hears of the run.
+#: What is kept next to the record, and who hears of the run.
 _KEPT: Final = (
     click.option(
         "--keep-frames",
@@ -88,7 +88,7 @@ _KEPT: Final = (
 
 
 def kept_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command say what a run keeps beside its record, and who hears of it: see `_keeping`."""
+    """Let a command state what a run keeps next to its record, and who hears of it: see `_keeping`."""
     for option in reversed(_KEPT):
         command = option(command)
     return command

@@ -321,7 +321,7 @@ def _measured(
 
 
 def _named(index: RunIndex, checks: tuple[str, ...]) -> list[str]:
-    """Return the names of checks, with those in the place of a pattern that fit it."""
+    """Return the names of checks, with those instead of a pattern that fit it."""
     known = index.names("check")
     found: dict[str, None] = {}
     for one in checks:

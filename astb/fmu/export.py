@@ -69,7 +69,7 @@ _COMPILED: Final = ("advance", "start")
 
 
 class ExportError(Exception):
-    """An FMU cannot be made here; the message says what is missing."""
+    """An FMU cannot be made here; the message states what is missing."""
 
 
 def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None) -> str:

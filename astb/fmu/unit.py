@@ -15,7 +15,7 @@ from bench_sim.parameters.loading import Entry
 
 
 class Kind(IntEnum):
-    """Where a variable stands in an instance of the FMU."""
+    """Where a variable is in an instance of the FMU."""
 
     MOTION = 0  #: input with which the instance goes on within a communication step
     INPUT = 1  #: input, held over a communication step
@@ -39,7 +39,7 @@ _OF_ACTUATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One scalar; values are SI. What is calculated has no start; ``whole`` numbers stand for choices."""
+    """One scalar; values are SI. What is calculated has no start; ``whole`` numbers represent choices."""
 
     name: str
     unit: str
@@ -88,7 +88,7 @@ class Unit:
     said: str
     about: tuple[str, ...]
     variables: Sequence[Variable]
-    #: What its parameters are until somebody sets them, as numbers one behind the other.
+    #: What its parameters are until a user sets them, as numbers one behind the other.
     defaults: NDArray[np.float64]
     #: Places by the names that C has for them.
     places: Mapping[str, int]

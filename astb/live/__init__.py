@@ -1,1 +1,1 @@
-"""A run while it lasts, as data: snapshots that a terminal draws now, and whoever asks."""
+"""A run while it lasts, as data: snapshots that a terminal draws now, and anyone who asks."""

@@ -30,7 +30,7 @@ _LOOK_UP: Final = 0.1  # s, until the end is noticed
 
 
 class NoRun(Exception):
-    """Nobody runs a plan on this rig, or he does not answer."""
+    """No one runs a plan on this rig, or he does not answer."""
 
 
 class Deaf(NoRun):

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from test_plans.suspension import Suspension
 
 _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
-#: Of so many checks the words are told, and of these verdicts.
+#: Of so many checks the words are reported, and of these verdicts.
 _FAILED_MAX: Final = 20
 _FAILED: Final = ("fail", "error")
-#: Told beside the readings that have limits.
+#: Told next to the readings that have limits.
 _ALSO: Final = ("supply.pressure",)
 
 
@@ -29,7 +29,7 @@ class Live:
     """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
 
     ``record`` is the directory that its record goes to, ``limits`` are those that are known of the rig, ``outline`` is
-    what an earlier run tells of the steps; ``box`` is where a question waits for its answer, ``suspension`` knows
+    what an earlier run reports of the steps; ``box`` is where a question waits for its answer, ``suspension`` knows
     whether the run is held, which the plan can be if ``can_hold``. A snapshot asks nothing of the rig: it has what came
     by itself. The run's thread assigns whole values, and any other thread reads them.
     """

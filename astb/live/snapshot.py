@@ -25,7 +25,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""  #: why it left the states in which plans run
     step: tuple[str, ...] = ()  #: the phases that are open, outermost first
     in_step: float = 0.0
-    next: str = ""  #: the step that comes; "" if nobody knows
+    next: str = ""  #: the step that comes; "" if no one knows
     left: float | None = None  #: until the end
     fraction: float = 0.0  #: of the run that is done
     outline: str = ""  #: which earlier run knows what comes

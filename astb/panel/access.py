@@ -1,7 +1,7 @@
 """Who may do what: anybody who reaches the panel sees, whoever has the token may command, and one page at a time does.
 
 The token is printed on the terminal as part of an address; the page exchanges it for a cookie that no script reads. A
-name that leads to this machine by somebody else's DNS, and a page of somebody else's, are refused.
+name that leads to this machine by another user's DNS, and a page of another user's, are refused.
 """
 
 import ipaddress
@@ -36,7 +36,7 @@ _CLIENTS_MAX: Final = 1024
 
 
 class NotAllowed(Exception):
-    """What a page may not do; the text says why, and ``status`` is that of HTTP."""
+    """What a page may not do; the text states why, and ``status`` is that of HTTP."""
 
     def __init__(self, text: str, status: int = 403) -> None:
         super().__init__(text)
@@ -44,7 +44,7 @@ class NotAllowed(Exception):
 
 
 class Doorkeeper:
-    """An ASGI application before another one: lets in only who asked for this machine by a name of its own."""
+    """An ASGI application before another one: lets in only who asked for this machine by its own name."""
 
     def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
         self._app = app
@@ -86,7 +86,7 @@ def _is_address(name: str) -> bool:
 def kept_token(rig_file: Path) -> str:
     """Return the token for the panel of this rig; a server that is started again has the same one.
 
-    It lies where only this user can read it, beside the sockets of rigs and runs.
+    It lies where only this user can read it, next to the sockets of rigs and runs.
     """
     path = door_path(rig_file).with_suffix(".token")
     own_directory(path.parent)
@@ -105,10 +105,10 @@ def _client(connection: HTTPConnection) -> str:
 
 
 class Patience:
-    """How long whoever shows a token has to wait, so that nobody tries many: by his client, and by all together.
+    """How long anyone who shows a token has to wait, so that no one tries many: by his client, and by all together.
 
     A few tries are free, then there is one in each period (the generic cell rate algorithm, ITU-T I.371). Who would
-    wait longer than 4 s is refused and costs nothing, so that nobody's turn is ever farther away than that.
+    wait longer than 4 s is refused and costs nothing, so that no one's turn is ever farther away than that.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -137,7 +137,7 @@ class Patience:
 
 
 class Access:
-    """The token, and the one seat of whoever commands."""
+    """The token, and the one seat of anyone who commands."""
 
     def __init__(self, token: str, port: int, clock: Clock) -> None:
         if not token:
@@ -165,7 +165,7 @@ class Access:
         }
 
     async def wait(self, connection: HTTPConnection) -> None:
-        """Let whoever tries a token wait for its turn. NotAllowed if too many do."""
+        """Let anyone who tries a token wait for its turn. NotAllowed if too many do."""
         if seconds := self._patience.wait(_client(connection)):
             await sleep(seconds)
 
@@ -188,14 +188,14 @@ class Access:
         return self.taken and page == self._page
 
     def take_seat(self, page: str, *, from_other: bool = False) -> bool:
-        """Give the seat to a page that may have it, if it is free or is to be taken from another; tell whether."""
+        """Give the seat to a page that may have it, if it is free or is to be taken from another; show whether."""
         if page and (from_other or not self.taken or page == self._page):
             self._page, self._last_seen = page, self._clock.now()
             return True
         return False
 
     def keep_seat(self, page: str) -> None:
-        """Note that a page is still there; it keeps its seat, or gets it if nobody has it."""
+        """Note that a page is still there; it keeps its seat, or gets it if no one has it."""
         self.take_seat(page)
 
     def require_token(self, connection: HTTPConnection) -> None:

@@ -1,6 +1,6 @@
 """The CAN bus for the page: how many frames of each identifier come, and what the rig says of who commands it.
 
-The bus is listened to on a connection of its own while somebody looks at the view; nothing is asked of the rig.
+The bus is listened to on its own connection while a user looks at the view; nothing is asked of the rig.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Who has not looked for so long no longer looks.
 LOOKS_FOR: Final = 10 * s
-#: Identifiers that are told apart; frames of more are counted together.
+#: Identifiers that are distinguished; frames of more are counted together.
 _IDENTIFIERS_MAX: Final = 256
 _TOLD: Final = (
     "rig.lease",
@@ -59,7 +59,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Bus:
-    """Counts frames from the first `look` on, until nobody has looked for a while."""
+    """Counts frames from the first `look` on, until no one has looked for a while."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -69,7 +69,7 @@ class Bus:
         self._clear()
 
     def look(self) -> dict[str, Any]:
-        """Return the counts since somebody looks, and when (s, of a clock of its own); the page makes rates of them."""
+        """Return the counts since a user looks, and when (s, of its own clock); the page makes rates of them."""
         if self._lost:
             self.close()
         with self._lock:
@@ -92,7 +92,7 @@ class Bus:
         }
 
     def close(self) -> None:
-        """Leave the bus, and begin anew when somebody looks again."""
+        """Leave the bus, and begin again when a user looks again."""
         with self._lock:
             port, self._port = self._port, None
         if port is not None:

@@ -93,7 +93,7 @@ def panel_command(
 
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
-    """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
+    """Serve until a user ends it; ``tell`` people where, once it can be ended in order."""
     from astb.panel.connections import Server
 
     server = Server(app, access)

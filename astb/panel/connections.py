@@ -137,7 +137,7 @@ class Gate:
         self._loop.add_reader(listening, self._accept)
 
     def close(self) -> None:
-        """Accept nobody any more, and drop who waits."""
+        """Accept no one any more, and drop who waits."""
         self._loop.remove_reader(self._listening)
         for one in tuple(self._waiting):
             self._drop(one)
@@ -244,7 +244,7 @@ class Requests(H11Protocol):
         super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Hand the connection to the page's protocol, which looks for a place of its own."""
+        """Hand the connection to the page's protocol, which looks for its own place."""
         self._rooms.leave(self)
         self._due(None)
         super().handle_websocket_upgrade(event)
@@ -329,7 +329,7 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to serve."""
-        await super().startup([])  # which accepts nobody
+        await super().startup([])  # which accepts no one
         protocol = partial(
             Requests,
             config=self.config,
@@ -340,7 +340,7 @@ class Server(uvicorn.Server):
         self._gates = [Gate(one, self._rooms, protocol) for one in sockets or []]
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Accept nobody any more, and end."""
+        """Accept no one any more, and end."""
         for gate in self._gates:
             gate.close()
         await super().shutdown(sockets)

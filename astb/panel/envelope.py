@@ -52,7 +52,7 @@ class Level:
 
 
 class Envelope:
-    """All levels of all signals; samples come from one thread, pictures are asked for by another."""
+    """All levels of all signals; samples come from one thread, pictures are requested by another."""
 
     def __init__(self, rows: int) -> None:
         self._levels = [Level(rows, width, span) for width, span in LEVELS]

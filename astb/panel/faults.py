@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the routes of the view *faults*: everybody sees what is on, the page that commands breaks and mends."""
+    """Return the routes of the view *faults*: everybody sees what is on, the page that commands breaks and repairs."""
     rig = parts.watch.rig
 
     async def listed(request: Request) -> Response:

@@ -99,7 +99,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Kept:
-    """What lies in a folder of runs, as it is when somebody asks. RecordError for what is not there or unreadable."""
+    """What lies in a folder of runs, as it is when a user asks. RecordError for what is not there or unreadable."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -144,7 +144,7 @@ class Kept:
         return report_page(directory)
 
     def comparison(self, a: str, b: str) -> str:
-        """Return the page of two runs beside each other."""
+        """Return the page of two runs next to each other."""
         found = compare_runs(self.known(a), self.known(b))
         return _page(lambda path: write_comparison(found, path))
 

@@ -13,7 +13,7 @@ from bench_protocol.runtime import LINUX
 class KeptRig:
     """Starts the rig of a file if it is a simulated one and does not answer; any other rig is left to itself.
 
-    ``lifeline`` is one end of a pipe, None unless a rig was started here: it runs until nobody holds this end any more.
+    ``lifeline`` is one end of a pipe, None unless a rig was started here: it runs until no one holds this end any more.
     A run that inherits it keeps the rig when the panel ends, or is killed.
     """
 

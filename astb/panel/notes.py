@@ -1,4 +1,4 @@
-"""Notes on runs in the panel: comments, photos and files that somebody adds afterwards, shown and written."""
+"""Notes on runs in the panel: comments, photos and files that a user adds afterwards, shown and written."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def listed(directory: Path) -> list[dict[str, Any]]:
 
 
 def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Response]]:
-    """Return what takes a note: its words stand in the address, a file is the body. Who has the token may write."""
+    """Return what takes a note: its words are in the address, a file is the body. Who has the token may write."""
     places = CapacityLimiter(_AT_ONCE)
 
     async def endpoint(request: Request) -> Response:

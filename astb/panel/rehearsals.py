@@ -1,4 +1,4 @@
-"""Rehearsals for the page: `astb rehearse` in a process of its own, in virtual time, which touches no rig."""
+"""Rehearsals for the page: `astb rehearse` in its own process, in virtual time, which touches no rig."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from bench_records.result import read_result
 if TYPE_CHECKING:
     from astb.panel.answers import Parts
 
-#: What a rehearsal leaves, beside its record.
+#: What a rehearsal leaves, next to its record.
 PAGE: Final = "rehearsal.html"
 _NAME: Final = "-rehearsal"
 _TAIL: Final = 4000  # characters
 #: What a run can go on with from an instant: options of `astb rehearse`.
 CHANGES: Final = ("fault", "effect", "change")
-#: How the line ends behind which it says what parted.
+#: How the line ends behind which it states what parted.
 _BESIDE: Final = "to the bit, and then:"
 #: Of the processor a rig in real time goes first.
 _NICE: Final = ("nice", "-n", "15")

@@ -1,4 +1,4 @@
-"""Starts runs, each `astb run` in a process of its own, and hands on what the panel asks of the one that goes on."""
+"""Starts runs, each `astb run` in its own process, and hands on what the panel asks of the one that goes on."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ from test_plans.parameters import ParameterRefused
 STOP_WITHIN: Final = 1 * s
 _LOG_TAIL: Final = 2000  # bytes
 MS: Final = 1_000_000  # ns
-#: Of each side the pressures in the spring: the bellows first, without which nobody knows of any air.
+#: Of each side the pressures in the spring: the bellows first, without which no one knows of any air.
 _AIR: Final = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
 #: Who stopped a run, if his page does not know his name.
 SOMEBODY: Final = "a user of the panel"
@@ -58,7 +58,7 @@ class Stopped:
 
 
 class CannotDo(Exception):
-    """What cannot be done now; the text says why, and what would be right."""
+    """What cannot be done now; the text states why, and what would be right."""
 
 
 class Runs:
@@ -86,7 +86,7 @@ class Runs:
         ambient: str = "",
         twin: bool = False,
     ) -> None:
-        """Start a plan with parameters as people write them, beside its ``twin`` if wanted.
+        """Start a plan with parameters as people write them, next to its ``twin`` if wanted.
 
         CannotDo, in the words of `astb run`, if it refuses.
         """
@@ -94,14 +94,14 @@ class Runs:
         if self._watch.lacks_stop:
             raise CannotDo(f"no run starts without a stop: {self._watch.lacks_stop}; add one to its wiring")
         refuse_settings(plan, settings)
-        with self._starts:  # whoever clicks twice starts one
+        with self._starts:  # anyone who clicks twice starts one
             if self.going:
                 raise CannotDo("a run is in progress already: stop it, or wait for its end")
             if link := self._watch.present().link:
                 raise CannotDo(f"no data from the rig: {link}")
             told = {"specimen": specimen, "operator": operator, "ambient": ambient}
             self._launch(plan, settings, told, ["--watch"] if twin else [])
-            if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
+            if self._stops != stops:  # anyone who stops meanwhile may not have seen it yet
                 assert self._process is not None
                 self._process.kill()
                 raise CannotDo("STOP came while the run was started: it was ended at once")
@@ -114,7 +114,7 @@ class Runs:
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
         command += [f"--{name}={text}" for name, text in told.items() if text]
         command += more
-        if self._log is not None:  # nobody asks for that of the run before
+        if self._log is not None:  # no one asks for that of the run before
             self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline
         with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
@@ -213,11 +213,11 @@ class Runs:
         return "the rig was commanded to its safe position"
 
     def reset(self) -> None:
-        """Clear a latched fault, while nobody commands."""
+        """Clear a latched fault, while no one commands."""
         self._by_hand(lambda: self._watch.act("action.reset"))
 
     def vent(self) -> None:
-        """Let the air out of both springs, while nobody commands."""
+        """Let the air out of both springs, while no one commands."""
         self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
 
     def _by_hand(self, do: Callable[[], None]) -> None:

@@ -1,4 +1,4 @@
-"""Specimens for the page: those that come with the bench, and files that somebody brings, which are checked first."""
+"""Specimens for the page: those that come with the bench, and files that a user brings, which are checked first."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Specimens:
         return self._facts(name) | {"rows": list(_rows(content))}
 
     def add(self, name: str, text: str, *, instead: bool = False) -> str:
-        """Keep a file that somebody brings; return its name. CannotDo, and nothing is kept, if it is no specimen."""
+        """Keep a file that a user brings; return its name. CannotDo, and nothing is kept, if it is no specimen."""
         if not _NAME.fullmatch(name):
             raise CannotDo(f"{name!r} is no name for a specimen's file; mine.toml would be one")
         with TemporaryDirectory() as directory:

@@ -1,4 +1,4 @@
-"""What the models said that ran beside runs: the view *Twin*, of the run that goes on and of those that were."""
+"""What the models said that ran next to runs: the view *Twin*, of the run that goes on and of those that were."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the route of the view: what was said of a run, by default of the newest beside which a model ran."""
+    """Return the route of the view: what was said of a run, by default of the newest next to which a model ran."""
     return [Route("/api/twin", answered(lambda request: twin_runs(parts.out, request)))]
 
 

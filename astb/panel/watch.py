@@ -67,17 +67,17 @@ class TwinReader:
 
 #: What each contact says, by name.
 CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
-#: How often samples are sorted into the envelope, and what is slow is asked for.
+#: How often samples are sorted into the envelope, and what is slow is requested.
 PUMP: Final = 25 * ms
 LOOK: Final = 200 * ms
 ASK: Final = 500 * ms
 AGAIN: Final = 1 * s  # until another attempt to reach the rig
-#: Without a look at the rig for so long, nobody knows how it is.
+#: Without a look at the rig for so long, no one knows how it is.
 BLIND: Final = 1.5 * s
-#: Blocks of samples that wait to be sorted; more of them means that nobody sorts, and what comes then is lost.
+#: Blocks of samples that wait to be sorted; more of them means that no one sorts, and what comes then is lost.
 _WAITING_MAX: Final = 2000
 _CONNECT: Final = 5 * s
-#: Settings that say how the valves stand.
+#: Settings that state how the valves stand.
 VALVES: Final = (
     *(f"air.{side}_{what}" for side in SIDES for what in ("mode", "reservoir")),
     "air.dpv",
@@ -110,14 +110,14 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     valves: dict[str, str] = {}  #: `VALVES` as they are in force
     late: int | None = None  #: ticks since the rig started
     latest: float | None = None  #: s
-    lease: bool = False  #: whether somebody commands
+    lease: bool = False  #: whether a user commands
     strangers: str = ""
     run: dict[str, Any] | None = None  #: the snapshot of the run, if there is one
     pid: int | None = None  #: of the run
 
 
 class Watch:
-    """A rig as the panel sees it, in a thread of its own: the present ``status`` and the ``envelope`` of the past."""
+    """A rig as the panel sees it, in its own thread: the present ``status`` and the ``envelope`` of the past."""
 
     def __init__(self, rig: RigFile, path: Path) -> None:
         self.rig, self.path = rig, path
@@ -163,11 +163,11 @@ class Watch:
         return msgspec.structs.replace(self.status, link=f"the panel has not read it for {blind:.1f} s")
 
     def act(self, name: str) -> None:
-        """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""
+        """Trigger an action of the rig while no one commands it; BenchError if it refuses."""
         self._connected().settings.act(name)
 
     def go_safe(self) -> None:
-        """Order the safe position while nobody commands the rig; BenchError if it refuses."""
+        """Order the safe position while no one commands the rig; BenchError if it refuses."""
         self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
@@ -176,7 +176,7 @@ class Watch:
         return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
 
     def write(self, values: Mapping[str, float | str]) -> None:
-        """Bring settings to the rig while nobody commands it; BenchError if it refuses."""
+        """Bring settings to the rig while no one commands it; BenchError if it refuses."""
         self._connected().settings.write(values)
 
     def _connected(self) -> Listening:

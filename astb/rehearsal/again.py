@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from test_plans.plan import Plan
 
-#: So many signals are told, those that part first.
+#: So many signals are reported, those that part first.
 _TOLD: Final = 6
 #: A reading has parted where it is farther from what it was than so many of its own steps.
 _PARTED: Final = 3.0
@@ -60,7 +60,7 @@ class Past(NamedTuple):
 
     @classmethod
     def named(cls, text: str, changes: Changes) -> "Past":
-        """Read ``RUN@TIME``. ValueError or RecordError, which says what would be right."""
+        """Read ``RUN@TIME``. ValueError or RecordError, which states what would be right."""
         directory, mark, time = text.rpartition("@")
         if not mark:
             raise ValueError(f"--from {text}: RUN@TIME would be right, such as runs/aw0@70s")
@@ -110,7 +110,7 @@ class Past(NamedTuple):
         )
 
     def report(self, directory: Path) -> list[str]:
-        """Return in words what became of the run that was made again in ``directory``, beside what was.
+        """Return in words what became of the run that was made again in ``directory``, next to what was.
 
         RecordError if it was another one before that time.
         """

@@ -1,4 +1,4 @@
-"""Rehearses a plan: runs it on the simulated rig, and tells how far it went and whether the rig would let it."""
+"""Rehearses a plan: runs it on the simulated rig, and shows how far it went and whether the rig would let it."""
 
 from collections.abc import Callable, Sequence
 from math import isnan, nan
@@ -119,7 +119,7 @@ def rehearse(
 
     Without a ``simulation`` that of `simulation_of` is taken; the limits are those of ``rig`` in any case, and what the
     wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin;
-    ``prepare`` is given the simulated rig before it runs, and ``notes`` say what that does. ValueError for a limit or
+    ``prepare`` is given the simulated rig before it runs, and ``notes`` state what that does. ValueError for a limit or
     parameter that cannot be, WiringError for such a wiring, RecordError for a directory that cannot be written.
     """
     limits, absent = known_limits(rig), _lacking(rig, path)

@@ -1,1 +1,1 @@
-"""``astb watch``: compares a run with its model, which runs beside it."""
+"""``astb watch``: compares a run with its model, which runs next to it."""

@@ -1,4 +1,4 @@
-"""What `astb watch` shows on a terminal while a run goes on: every reading beside what the model expects of it."""
+"""What `astb watch` shows on a terminal while a run goes on: every reading next to what the model expects of it."""
 
 from pathlib import Path
 from types import TracebackType

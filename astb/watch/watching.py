@@ -24,7 +24,7 @@ BEGINS: Final = 30.0
 
 
 def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> TwinStory:
-    """Watch the run in ``directory`` to its end beside a ``model``, and ``report`` after every look; return the last.
+    """Watch the run in ``directory`` to its end next to a ``model``, and ``report`` after every look; return the last.
 
     ParameterError for the model; RecordError where no run begins within `BEGINS`, or none can be read; DiagnosisError
     where the model cannot be that of the rig.

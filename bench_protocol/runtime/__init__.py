@@ -1,4 +1,4 @@
-"""What processes with deadlines need beside Python: compiled code that waits, sends and wakes, and functions of Linux.
+"""What processes with deadlines need next to Python: compiled code that waits, sends and wakes, and functions of Linux.
 
 `binding` compiles functions; `calls` lists the system calls that they may make, through `library`. `mutex`, `eventfd`,
 `ring` (of frames), `pacing` (of a tick) and `sending` (to a socket) use these. The other modules wrap Linux and state

@@ -24,7 +24,7 @@ _set_protocol: Final = c_function("pthread_mutexattr_setprotocol", ctypes.c_int,
 class Mutex:
     """A recursive mutex at ``address``, to be entered by ``with`` or by compiled code.
 
-    Who holds it inherits the priority of the tick that waits for it: a thread that nobody hurries must not keep the
+    Who holds it inherits the priority of the tick that waits for it: a thread that no one hurries must not keep the
     tick waiting while others have the processor.
     """
 

@@ -29,7 +29,7 @@ class Ring(NamedTuple):
 
     @property
     def lost(self) -> int:
-        """Frames that nobody fetched in time."""
+        """Frames that no one fetched in time."""
         return int(self.counts[_LOST])
 
 

@@ -30,12 +30,12 @@ _EPOCHS: Final = (
     (7.1e5, 7.7e5, 86_400.0, -719_529, "days of MATLAB"),
 )
 _YEAR: Final = 3.2e7
-#: A step of more than so many usual ones, and seconds, is told.
+#: A step of more than so many usual ones, and seconds, is reported.
 _LEAP, _LONG = 100.0, 1.0
 
 
 class Clock(NamedTuple):
-    """Seconds (n,) from ``start`` (ns since 1970; None: nobody knows when that was); NaN where a row has no time."""
+    """Seconds (n,) from ``start`` (ns since 1970; None: no one knows when that was); NaN where a row has no time."""
 
     seconds: Seconds
     start: int | None = None

@@ -1,4 +1,4 @@
-"""The forms of tables: one row says how a form is called, what its files end in, and what reads and writes it."""
+"""The forms of tables: one row states how a form is called, what its files end in, and what reads and writes it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FORMS: Final = (
     FileForm("csv", (".csv", ".txt", ".tsv", ".dat"), read_text_table, write_csv),
     FileForm("parquet", (".parquet",), partial(_columnar, parquet=True), write_arrow),
     FileForm("arrow", (".arrow", ".feather"), partial(_columnar, parquet=False), write_arrow),
-    FileForm("mdf", (".mf4", ".mdf"), None, _write_mdf),  # it is read by channel: each has a clock of its own
+    FileForm("mdf", (".mf4", ".mdf"), None, _write_mdf),  # it is read by channel: each has its own clock
     FileForm("xlsx", (".xlsx",), None, _write_workbook),
 )
 

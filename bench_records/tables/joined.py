@@ -51,7 +51,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
     account.take(f"the columns {columns[0].name} and {columns[1].name} are one clock")
     there = days.there & times.there
     cells = (days.ns + times.ns % DAY) * there
-    if not days.dated and there.any():  # day or month: which day it is nobody knows
+    if not days.dated and there.any():  # day or month: which day it is no one knows
         cells = (cells - cells[there][0]) * there
     name = f"{columns[0].name} {columns[1].name}"
     sheet.columns.append(Column(name, "stamp" if days.dated else "span", cells, there=there))
@@ -59,7 +59,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
 
 
 def refuse_halves(sheet: Sheet, clock: int, where: str) -> None:
-    """Refuse, by RecordError, times of day whose a.m. and p.m. stand in a column of their own."""
+    """Refuse, by RecordError, times of day whose a.m. and p.m. are in their own column."""
     column = sheet.columns[clock]
     if column.kind == "number" or (column.kind == "text" and not looks_like_a_stamp(column.example)):
         return

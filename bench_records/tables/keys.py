@@ -42,7 +42,7 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     decimal: Decimal | None = None  #: if it differs from that of the file
     group: ColumnName | None = None  #: of an MDF file: number from 0, or name, of the group
     raw: bool = False  #: of an MDF file: read the raw numbers, without conversion
-    time: ColumnName | None = None  #: the column of its own clock, if it has one
+    time: ColumnName | None = None  #: its own column clock, if it has one
     #: Codes for a missing value: numbers, such as 9.9e37 or -9999, and texts, such as "OVLD"; []: no codes.
     null: list[float | str] | None = None
     ignore_head_unit: bool = False  #: the head of the column has a wrong or unknown unit

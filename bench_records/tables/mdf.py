@@ -42,7 +42,7 @@ class Place:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Give the MDF file to whoever reads it. RecordError without asammdf, or for what is no MDF file."""
+    """Give the MDF file to anyone who reads it. RecordError without asammdf, or for what is no MDF file."""
     try:
         from asammdf import MDF
     except ImportError:
@@ -71,7 +71,7 @@ def opened(path: Path) -> Iterator[Any]:
 def _made(kind: Any, path: Path) -> Any:
     try:
         return kind(path)
-    except Exception:  # asammdf has an exception of its own and raises others, too
+    except Exception:  # asammdf has its own exception and raises others, too
         return None
 
 
@@ -139,7 +139,7 @@ def samples(
         raise RecordError(f"{where} has texts or bytes of any length; a channel of numbers would be right")
     try:
         signal = mdf.get(group=place.group, index=place.index, raw=raw)
-    except Exception:  # asammdf has an exception of its own and raises others, too
+    except Exception:  # asammdf has its own exception and raises others, too
         raise RecordError(f"{where} cannot be read") from None
     values, times = signal.samples, np.asarray(signal.timestamps, np.float64)
     lost = int(group.channel_group.cycles_nr) - len(times)
@@ -162,7 +162,7 @@ def _word(value: Any) -> str:
 
 
 def start_of(mdf: Any) -> int | None:
-    """When the file began, in ns since 1970, where its header tells a time that can be."""
+    """When the file began, in ns since 1970, where its header reports a time that can be."""
     begin = getattr(mdf.header, "start_time", None)
     if begin is None or begin.year < 1980:
         return None

@@ -35,8 +35,8 @@ class Series(NamedTuple):
     name: str
     times: Numbers
     values: Numbers
-    unit: str = ""  #: as the file tells it, "" where it does not
-    start: int | None = None  #: when 0 s was, in ns since 1970, where the file tells it
+    unit: str = ""  #: as the file reports it, "" where it does not
+    start: int | None = None  #: when 0 s was, in ns since 1970, where the file reports it
     rows: npt.NDArray[np.int64] | None = None  #: where in the file each sample stands
     row_word: str = "sample"
 

@@ -1,4 +1,4 @@
-"""A sheet: columns of one length, as they stand in a file, and where in the file each row stands."""
+"""A sheet: columns of one length, as they are in a file, and where in the file each row stands."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Column:
     name: str
     kind: Kind
     cells: Any
-    unit: str = ""  #: as the file tells it
+    unit: str = ""  #: as the file reports it
     zoned: bool = False  #: of stamps: whether they are in UTC
     there: npt.NDArray[np.bool_] | None = None
     what: str = ""  #: of another kind: what it is

@@ -52,7 +52,7 @@ class Stamps(NamedTuple):
 
 
 class NotAStamp(Exception):
-    """A cell that is none: its index, and what may be said beside."""
+    """A cell that is none: its index, and what may be said next to."""
 
     def __init__(self, index: int, hint: str = "") -> None:
         super().__init__(index, hint)
@@ -263,7 +263,7 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
 def over_midnight(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], period: int = DAY
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Times of day that go on after midnight, or what begins anew after another ``period`` (ns)."""
+    """Times of day that go on after midnight, or what begins again after another ``period`` (ns)."""
     import numpy as np
 
     rows = np.flatnonzero(there)

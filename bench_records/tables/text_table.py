@@ -240,7 +240,7 @@ class _Rows:
                 self.trailing = True
                 del row[self.width :]
             if len(row) < self.width and line >= len(self.lines):
-                self.cut = line  # no line end follows: whoever wrote it was interrupted
+                self.cut = line  # no line end follows: anyone who wrote it was interrupted
                 return False
             if len(row) != self.width:
                 raise RecordError(self._wrong_width(line, row))

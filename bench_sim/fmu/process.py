@@ -39,7 +39,7 @@ class FmuRunner:
         unpack_fmu(fmu.path, self.unpacked)
 
     def start(self) -> Worker:
-        """Start a worker, which has a folder of its own."""
+        """Start a worker, which has its own folder."""
         worker = Worker(self.fmu.path.name, self._module, Path(tempfile.mkdtemp(dir=self.folder)))
         self._workers.append(worker)
         return worker

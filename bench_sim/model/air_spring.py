@@ -1,4 +1,4 @@
-"""Everything that the air springs and their valves do, whatever stands on them: the sum of their terms.
+"""Everything that the air springs and their valves do, whatever is on them: the sum of their terms.
 
 The bench puts a bolster with actuators on them (`bench_sim.model.kernel`), the vehicle a car body
 (`bench_sim.model.car`).
@@ -30,7 +30,7 @@ _SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     """Begin ``dx`` (STATES) with what gas, rubber, valves and springs contribute; fill their part of ``out``.
 
-    The forces on what stands on the springs gather in the derivatives of its speeds, to be divided by its mass. Extra
+    The forces on what is on the springs gather in the derivatives of its speeds, to be divided by its mass. Extra
     branches that are not fitted have no place in ``dx``: nothing is written there.
     """
     for k in range(_SUMMED):

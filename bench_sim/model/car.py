@@ -58,7 +58,7 @@ class RideChannel(IntEnum):
 
 CHANNELS: Final = len(RideChannel)
 
-#: What a vehicle has beside the parameters of its springs.
+#: What a vehicle has next to the parameters of its springs.
 CAR_QUANTITIES: Final = (
     Quantity("roll_gyration", "m"),
     Quantity("centre_height", "m"),
@@ -137,7 +137,7 @@ def wind_at(t: float, force: Any, interval: float) -> float:
 
 @compiled
 def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None:
-    """Everything but the springs, whose forces stand in the speeds' derivatives; then division by mass and inertia.
+    """Everything but the springs, whose forces are in the speeds' derivatives; then division by mass and inertia.
 
     ``wind`` is the force on this half of the car in N.
     """
@@ -169,7 +169,7 @@ def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None
 def car_slope(
     ahead: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """dx/dt under ``wind`` N: the bench's sum with `car_term` in the place of actuators, bolster and platform."""
+    """dx/dt under ``wind`` N: the bench's sum with `car_term` instead of actuators, bolster and platform."""
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
 

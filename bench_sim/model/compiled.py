@@ -39,7 +39,7 @@ def compiled_entry(function: Callable[..., Any]) -> Any:
 def compiled_parallel(function: Callable[..., Any]) -> Any:
     """As `compiled_entry`, for long calculations that several threads do at once: Python goes on meanwhile.
 
-    The rig's tick is not one: to get Python back it would have to wait for whoever has it then.
+    The rig's tick is not one: to get Python back it would have to wait for anyone who has it then.
     """
     return _compile(function, nogil=True)
 

@@ -1,6 +1,6 @@
-"""A bench whose springs are computed elsewhere: by a library of somebody else's that only knows its own steps.
+"""A bench whose springs are computed elsewhere: by a library of another user's that only knows its own steps.
 
-Once per communication step the library is told how its springs are moved, goes on by that step, and says what they do
+Once per communication step the library is told how its springs are moved, goes on by that step, and states what they do
 at its end. The displacements at that end are predicted from place, speed and acceleration at its beginning, so that
 they are right to the third order; the forces go in a straight line from what they were to what they will be, and
 the bench around is integrated under them as it is with springs of its own.
@@ -54,7 +54,7 @@ class Feed(IntEnum):
 
 
 FEEDS: Final = 29
-#: Taken from there beside `Algebraic`: the supply pressure, Pa gauge. Pressures are taken as gauge throughout.
+#: Taken from there next to `Algebraic`: the supply pressure, Pa gauge. Pressures are taken as gauge throughout.
 SUPPLY_TAKEN: Final = ALGEBRAICS
 
 
@@ -73,7 +73,7 @@ class Place(IntEnum):
     CALL = 9  #: `bench_sim.rig.external_springs.Call` in which it is, or was when it failed
     INSTANCE = 10  #: of that call
     STATUS = 11  #: that it returned, or which of the outputs is no number
-    APART = 12  #: 1: in a process of its own, which reads and writes
+    APART = 12  #: 1: in its own process, which reads and writes
     ASK = 13  #: descriptors to it and from it
     ANSWER = 14
     PATIENCE = 15  #: ms that an answer may take
@@ -95,7 +95,7 @@ COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
 
 
 class ExternalSprings(NamedTuple):
-    """Springs from elsewhere; with nobody there all is 0. Inputs and outputs of all instances stand in one row each."""
+    """Springs from elsewhere; with no one there all is 0. Inputs and outputs of all instances are in one row each."""
 
     numbers: npt.NDArray[np.int64]  #: `Place`
     clock: npt.NDArray[np.float64]  #: s: where the present communication step begins, its length, scratch
@@ -235,7 +235,7 @@ def write_feeds(
 
 @compiled
 def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Write what the instances are told, from the slope ``dx`` at the beginning of the communication step.
+    """Write what the instances are reported, from the slope ``dx`` at the beginning of the communication step.
 
     Who goes on with a speed alone is given its mean over the step.
     """

@@ -157,7 +157,7 @@ def has_moved(density: float, known: float) -> bool:
 
 @compiled
 def keep_density(mem: Any, par: Any, chamber: int, density: float) -> None:
-    """Expand anew when the density is a thousandth away from where the factor is known."""
+    """Expand again when the density is a thousandth away from where the factor is known."""
     if has_moved(density, mem.heat_density[chamber]):
         mem.heat_density[chamber] = density
         mem.heat_factor[chamber] = (density / par.heat_reference_density) ** par.heat_density_exponent

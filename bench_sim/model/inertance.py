@@ -10,7 +10,7 @@ solved for a G_s that is linear in between,
 
 so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. R belongs to the steady
 flow now and the flow at the start of the step; of what the inertia of 1 m does, 0.5 % is lost at 1 ms and 3 % at
-2.5 ms. The loss is that of the orifice: `bench_sim.model.pipe` has that of a long pipe beside it, for shorter steps.
+2.5 ms. The loss is that of the orifice: `bench_sim.model.pipe` has that of a long pipe next to it, for shorter steps.
 """
 
 from math import exp, expm1

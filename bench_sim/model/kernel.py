@@ -2,7 +2,7 @@
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
 ``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed
-set-points) stands in ``mem`` and is constant within a step; an effect adds its own term to `air_spring` or here.
+set-points) is in ``mem`` and is constant within a step; an effect adds its own term to `air_spring` or here.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
 """Where every number of the plant stands: its inputs, its sensors, its continuous states, its two sides.
 
 Each numbering is an ``IntEnum``: its members index plain arrays in Python and are constants for numba.
-Quantities that exist on both sides stand in pairs; ``State.BELLOWS_MASS + side`` picks one.
+Quantities that exist on both sides are in pairs; ``State.BELLOWS_MASS + side`` picks one.
 """
 
 from enum import IntEnum

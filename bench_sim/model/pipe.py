@@ -43,7 +43,7 @@ def pipe_steps(par: Any, dt: float) -> int:
 def expansion(r: float, kappa: float) -> float:
     """ε² = ψ²(r)/(2 (1−r)): the nozzle's flow over the incompressible one, squared; 1 at r = 1.
 
-    Close to 1, where both vanish, its series 1 − 3 (1−r)/(2κ) stands for it.
+    Close to 1, where both vanish, its series 1 − 3 (1−r)/(2κ) represents it.
     """
     if r > 0.999:
         return 1.0 - 1.5 * (1.0 - r) / kappa

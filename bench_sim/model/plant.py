@@ -158,7 +158,7 @@ class Plant:
         return result | {sensor.name.lower(): float(values[sensor]) for sensor in Sensor}
 
     def valid(self) -> bool:
-        """Tell whether the model claims to hold here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
+        """Show whether the model claims to hold here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
         self.ideal()
         par = self.parameters
         for side in range(SIDES):

@@ -27,7 +27,7 @@ class Lanes(Flag):
     #: Where it has not its default, or is not 0, the bench's own equations replay: right, and slower.
     UNKNOWN = 0
     COLUMN = auto()  #: trajectories depend on it, and the column of a spring holds it
-    SURFACE = auto()  #: of a surface, which stands beside the column
+    SURFACE = auto()  #: of a surface, which is next to the column
     FEEDS = auto()  #: of what fills and exhausts a spring, where anything does
     JOINS = auto()  #: of what joins both springs of a bench, where that opens or leaks
     NOT_IN_LANES = auto()  #: an imposed motion leaves it out, or readings alone depend on it
@@ -257,7 +257,7 @@ SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
         shape=_SENSOR,
         lanes=Lanes.NOT_IN_LANES,
     ),
-    # The maker's bound on the bias: nothing reads it but whoever draws the bias of a rig as built.
+    # The maker's bound on the bias: nothing reads it but anyone who draws the bias of a rig as built.
     *_each("signal", "sensor_accuracy", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
 )
 
@@ -272,7 +272,7 @@ def in_lanes(part: Lanes) -> tuple[str, ...]:
 #: The record that compiled code reads as ``par.name``.
 PARAMETERS: Final = np.dtype([(q.name, np.float64, q.shape) for q in QUANTITIES])
 
-#: What the plant remembers beside its continuous states; changed once per step, never between.
+#: What the plant remembers next to its continuous states; changed once per step, never between.
 MEMORY: Final = np.dtype(
     [
         ("step", np.int64),

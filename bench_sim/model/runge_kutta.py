@@ -5,7 +5,7 @@ A system is a compiled right-hand side
     slope(ahead, x, mem, u, par, given, dx, out)
 
 that writes dx/dt into ``dx`` and everything algebraic into ``out`` (`Algebraic`), ``ahead`` s after the instant
-``mem.time``. It never writes ``mem``. ``given`` is a tuple of what the system is given beside its inputs, such as a
+``mem.time``. It never writes ``mem``. ``given`` is a tuple of what the system is given next to its inputs, such as a
 motion or the wind; states that are imposed and not integrated it first writes into ``x``. numba compiles each caller
 with its own right-hand side, so that the argument costs nothing.
 """

@@ -3,7 +3,7 @@
 The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples, so that a τ far below
 the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of a
 group of sensors arrive late, takes the same cubics through the outputs of the last `HISTORY` steps: a longer delay than
-those span (0.25 s at 1 ms) is cut off there. Straight lines in the place of cubics would damp an oscillation by
+those span (0.25 s at 1 ms) is cut off there. Straight lines instead of cubics would damp an oscillation by
 ω²h²/12 and ω²h²/8 at a step h, and parabolas shift it by as much of (ωh)³. What a lag and a delay of τ differ in is
 ω²τ²/2, no more than that where τ is a millisecond.
 """
@@ -104,7 +104,7 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
 def prepare_lags(mem: Any, par: Any, dt: float) -> None:
     """Keep e = e^{−dt/τ}, g = θ(1 − e), b = θ(g − e) − g/2 and c = θ(3g − 6b − e − 2)/6 of all sensors, with θ = τ/dt.
 
-    They are worked out anew where τ or dt changed.
+    They are worked out again where τ or dt changed.
     """
     fresh = mem.lag_step != dt
     mem.lag_step = dt

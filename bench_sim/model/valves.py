@@ -174,7 +174,7 @@ def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None
 
 @compiled
 def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Filling and exhausting of each auxiliary chamber by the rig's service valve, beside its leveling valve."""
+    """Filling and exhausting of each auxiliary chamber by the rig's service valve, next to its leveling valve."""
     for i in range(2):
         opening = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
         fill, exhaust = service_conductances(opening, par, i)

@@ -19,7 +19,7 @@ def sensors_of(group: Group) -> list[Sensor]:
 
 
 def _check(measurement: Signal | None, sensor: Sensor | None) -> None:
-    """ImportError, which says what is missing, unless ``sensor`` feeds ``measurement``."""
+    """ImportError, which states what is missing, unless ``sensor`` feeds ``measurement``."""
     wanted = measurement.name.replace(".", "_").upper() if measurement else ""
     if measurement and sensor is None:
         raise ImportError(

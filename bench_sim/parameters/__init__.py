@@ -30,7 +30,7 @@ from bench_sim.parameters.sensors import SENSOR_KINDS, read_sensors
 
 __all__ = ["PROVENANCES", "SENSOR_KINDS", "Entry", "ParameterError", "Parameters", "load"]
 
-#: The sets that stand beside this module.
+#: The sets that are next to this module.
 SETS: Final = ("astb",)
 
 
@@ -97,7 +97,7 @@ class Parameters:
 
 
 def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
-    """Read a parameter set or a model file: a name stands for a set beside this module, anything else is a path.
+    """Read a parameter set or a model file: a name represents a set next to this module, anything else is a path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """
@@ -123,7 +123,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
 
 @cache
 def _own(name: str, load_case: str | None) -> Parameters:
-    """Return a set that stands beside this module; its file is read once in a process."""
+    """Return a set that is next to this module; its file is read once in a process."""
     read = _parse(name, read_toml(name, SETS)[1], load_case)
     for entry in (*read.entries.values(), *read.load_cases.values()):
         if entry.value.ndim:

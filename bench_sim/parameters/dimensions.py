@@ -53,7 +53,7 @@ _OF_CELLS: Final = ("load_cell_x", "load_cell_y", "load_cell_height")
 
 
 def dimensions_of(parameters: Parameters) -> dict[str, float]:
-    """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which nobody knows.
+    """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which no one knows.
 
     The lasers stand at the springs, load cells 1 to 4 upright at the corners, 5 and 6 across before and behind.
     """

@@ -19,7 +19,7 @@ _PARTS: Final = ("value", "min", "max")
 
 
 class ParameterError(ValueError):
-    """A parameter set, or a change to one, that does not fit; the message says what would."""
+    """A parameter set, or a change to one, that does not fit; the message states what would."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ def read_toml(
     what: str = "parameter set",
     folder: Path = Path(__file__).parent,
 ) -> tuple[Path, dict[str, Any]]:
-    """Return path and content of a file; the name of one of the ``sets`` stands for a file in ``folder``.
+    """Return path and content of a file; the name of one of the ``sets`` represents a file in ``folder``.
 
     Raises `ParameterError`.
     """
@@ -101,7 +101,7 @@ def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
 
 
 def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
-    """Return one parameter as it stands in a file, in SI."""
+    """Return one parameter as it is in a file, in SI."""
     try:
         given = entries.read_entry(name, raw, quantity.unit, (_PARTS,), WRITTEN_UNITS)
         low, high = (np.full(quantity.shape, given.si(part)) for part in ("min", "max"))

@@ -68,7 +68,7 @@ def is_model(tables: Mapping[str, Any]) -> bool:
 
 
 def load_model(path: Path) -> Model:
-    """Return the content of a model file; `bench_sim.parameters.load` returns the parameters that it stands for.
+    """Return the content of a model file; `bench_sim.parameters.load` returns the parameters that it represents.
 
     Raises `ParameterError`, which names the file.
     """

@@ -42,7 +42,7 @@ class VehicleParameters:
 
 
 def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
-    """Read a vehicle: a name stands for a file beside this module, anything else is a path.
+    """Read a vehicle: a name represents a file next to this module, anything else is a path.
 
     Raises `ParameterError`, which names the file.
     """

@@ -1,4 +1,4 @@
-"""The rig's CAN bus on TCP: a hub that speaks socketcand, whose clients hear every frame but their own."""
+"""The rig's CAN bus on TCP: a hub that uses socketcand, whose clients hear every frame but their own."""
 
 import asyncio
 import contextlib

@@ -14,7 +14,7 @@ from bench_protocol.frames import Block
 from bench_sim.rig.can_bus import Stage
 from bench_sim.rig.pcapng import header_bytes, packet_bytes, statistics_bytes
 
-#: Frames that wait for one reader: half a minute of a full bus. Then the oldest go, and the capture says how many.
+#: Frames that wait for one reader: half a minute of a full bus. Then the oldest go, and the capture states how many.
 WAITING_MAX: Final = 1 << 17
 _WRITE_EVERY: Final = 0.05  # s
 _PATIENCE: Final = 1.0  # s, for the writing thread at the end
@@ -28,7 +28,7 @@ class Tap:
         self._frames, self._frames_max = 0, waiting_max
         self._begun, self._bus = False, bus
         self._lock = threading.Lock()
-        #: Frames that are missing because nobody took them in time.
+        #: Frames that are missing because no one took them in time.
         self.dropped = 0
 
     def put(self, block: Block, *, outbound: bool) -> None:
@@ -89,7 +89,7 @@ class Capture(Stage):
 
 
 class CaptureFile:
-    """Writes what ``capture`` hears to ``path`` in a thread of its own, until ``close``.
+    """Writes what ``capture`` hears to ``path`` in its own thread, until ``close``.
 
     At a named pipe it waits for a reader, and for the next one when that has left. ``complain(reason)`` hears of a
     file that cannot be written any more. Raises OSError in words if it cannot be opened.
@@ -141,7 +141,7 @@ class CaptureFile:
         file.write(tap.end())
 
     def _when_read(self) -> BinaryIO | None:
-        """Return the named pipe as soon as somebody reads it, None if that does not come before the end."""
+        """Return the named pipe as soon as a user reads it, None if that does not come before the end."""
         while not self._closing.is_set():
             with contextlib.suppress(OSError):
                 descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK)

@@ -11,7 +11,7 @@ _CLIENTS_MAX: Final = 8
 
 
 class _Reader(Connection):
-    """Somebody who reads along; what it says is not heard."""
+    """A user who reads along; what it says is not heard."""
 
     kind = "capture"
 

@@ -88,7 +88,7 @@ def _follow(c: Any) -> bool:
 def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
     """Move the car of the program on by one tick, under the forces of the tick before.
 
-    While it waits, the load cells tell what the springs do at rest. A ride that would lead beyond what the actuators
+    While it waits, the load cells show what the springs do at rest. A ride that would lead beyond what the actuators
     can do ends where it is.
     """
     if c.program != Program.RUN:

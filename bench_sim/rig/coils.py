@@ -35,7 +35,7 @@ def coil_actions(
 
 
 def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str, Callable[[], bool]]:
-    """Return what tells of each interlock whether it is set, and of what is ``staged``."""
+    """Return what identifies of each interlock whether it is set, and of what is ``staged``."""
     return _of_every(
         Kind.INTERLOCK,
         {

@@ -26,7 +26,7 @@ from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 _FRAMES_MAX: Final = 1024
 _WAITING_MAX: Final = 65_536
 _CONTROL_ROW: Final = TABLE.index["control.enable"]
-#: The bits of the Control message stand in its fields and in the table in one order.
+#: The bits of the Control message are in its fields and in the table in one order.
 _CONTROL_BITS: Final = len(ControlBit)
 assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
     TABLE[f"control.{bit.name.lower()}"] for bit in ControlBit if bit.name
@@ -201,7 +201,7 @@ def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
 def _may_prove(c: Any, sender: int, token: int) -> bool:
     """Return whether ``token`` makes ``sender`` the commander; note a wrong one.
 
-    Where frames have no sender, guesses cannot be told from commands and are not counted.
+    Where frames have no sender, guesses cannot be distinguished from commands and are not counted.
     """
     if sender == 0:
         return bool(token == c.token)
@@ -222,7 +222,7 @@ def _may_prove(c: Any, sender: int, token: int) -> bool:
 def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
     """Take the frames that have come since the last tick; return whether the supervisor must decide on them.
 
-    What was refused is told in ``published`` (SI by table row); the caller holds the mutex.
+    What was refused is reported in ``published`` (SI by table row); the caller holds the mutex.
     """
     count = take(incoming.ring, incoming.block, incoming.senders)
     first = 0

@@ -1,7 +1,7 @@
-"""The control socket of a running rig: a Unix domain socket of its user, a line in and a line out, beside all wires.
+"""The control socket of a running rig: a Unix domain socket of its user, a line in and a line out, next to all wires.
 
-It is for what nobody has on a real bench, such as faults on purpose. Its path follows from the place of the Modbus
-server, so that whoever knows the rig file finds it; the directory is its user's alone.
+It is for what no one has on a real bench, such as faults on purpose. Its path follows from the place of the Modbus
+server, so that anyone who knows the rig file finds it; the directory is its user's alone.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ def control_path(host: str, modbus_port: int) -> Path:
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
     """Return the rig's answer to one line; OSError if there is no rig, or it does not answer within ``timeout`` (s).
 
-    PermissionError, and nothing is said, where the directory is somebody else's: so might be whoever answers.
+    PermissionError, and nothing is said, where the directory is another user's: so might be anyone who answers.
     """
     require_own(path.parent)
     with _unix_socket() as connection:
@@ -118,7 +118,7 @@ class _ControlClient(asyncio.Protocol):
         self._expect()
 
     def pause_writing(self) -> None:
-        self.drop()  # whoever does not read the answers gets no more of them
+        self.drop()  # anyone who does not read the answers gets no more of them
 
     def drop(self) -> None:
         """End the connection."""
@@ -139,7 +139,7 @@ def _unix_socket() -> socket.socket:
 
 
 def is_alive(path: Path) -> bool:
-    """Whether somebody listens at ``path``; what a rig that was killed has left is taken over."""
+    """Whether a user listens at ``path``; what a rig that was killed has left is taken over."""
     try:
         with _unix_socket() as probe:
             probe.settimeout(0.5)

@@ -85,7 +85,7 @@ class Happened(IntFlag):
     LEASE_LOST = 64  #: the holder is silent: a commander on both wires, or one without a connection
     NODE = 256  #: the CANopen node has something to do
     TICK_LOST = 128
-    COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
+    COMMANDED = 512  #: control bits have changed, or a user asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
     SPRING_LOST = 8192  #: what computes the springs has failed
     RECORDED = 2048  #: the black box has the ten seconds after an incident
@@ -116,7 +116,7 @@ CONTROLS: Final = np.dtype(
         ("command_tick", "<i8"),  # when the last valid command came
         ("bits", "<i8"),  # `ControlBit` of the last valid command
         ("changed", "<i8"),  # how often they have changed since the supervisor was asked
-        ("token", "<i8"),  # of the lease, 0 while nobody holds the bench
+        ("token", "<i8"),  # of the lease, 0 while no one holds the bench
         # `peers.sender_of` the connection by which the holder commands, 0 on SocketCAN, -1 before it has proven itself
         ("commander", "<i8"),
         # connections that sent a wrong token while no commander was known, and how often each of them did
@@ -127,7 +127,7 @@ CONTROLS: Final = np.dtype(
         (
             "asked",
             "<i8",
-        ),  # 1: somebody has asked for the lease on CAN: from where, by which nonce, with which token
+        ),  # 1: a user has asked for the lease on CAN: from where, by which nonce, with which token
         ("asked_sender", "<i8"),
         ("asked_nonce", "<i8"),
         ("asked_token", "<i8"),
@@ -178,7 +178,7 @@ CONTROLS: Final = np.dtype(
         (
             "guard_due",
             "<i8",
-        ),  # tick by which the commander's heartbeat must come, -1 while nobody waits for it
+        ),  # tick by which the commander's heartbeat must come, -1 while no one waits for it
         ("sync_due", "<i8"),  # tick of the next SYNC, -1 for never
     ]
 )

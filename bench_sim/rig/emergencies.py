@@ -42,7 +42,7 @@ class Emergencies:
         return register
 
     def report(self, reason: Reason, tripped: int = 0) -> None:
-        """Tell of an error, unless it is active already; ``tripped`` tells limits apart, as in ``rig.tripped``."""
+        """Tell of an error, unless it is active already; ``tripped`` distinguishes limits , as in ``rig.tripped``."""
         code = EMERGENCY_CODES[reason]
         if (code, tripped) in self._active:
             return

@@ -1,4 +1,4 @@
-"""Springs that a library of somebody else's computes, in the tick: how it is called, waited for, and lost.
+"""Springs that a library of another user's computes, in the tick: how it is called, waited for, and lost.
 
 Its functions are called by their addresses, in the rig's own process or in one of its own (`serve`), and never by the
 interpreter.
@@ -98,7 +98,7 @@ def _do_step(e: Any, k: int) -> int:
     one, clock = e.instances, e.clock
     if one[k, VERSION] == 2:
         return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
-    e.numbers[Place.FLAGS] = 0  # bytes: whether it wants to end, has come back early, has an event of its own
+    e.numbers[Place.FLAGS] = 0  # bytes: whether it wants to end, has come back early, has its own event
     clock[2] = clock[0] + clock[1]
     flags = e.numbers.ctypes.data + 8 * Place.FLAGS
     last = clock.ctypes.data + 16
@@ -166,7 +166,7 @@ def begin_outputs(e: Any, k: int) -> bool:
 
 @compiled_once
 def _ask(e: Any) -> None:
-    """Let the process of its own take the communication step, and wait for it as long as there is patience."""
+    """Let its own process take the communication step, and wait for it as long as there is patience."""
     n = e.numbers
     spare = n.ctypes.data + 8 * Place.SPARE
     if not send_word(n[Place.ASK], spare):
@@ -187,7 +187,7 @@ def timed_step(e: Any, spec: Any) -> int:
 
 @compiled_entry
 def serve(e: Any, asked: int, answers: int) -> None:
-    """In a process of its own: take a communication step whenever ``asked``, until nobody asks any more."""
+    """In its own process: take a communication step whenever ``asked``, until no one asks any more."""
     spare = np.zeros(1, np.int64)
     thread = leave_interpreter()
     while receive_word(asked, spare.ctypes.data):
@@ -218,7 +218,7 @@ def _exchange(e: Any) -> None:
 def step_around(
     e: Any, x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: Any, values: Any
 ) -> bool:
-    """As `bench_sim.model.kernel.step` with springs from elsewhere; False once they are lost: all stands still then."""
+    """As `bench_sim.model.kernel.step` with springs from elsewhere; False once they are lost: all is at rest then."""
     n = e.numbers
     if n[Place.FAILED] != 0:
         mem.time += dt

@@ -14,7 +14,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.model.wiring import sensors_of
 from bench_sim.rig.springs import Springs
 
-#: Up to which gauge pressure somebody may open a flange.
+#: Up to which gauge pressure a user may open a flange.
 _FLANGE_PRESSURE: Final = 0.3 * bar
 _CHAMBERS: Final = sensors_of(Group.PRESSURE)
 _BORE: Final = TABLE["rig.orifice_diameter"]
@@ -35,7 +35,7 @@ class Ordered(NamedTuple):
 class Fittings:
     """What is fitted to ``plant``, and what of it may be changed when.
 
-    The parameter set may say otherwise than the settings: a plate that was bored wrong stays in until somebody orders
+    The parameter set may say differently than the settings: a plate that was bored wrong stays in until a user orders
     another one. So only a change of the order changes the plant.
     """
 
@@ -59,7 +59,7 @@ class Fittings:
         return True
 
     def _under_pressure(self) -> bool:
-        """Tell whether air would come out of an open flange; the air asks no sensor."""
+        """Show whether air would come out of an open flange; the air asks no sensor."""
         gauge = self._springs.pressures() if self._springs else self._plant.ideal()[_CHAMBERS]
         return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
 

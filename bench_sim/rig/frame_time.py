@@ -17,7 +17,7 @@ _POLYNOMIAL: Final = 0x4599
 #: CRC delimiter, acknowledgement slot and delimiter, end of frame.
 _TAIL: Final = 10
 INTERMISSION: Final = 3
-#: Of a frame that another one follows at once, in bits beside its data: (stuffed, in all), by its format.
+#: Of a frame that another one follows at once, in bits next to its data: (stuffed, in all), by its format.
 _STANDARD, _EXTENDED = (34, 34 + _TAIL + INTERMISSION), (54, 54 + _TAIL + INTERMISSION)
 
 

@@ -102,7 +102,7 @@ class InForce:
         )
 
     def _present(self, target: Target) -> float:
-        """What to ask of an actuator, beside the generator's offset, so that nothing changes."""
+        """What to ask of an actuator, next to the generator's offset, so that nothing changes."""
         measured = self._measured(target)
         return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
 

@@ -12,7 +12,7 @@ from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.words import STATES
 
-#: What a reading must have moved before the incident to be told, as a part of its range.
+#: What a reading must have moved before the incident to be reported, as a part of its range.
 _TOLD: Final = 0.01
 _TOLD_MAX: Final = 5
 #: A reading is near a level within this part of its way to it.
@@ -91,7 +91,7 @@ def _before(incident: Incident, first: str) -> list[str]:
             left = np.abs(past - start) <= _NEAR * abs(end - start)
             sentences.append((moved, signal.name, _course(signal, past, start, end, _since(left))))
     sentences.sort(key=lambda one: -one[0])
-    # Of twins, left and right, the one that moved more stands for both.
+    # Of twins, left and right, the one that moved more represents both.
     first_of: dict[str, str] = {}
     for _, name, text in sentences:
         first_of.setdefault(name.replace("left", "").replace("right", ""), text)
@@ -99,7 +99,7 @@ def _before(incident: Incident, first: str) -> list[str]:
 
 
 def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: float, since: str) -> str:
-    """Tell whether a reading was still on its way, or had been at its level for some time."""
+    """Show whether a reading was still on its way, or had been at its level for some time."""
     away = np.abs(past - end) > _NEAR * abs(end - start)
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:

@@ -29,7 +29,7 @@ _KEYS: Final = (
 
 
 def limits_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Limit, ...]:
-    """Return the assumed limits with those of ``rows`` in the place of, or behind, theirs of one signal and kind.
+    """Return the assumed limits with those of ``rows`` instead of, or behind, theirs of one signal and kind.
 
     ValueError with key, value and what would be right.
     """

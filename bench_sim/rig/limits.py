@@ -20,7 +20,7 @@ class LimitAction(IntEnum):
     """What a tripped detector does, from the mildest to the hardest."""
 
     NONE = 0  #: the detector is switched off
-    INDICATE = 1  #: it is told, and nothing else
+    INDICATE = 1  #: it is reported, and nothing else
     PROGRAM_HOLD = 2  #: the bench holds and the program waits; going on needs no reset
     PROGRAM_STOP = 3  #: the program ends; actuators and air are shut in, a fault
     INTERLOCK = 4  #: the safe position, a fault: the springs are vented
@@ -33,7 +33,7 @@ class Limit:
 
     ``at``: UPPER and LOWER compare with it where the reading will be after ``lead`` at its present speed, ERROR how far
     the reading is from its set-point, RATE how fast it changes (1/s), TIMEOUT for how long (s) there is no reading, or,
-    with ``within``, for how long the reading is farther than that from a set-point that stands still; COUNT how often
+    with ``within``, for how long the reading is farther than that from a set-point that is at rest; COUNT how often
     the reading has risen over ``level``.
     """
 
@@ -253,6 +253,6 @@ def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
     """
     for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0
-    lasting = ~np.isin(detectors["kind"], (LimitKind.TIMEOUT, LimitKind.COUNT))  # these begin anew
+    lasting = ~np.isin(detectors["kind"], (LimitKind.TIMEOUT, LimitKind.COUNT))  # these begin again
     detectors["standing"] = lasting & (detectors["samples"] > 0) & (detectors["judged"] > detectors["at"])
     detectors["bar"] = detectors["judged"] + detectors["hysteresis"]

@@ -61,13 +61,13 @@ class NodeHost(Protocol):
 
     @property
     def held(self) -> bool:
-        """Whether somebody holds the bench."""
+        """Whether a user holds the bench."""
 
     def is_token(self, token: int, peer: str) -> bool:
         """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
 
     def refuse(self, peer: str, identifier: int) -> None:
-        """Count a frame of ``peer`` that wanted something of a bench that somebody holds."""
+        """Count a frame of ``peer`` that wanted something of a bench that a user holds."""
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
@@ -87,7 +87,7 @@ class NodeObjects:
         self.parameters = dict(DEFAULTS)
         #: Who sent the request that is being answered.
         self.peer = ""
-        #: What was refused or dropped, by sub-index of the object that tells of it.
+        #: What was refused or dropped, by sub-index of the object that reports of it.
         self.refused = {sub: 0 for index, sub in ENTRIES if index == REFUSED and sub}
         self._opened_by: str | None = None  # the peer whose download of the token came just now
 

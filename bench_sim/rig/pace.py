@@ -91,7 +91,7 @@ class Pace(Stage):
 
     ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
     drawn from ``seed``, goes wrong at some bit, costs an error frame, and is repeated. A node that is off the bus comes
-    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. Somebody always acknowledges.
+    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. A user always acknowledges.
     ``tell(load, errors)`` hears every 100 ms how busy the bus was in the last second, and the rig's transmit errors.
     """
 

@@ -1,4 +1,4 @@
-"""The rig in real time: the tick in a thread of its own, the servers in another, alone in a process."""
+"""The rig in real time: the tick in its own thread, the servers in another, alone in a process."""
 
 import contextlib
 import gc
@@ -115,7 +115,7 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
 
 @contextlib.contextmanager
 def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Iterator[None]:
-    """Let ``rig`` tick in a thread of its own while the block lasts; a failure sets ``stop`` and is raised."""
+    """Let ``rig`` tick in its own thread while the block lasts; a failure sets ``stop`` and is raised."""
     failed: list[BaseException] = []
 
     def tick() -> None:

@@ -40,7 +40,7 @@ class Grip(IntEnum):
 def keep_grip(c: Any, values: Any) -> None:
     """Decide from the readings whether the actuators may let go; ``values``: signals by table row, sensors first.
 
-    A pressure that nobody can read counts as there.
+    A pressure that no one can read counts as there.
     """
     empty = True
     for chamber in _CHAMBERS:
@@ -56,10 +56,10 @@ def keep_grip(c: Any, values: Any) -> None:
         if not empty:
             c.grip = Grip.SHUT.value
         else:
-            # Each by itself: one that stands on its spring already would press it down by the way of the other.
+            # Each by itself: one that is on its spring already would press it down by the way of the other.
             left, right = values[Sensor.VERTICAL_LEFT_FORCE], values[Sensor.VERTICAL_RIGHT_FORCE]
             lead = values[Sensor.VERTICAL_LEFT_DISPLACEMENT] - values[Sensor.VERTICAL_RIGHT_DISPLACEMENT]
-            # One of which nobody can read what hangs on it goes along with the other, and not below it.
+            # One of which no one can read what hangs on it agrees with the other, and not below it.
             c.lowering[0] = left < -SET_DOWN or (math.isnan(left) and right < -SET_DOWN and lead > 0.0)
             c.lowering[1] = right < -SET_DOWN or (math.isnan(right) and left < -SET_DOWN and lead < 0.0)
             c.grip = Grip.LOWERING.value if c.lowering[0] or c.lowering[1] else Grip.OPEN.value

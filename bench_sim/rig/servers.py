@@ -1,4 +1,4 @@
-"""The rig's network servers in a thread of their own: opens the ports of CAN hub, Modbus, and capture.
+"""The rig's network servers in their own thread: opens the ports of CAN hub, Modbus, and capture.
 
 The servers know neither the rig nor the plant, only callables: frames and requests go in, frames and answers come
 out. Everything runs on one asyncio loop in one background thread, and the callables are called there, one at a time;
@@ -31,7 +31,7 @@ _BEACON_PERIOD: Final = 3.0  # s, the longest the protocol allows
 
 
 class Servers:
-    """The servers, open, in a thread of their own; ``stop()`` or leaving the ``with`` block closes everything."""
+    """The servers, open, in their own thread; ``stop()`` or leaving the ``with`` block closes everything."""
 
     def __init__(
         self, thread: threading.Thread, loop: asyncio.AbstractEventLoop, stop: asyncio.Event
@@ -79,7 +79,7 @@ def serve_in_thread(
 
     Neither protocol knows who is allowed to do what, so that any ``host`` but the loopback needs ``allow_remote``.
     ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so). ``on_wake`` is called in the
-    servers' thread whenever somebody has written to ``eventfd``.
+    servers' thread whenever a user has written to ``eventfd``.
 
     Raises ValueError for a ``host`` that is not allowed and OSError, in words, for a port that cannot be had.
     """
@@ -123,7 +123,7 @@ def serve_in_thread(
 
 
 def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Event) -> None:
-    """Run ``serve`` on a loop in a thread of its own; return when it is ``ready``, or raise what it failed with."""
+    """Run ``serve`` on a loop in its own thread; return when it is ``ready``, or raise what it failed with."""
     failed: list[BaseException] = []
 
     def run() -> None:

@@ -69,7 +69,7 @@ _ACTUATORS: Final = len(ACTUATORS)
 
 
 def too_fast(target: int, mode: int, speed: float) -> bool:
-    """Tell whether waves of this peak ``speed`` are steeper than what ``target`` can follow in control ``mode``; SI."""
+    """Show whether waves of this peak ``speed`` are steeper than what ``target`` can follow in control ``mode``; SI."""
     pace = _TABLE[target][mode]
     return pace is not None and speed > pace.wave
 
@@ -111,7 +111,7 @@ def ranges() -> npt.NDArray[np.float64]:
 
 @compiled
 def outside(signals: Any, values: Any, first: int, count: int, ranges: Any) -> bool:
-    """Tell whether one of ``count`` samples from ``first`` on is out of its range; NaN is not: it means "as before"."""
+    """Show whether one of ``count`` samples from ``first`` on is out of its range; NaN is not: it means "as before"."""
     for k in range(first, first + count):
         row = signals[k]
         if values[k] < ranges[row, 0] or values[k] > ranges[row, 1]:

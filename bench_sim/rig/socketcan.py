@@ -1,4 +1,4 @@
-"""A SocketCAN interface of the rig: frames leave in bulk, and a thread of its own reads what comes."""
+"""A SocketCAN interface of the rig: frames leave in bulk, and its own thread reads what comes."""
 
 import contextlib
 import select
@@ -67,7 +67,7 @@ class SocketCan:
                 self.dropped += 1
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send what somebody else than the interface's own nodes has sent: they have heard each other."""
+        """Send what another user than the interface's own nodes has sent: they have heard each other."""
         if peer != self.interface:
             self.publish(block)
 
@@ -84,7 +84,7 @@ class SocketCan:
         while not self._closing.is_set():
             if not poll.poll(1000 * _POLL):
                 continue
-            # Everything that waits comes along: commands must not queue behind somebody's burst, frame by frame.
+            # Everything that waits comes along: commands must not queue behind a user's burst, frame by frame.
             frames: list[bytes] = []
             try:
                 while len(frames) < _BATCH_MAX:

@@ -87,7 +87,7 @@ _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
-#: The plant knows one mode more: nobody commands an actuator to be shut in, it is what its valve does by itself.
+#: The plant knows one mode more: no one commands an actuator to be shut in, it is what its valve does by itself.
 assert tuple(mode.name.lower() for mode in Mode if mode is not Mode.SHUT_IN) == CONTROL_MODES
 #: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
 _NAMES: Final = tuple(target.name.lower() for target in Target)
@@ -175,7 +175,7 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
     """Turn the controls into the inputs of the plant.
 
-    Whoever holds a place closes the loop by the transducer there: it reads the set-point, and is wrong by its zero.
+    Anyone who holds a place closes the loop by the transducer there: it reads the set-point, and is wrong by its zero.
     """
     travel(c)
     for actuator in range(len(ACTUATORS)):
@@ -255,7 +255,7 @@ def _appointments(c: Any) -> int:
 class PlantArrays(NamedTuple):
     """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``.
 
-    ``external_springs`` are springs that somebody else computes, if there are any.
+    ``external_springs`` are springs that another user computes, if there are any.
     """
 
     state: npt.NDArray[np.float64]
@@ -295,7 +295,7 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
 
 @compiled
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
-    """Take a step; of lost springs from elsewhere tell once, and whenever somebody goes on without them."""
+    """Take a step; of lost springs from elsewhere tell once, and whenever a user goes on without them."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Place.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
@@ -310,7 +310,7 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 
 @compiled
 def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
-    """Let the sensors read; of lost springs and all that stands on them nothing is known."""
+    """Let the sensors read; of lost springs and all that is on them nothing is known."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Place.ON] == 0:
         observe(x, mem, u, par, work[0], algebraic, ideal)

@@ -1,4 +1,4 @@
-"""Step 6, admission: which trial enters the model, alone, in the place of a poorer relative, or together with another.
+"""Step 6, admission: which trial enters the model, alone, instead of a poorer relative, or together with another.
 
 Theory of operation
 -------------------
@@ -9,13 +9,13 @@ The trials come in the order of BIC, and the first through all gates is the choi
 * a richer member of the family of an accepted cause explains as much in that one's place (`family.py`). Then that
   enters, if it is worth its parameters by BIC, or nothing does.
 
-Where nothing enters, pairs are tried. A cause that is missing strains what is believed of the base model, and the
-other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing beside it. Two trials
-that failed by nothing but such a strain are fitted together, if they are of different families.
+Where nothing enters, pairs are tried. A cause that is missing strains what is assumed of the base model, and the
+other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing together with it. Two
+trials that failed by nothing but such a strain are fitted together, if they are of different families.
 
 Where that finds nothing either, and far more than the noise is left, the other one may be nowhere among the trials:
-beside a large leak, hardly anything else scores. So all candidates are scored beside the strained trial that explains
-most, and those that score highest there are fitted with it (`choose_with_strained`).
+together with a large leak, hardly anything else scores. So all candidates are scored together with the strained trial
+that explains most, and those that score highest there are fitted with it (`choose_with_strained`).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Tri
 
 
 def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
-    """Return models with a richer relative in the place of an accepted effect that the two do not clearly beat."""
+    """Return models with a richer relative instead of an accepted effect that the two do not clearly beat."""
     current, config = state.current, problem.config
     singles: list[Trial] = []
     for old in current.effects:

@@ -2,16 +2,16 @@
 
 Theory of operation
 -------------------
-Effects entered one after the other, each through all gates beside those before it. A later one may have made an earlier
-one superfluous, or pushed it out of its range. So the model is fitted once without each of them, and the gates are
-asked again of each beside *all* others: BIC, range and beliefs, the select runs, the part of the error that it
-explains (`gates.py`). Only roughness is not asked, which means something in the order of entering alone. Of those that
-fail, the one whose absence costs the least BIC is looked at. It may be the victim: a friction that comes out negative,
-or foretells nothing, beside a damping that has taken its place. So where it passes without a lesser effect, that one
-leaves, else it leaves itself. Noise and rivals are those of another model then, so both are estimated anew
-(`rivals.py`), and the pass begins again; it ends when all that is left passes.
+Effects entered one after the other, each through all gates together with those before it. A later one may have made an
+earlier one superfluous, or pushed it out of its range. So the model is fitted once without each of them, and the gates
+are asked again of each together with *all* others: BIC, range and beliefs, the select runs, the part of the error that
+it explains (`gates.py`). Only roughness is not asked, which means something in the order of entering alone. Of those
+that fail, the one whose absence costs the least BIC is looked at. It may be the victim: a friction that comes out
+negative, or predicts nothing, together with a damping that has taken its place. So where it passes without a lesser
+effect, that one leaves, else it leaves itself. Noise and rivals are those of another model then, so both are estimated
+again (`rivals.py`), and the pass begins again; it ends when all that is left passes.
 
-The same fits say how much each effect explains: λ² is the penalised χ² that its absence costs.
+The same fits state how much each effect explains: λ² is the penalised χ² that its absence costs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Weighed:
 
 
 def weigh(problem: Problem, state: SearchState) -> SearchResult:
-    """Leave out what does not pass the gates beside the others, and say what each of the rest is worth."""
+    """Leave out what does not pass the gates together with the others, and state what each of the rest is worth."""
     while True:
         without = _without_each(problem, state)
         failed = _failed(problem, state, without)
@@ -81,7 +81,7 @@ def _fitted(problem: Problem, state: SearchState, point: Point) -> _Weighed:
 
 
 def _failed(problem: Problem, state: SearchState, without: Mapping[str, _Weighed]) -> dict[str, str]:
-    """Return the accepted effects that do not pass a gate beside the others, each with the gate."""
+    """Return the accepted effects that do not pass a gate together with the others, each with the gate."""
     beside = _Weighed(state.current.model, state.current.prediction)
     failed = {name: _gate(problem, state, beside, other) for name, other in without.items()}
     return {name: why for name, why in failed.items() if why}
@@ -119,7 +119,7 @@ def _result(state: SearchState, without: Mapping[str, _Weighed]) -> SearchResult
         )
         for name in current.effects
     )
-    # Whoever goes on from here has a model of his own, and predicts with that.
+    # Anyone who goes on from here has a model of his own, and predicts with that.
     state = replace(state, current=replace(current, prediction=None))
     return SearchResult(state, accepted, {name: one.model for name, one in without.items()})
 

@@ -1,4 +1,4 @@
-"""Step 2, base parameters first: the simulation that somebody trusts, with every parameter of it at its best fit.
+"""Step 2, base parameters first: the simulation that a user trusts, with every parameter of it at its best fit.
 
 Theory of operation
 -------------------

@@ -1,10 +1,10 @@
-"""Step 8, what is said before the verdict: base parameters far from what is believed of them, whatever was named.
+"""Step 8, what is said before the verdict: base parameters far from what is assumed of them, whatever was named.
 
 A prior that is contradicted by ten of its standard deviations is wrong, or the data are not what they are taken for: a
-unit, a sign, a bore. What was named beside such a number is named for a system that nobody has.
+unit, a sign, a bore. What was named together with such a number is named for a system that no one has.
 
 A base parameter that is beyond belief in the model without the causes, and credible with them, has imitated them: the
-base model may then predict as well as the extended one, and the prior alone speaks for the causes.
+base model may then predict as well as the extended one, and the prior alone supports the causes.
 """
 
 from __future__ import annotations

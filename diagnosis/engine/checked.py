@@ -8,9 +8,9 @@ the tuned one (the base model at its best) and the extended one. The uncertainty
 its predictions over draws from the covariance of its numbers.
 
 A planned experiment states how it begins: errors of the sensors that a record would show that by stay nominal there.
-Where a run beside the data holds a figure, the row is of this run: all models are replayed through its own motion, and
-the uncertainty includes what its own nuisances and the noise of its sensors add. No number is fitted to it. If it
-shows an error of the tuned model, and the extended one has much less of it, the cause has gained on unseen data.
+Where a run together with the data holds a figure, the row is of this run: all models are replayed through its own
+motion, and the uncertainty includes what its own nuisances and the noise of its sensors add. No number is fitted to it.
+If it shows an error of the tuned model, and the extended one has much less of it, the cause has gained on unseen data.
 """
 
 from __future__ import annotations

@@ -323,7 +323,7 @@ def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., Floats])
 def apart(first: Columns, second: Columns, scales: Array) -> Array:
     """Return how far two sets of k columns are apart: sums of squares (k,), channels in their ``scales`` (c,)."""
     signs = np.outer((1.0, -1.0), np.ones(first.size))
-    # One channel after the other, in the same memory: pages of its own would be got for each anew.
+    # One channel after the other, in the same memory: pages of its own would be got for each again.
     pairs = zip(first.traces, second.traces, strict=True)
     return _squares(first.size, (_mixed(pair, signs, np.zeros) for pair in pairs), scales)
 

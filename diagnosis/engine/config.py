@@ -28,7 +28,7 @@ class Config:
     max_effects: int = 3  #: step 6: so many causes at most
     fits: int = 8  #: step 6: so many hypotheses with the highest scores are fitted at each forward step
     effects: tuple[str, ...] | None = None  #: only these of the catalogue; None: all
-    ambiguous: float = 10.0  #: steps 6 and 8: BIC gap under which two causes are not told apart
+    ambiguous: float = 10.0  #: steps 6 and 8: BIC gap under which two causes are not distinguished
     lpd_loss: float = 3.0  #: step 6: what a cause may cost in log predictive density
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
@@ -38,7 +38,7 @@ class Config:
 
 # -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
 
-#: False discovery rate of the panel (Benjamini and Hochberg). It accuses nobody, so that one row in a hundred may err.
+#: False discovery rate of the panel (Benjamini and Hochberg). It accuses no one, so that one row in a hundred may err.
 PANEL_FDR: Final = 0.01
 #: A test of a whole run needs so many samples for its asymptotic distribution.
 LEAST_SAMPLES: Final = 100
@@ -52,7 +52,7 @@ DRIFT_BLOCKS: Final = (48, 16, 5)
 QUASI_STATIC_HZ: Final = 0.25
 #: Time constants in s of what may settle during a hold, half a decade apart.
 SETTLING_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
-#: Samples in a hold without which an exponential is not told from a line.
+#: Samples in a hold without which an exponential is not distinguished from a line.
 LEAST_OF_A_HOLD: Final = 200
 #: Bins along each side of a surface of the error, equally filled along each coordinate.
 SURFACE_BINS: Final = 7
@@ -88,7 +88,7 @@ REPORTED_FIT_STEPS: Final = 150
 FIT_TOLERANCE: Final = 0.01
 #: Relative tolerance at which the fit stops, per unit of χ² beyond the noise: finite differences resolve no more.
 FIT_RELATIVE_TOLERANCE: Final = 1e-5
-#: A step that gains less than this part of the predicted decrease was taken with poor columns: they are computed anew.
+#: A step that gains less than this part of the predicted decrease was taken with poor columns: they are computed again.
 POOR_STEP: Final = 0.75
 #: A step that gains this part of the predicted decrease had good columns: a failure after it is one of length.
 GOOD_STEP: Final = 0.9
@@ -114,7 +114,7 @@ EIGENVALUE_FLOOR: Final = 1e-13
 #: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
 #: are right to about four digits.
 VISIBLE_PART: Final = 1e-8
-#: Weight of what a fit knows of effects that stay where they are while a surface is fitted beside them.
+#: Weight of what a fit knows of effects that stay where they are while a surface is fitted together with them.
 FIXED_WEIGHT: Final = 1e4
 #: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
 FLAT_WEIGHT: Final = 1e-6
@@ -127,7 +127,7 @@ AR_ORDER: Final = 10
 FORGOTTEN: Final = 1e-3
 #: So many further predecessors help to predict a sample where some are missing.
 BRIDGED_GAP: Final = 4
-#: No channel is believed to be quieter than this part of what its data sheet says, which is an upper bound.
+#: No channel is assumed to be quieter than this part of what its data sheet says, which is an upper bound.
 LEAST_OF_DATA_SHEET: Final = 0.5
 #: Pairs of samples that a lag needs for each order of the autoregression.
 PAIRS_PER_ORDER: Final = 20
@@ -148,7 +148,7 @@ THRESHOLD_MARGIN: Final = 0.1
 WITH_RELATIVES: Final = 2
 #: χ² that would be gained beyond the end of a range, from which on the range is violated: two standard deviations.
 RANGE_CHI2: Final = 4.0
-#: A base parameter so many prior standard deviations from its nominal value is no longer believed …
+#: A base parameter so many prior standard deviations from its nominal value is no longer assumed …
 STRAINED_PRIOR: Final = 4.0
 #: … and a cause is blamed for it if it asks for so many more than the model without it.
 FURTHER_STRAIN: Final = 1.0
@@ -157,9 +157,9 @@ CONTRADICTED_PRIOR: Final = 10.0
 #: A noise floor is known to about a tenth, and the replay of a measured motion leaves a tenth more of a sound bench: in
 #: squares, together a quarter. Below it there is no misfit of which a cause could be asked to explain a part.
 FLOOR_SLACK: Final = 1.25
-#: So many samples at rest in a row say how large the noise is.
+#: So many samples at rest in a row state how large the noise is.
 LEAST_AT_REST: Final = 50
-#: So many rivals are tried in the place of each accepted effect.
+#: So many rivals are tried instead of each accepted effect.
 RIVALS: Final = 4
 #: So many causes that are not physical alone are tried two by two.
 PAIRED: Final = 4
@@ -180,7 +180,7 @@ LARGEST_CHANGE: Final = 1e3
 CLEAR_COEFFICIENT: Final = 2.0
 #: … and such a part of the largest ones.
 LARGE_COEFFICIENT: Final = 0.25
-#: A place of a surface was visited where the data halve the standard deviation that was believed.
+#: A place of a surface was visited where the data halve the standard deviation that was assumed.
 VISITED: Final = 0.5
 
 # -- step 8, the verdict: verdict.py, constancy.py ---------------------------------------------------------------------
@@ -189,12 +189,12 @@ VISITED: Final = 0.5
 REMAINDER: Final = 0.01
 #: A surface that predicts the select runs no better is told only if chance makes it with less than this probability.
 UNKEPT_SURFACE_P: Final = 1e-6
-#: Part of what a cause gains that it must still gain beside a surface which imitates it. A stop that was called a cubic
-#: spring kept a hundredth, measured friction under its right name three to seven.
+#: Part of what a cause gains that it must still gain together with a surface which imitates it. A stop that was called
+#: a cubic spring kept a hundredth, measured friction under its right name three to seven.
 GAIN_WITH_SURFACE: Final = 0.02
 #: Part of the information on an amplitude that a surface must take away to imitate the effect.
 IMITATED_INFORMATION: Final = 0.9
-#: Beside a cause, a surface may be so many times as large as is believed.
+#: Together with a cause, a surface may be so many times as large as is assumed.
 WIDER_SURFACE: Final = 10.0
 #: An amplitude saturates where its absence costs so many times the root of χ² that its standard deviation promises.
 SATURATED: Final = 2.0
@@ -214,7 +214,7 @@ CLEAR_OF_FORM: Final = 3.0
 PREDICTED_SHARE: Final = 0.25
 #: So many times the noise on the report runs are worth a sentence.
 NOISE_RATIO_SHOWN: Final = 1.2
-#: A model that leaves more than so many times the noise on unseen runs lacks something beside what was named …
+#: A model that leaves more than so many times the noise on unseen runs lacks something together with what was named …
 REMAINDER_RATIO: Final = 2.0
 #: … and if more than this part of the error is left, what was named is a relative of the cause.
 RELATIVE: Final = 0.5
@@ -222,7 +222,7 @@ RELATIVE: Final = 0.5
 NO_GAIN: Final = 0.01
 #: … unless the log predictive density of the select runs rises by this: half of a BIC gap that decides.
 GAINS_DENSITY: Final = 5.0
-#: A part of the error that is smaller than this is told as what it is.
+#: A part of the error that is smaller than this is reported as what it is.
 GAINS_LITTLE: Final = 0.1
 #: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
 #: predicts them as well.
@@ -230,11 +230,11 @@ PREDICTS_AS_WELL: Final = 1.01
 
 # -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
-#: Records, or runs, whose scatter says how uncertain a number is: with fewer, the scatter is itself too uncertain.
+#: Records, or runs, whose scatter states how uncertain a number is: with fewer, the scatter is itself too uncertain.
 LEAST_REPEATS: Final = 6
 #: Spreads of a model's own error that are tried, closer to each other where they are small.
 SPREADS_TRIED: Final = 2000
-#: Information per unit of noise, for coefficients as large as is believed, from which on a direction tells of them.
+#: Information per unit of noise, for coefficients as large as is assumed, from which on a direction reports of them.
 SHOWN_INFORMATION: Final = 100.0
 #: Variances of a cause's amplitude for each unit of χ² that the form of the model owes in its directions. Of 46 causes
 #: rightly named on oscillators of another form intervals hold 45 with it, as with four times as much, and 38 without.
@@ -246,15 +246,15 @@ PROFILE_STEPS: Final = 6
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 
-#: A predicted BIC gap below this does not tell two effects apart.
+#: A predicted BIC gap below this does not distinguish two effects .
 SEPARABLE: Final = 10.0
 #: Pairs of footprints with a smaller cosine are not worth a line.
 WORTH_A_LINE: Final = 0.8
 #: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
 POWER95: Final = 1.6449
-#: An amplitude beyond so many prior spreads is not believed.
+#: An amplitude beyond so many prior spreads is not assumed.
 PRIOR_SPREADS: Final = 5.0
-#: An effect is hidden where less than this part of its footprint is left beside the base model.
+#: An effect is hidden where less than this part of its footprint is left together with the base model.
 HIDDEN_FOOTPRINT: Final = 0.3
 #: A reference is worth naming if it makes the gap grow by this factor.
 WORTH_A_REFERENCE: Final = 2.0
@@ -276,7 +276,7 @@ EXPLAINABLE: Final = 1.05
 
 # -- identification, which asks for no cause: identify.py --------------------------------------------------------------
 
-#: A parameter is told by runs that leave less than this part of the standard deviation with which it was believed.
+#: A parameter is reported by runs that leave less than this part of the standard deviation with which it was assumed.
 IDENTIFIED: Final = 0.5
 #: The scores of what is identified have the threshold of a diagnosis.
 IDENTIFIED_ALPHA: Final = 0.003
@@ -293,9 +293,9 @@ CURVED: Final = 0.1
 ROUNDING: Final = 1e-12
 #: So many steps of its differences is a parameter's size where it has no prior.
 STEPS_OF_SIZE: Final = 100.0
-#: So many parameters are told with an error, those first that are not at their nominal values.
+#: So many parameters are reported with an error, those first that are not at their nominal values.
 PARAMETERS_SHOWN: Final = 12
-#: So many base parameters far from what is believed are told, those furthest away first.
+#: So many base parameters far from what is assumed are reported, those furthest away first.
 PRIORS_SHOWN: Final = 3
 
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""With the verdict (step 8): which effects these runs cannot tell apart, and how large an unseen one may be.
+"""With the verdict (step 8): which effects these runs cannot distinguish , and how large an unseen one may be.
 
 Theory of operation
 -------------------
@@ -8,10 +8,10 @@ inseparable (`confusability`).
 
 An effect that was not found is injected into the present residual (`unseen`). In the linear model around the fit it
 adds its λ to the score that it has there, whichever sign that has, and what it adds must pass the gates of step 6: the
-threshold, the price of its parameters by BIC, and what the causes beside it may be rough by. It does in 95 % of cases
-where λ lies above the highest of these by the 95 % quantile of a normal score, and by the present score where that
-speaks against it. Divided by λ per unit of amplitude, that is the smallest size that would have been found. Where more
-than the noise remains, that rest decides what passes, and no size is told.
+threshold, the price of its parameters by BIC, and what the causes together with it may be rough by. It does in 95 % of
+cases where λ lies above the highest of these by the 95 % quantile of a normal score, and by the present score where
+that contradicts it. Divided by λ per unit of amplitude, that is the smallest size that would have been found. Where
+more than the noise remains, that rest decides what passes, and no size is reported.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Theory of operation
 -------------------
 A model whose form is a little wrong somewhere is imitated by whatever candidate comes nearest: rubber that forgets
-otherwise than the model says is paid by the gas. No noise tells, for the score of the impostor is real. What tells is
-that an impostor is nowhere quite right: here it would have to be larger, there smaller or of the other sign, and with
-it the base parameters that make room for it. A true cause is the same everywhere.
+differently than the model says is paid by the gas. No noise tells, for the score of the impostor is real. What
+identifies is that an impostor is nowhere quite right: here it would have to be larger, there smaller or of the other
+sign, and with it the base parameters that make room for it. A true cause is the same everywhere.
 
 This is Chow's test for the constancy of parameters (Econometrica 28:591, 1960), asked in the two directions that are
 the cause's own business: its column c, and what the other parameters make of it where they imitate it, X β. Every run
@@ -21,10 +21,10 @@ slowly shows in the former, what follows each motion in the latter.
 Sound rigs exceed chance too, by what motions are wrong that were measured: each effect has its own factor, measured on
 rigs in which nothing is hidden (`Hypothesis.overdispersion`), and that much is no news of the form.
 
-What E exceeds both by is the part of the misfit that the form of the model owes where the cause is told from. A cause
-whose own λ² is not clearly larger may be owed to the same, and is not named. In all other directions the form may owe
-what it will. A healthy bench has some seventy of them in each stretch, and a little is wrong in each. Together that is
-a χ² of hundreds, and nothing of it looks like a leak.
+What E exceeds both by is the part of the misfit that the form of the model owes where the cause is distinguished from.
+A cause whose own λ² is not clearly larger may be owed to the same, and is not named. In all other directions the form
+may owe what it will. A healthy bench has some seventy of them in each stretch, and a little is wrong in each. Together
+that is a χ² of hundreds, and nothing of it looks like a leak.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def check_contract(simulator: Simulator, experiment: Experiment) -> None:
     DiagnosisError names the effect and the parameters with their values, and what would be right.
     """
     _check_declarations(simulator)
-    with np.errstate(all="ignore"):  # what is not finite is told as such
+    with np.errstate(all="ignore"):  # what is not finite is reported as such
         trial = _trial(simulator, _beginning(experiment))
         trial.check_parameters()
         for effect in simulator.catalogue.values():
@@ -106,7 +106,7 @@ def _parameters(simulator: Simulator) -> Iterator[Parameter]:
 
 
 def _beginning(experiment: Experiment) -> Experiment:
-    """Return the first samples of an experiment, which nobody can write into."""
+    """Return the first samples of an experiment, which no one can write into."""
     inputs = {name: values[:CHECKED_SAMPLES].copy() for name, values in experiment.inputs.items()}
     for values in inputs.values():
         values.setflags(write=False)

@@ -1,7 +1,7 @@
 """The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed.
 
 The argument has nine steps, told with examples in docs/explanation/how-the-diagnosis-works.md. Each has its file,
-with its theory of operation at the head; levels and limits of all of them stand in `config.py`.
+with its theory of operation at the head; levels and limits of all of them are in `config.py`.
 
     1  residual           residual/panel.py
     2  base parameters    base_model.py, by fitting/
@@ -13,7 +13,7 @@ with its theory of operation at the head; levels and limits of all of them stand
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
                           substitutes.py (steps 6 to 8 without what displaced a better cause);
-                          laws.py (laws of one phenomenon that these runs do not tell apart);
+                          laws.py (laws of one phenomenon that these runs do not distinguish );
                           then confusability.py (what was not seen) and next_run.py (what would decide)
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
 
@@ -88,15 +88,15 @@ def diagnose(
     menu: Sequence[Experiment] = (),
     checks: CheckFigures | None = None,
 ) -> Finding:
-    """Say what the data tell of the simulator: what it lacks, how sure that is, and what adding it gains.
+    """State what the data tell of the simulator: what it lacks, how sure that is, and what adding it gains.
 
     Runs that all have the same role are split by ``split``. ``menu`` holds the runs that the rig could do next, each
-    with its minutes; ``checks`` say what the models predict of plans.
+    with its minutes; ``checks`` state what the models predict of plans.
 
     Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
     share_heap()
-    give_back()  # Whoever read the data left room.
+    give_back()  # Anyone who read the data left room.
     config = config or Config()
     tell = progress or (lambda _text, _part: None)
     data, model = measured_channels(dataset, simulator)

@@ -3,15 +3,15 @@
 Theory of operation
 -------------------
 A stop that is in no catalogue looks like a cubic spring, and is named so if it is alone. A surface then sees what the
-spring leaves. Whether the spring is a cause or a likeness is asked of both:
+spring leaves. Whether the spring is a cause or a similarity is asked of both:
 
-* Can the surface do what the effect does? It can if, beside it, nearly all information on the amplitude is gone
-  (`_imitable`). A surface may then be larger than is believed.
+* Can the surface do what the effect does? It can if, together with it, nearly all information on the amplitude is gone
+  (`_imitable`). A surface may then be larger than is assumed.
 * Does the effect say anything beside the surface? The model with the surface is fitted with and without the effects. A
   true cause keeps a good part of its gain: it remembers what no surface does, or is right where no run has been yet.
 * Does the surface say what the effect says? Many a name is a surface itself, as dry friction is one over the speed, and
   a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for doubt. So
-  the surface is asked for the select runs *as it was fitted*, without the names: it must foretell them better than a
+  the surface is requested the select runs *as it was fitted*, without the names: it must predict them better than a
   model with neither does. What is no model of the next run is no cause of this one.
 
 Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells
@@ -92,7 +92,7 @@ def vague(
 ) -> tuple[str, ...]:
     """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as it may.
 
-    ``left`` says what the select runs leave of each; ``finite`` are those that were found at finite amplitudes.
+    ``left`` states what the select runs leave of each; ``finite`` are those that were found at finite amplitudes.
     """
     variances = np.diagonal(widened(model, tests, left))
     plain = np.diagonal(model.covariance())
@@ -111,7 +111,7 @@ def vague(
 
 
 def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
-    """Return whether most of what the data say of an effect's amplitude is gone beside a surface."""
+    """Return whether most of what the data say of an effect's amplitude is gone together with a surface."""
     linearisation = model.linearisation
     place = linearisation.point.place_of_amplitude(effect)
     variance = linearisation.covariance()[place, place]
@@ -128,13 +128,13 @@ def _superfluous(
     select: Sequence[MeasuredRun],
     config: Config,
 ) -> bool:
-    """Return whether a surface says nearly as much without effects as beside them."""
+    """Return whether a surface says nearly as much without effects as together with them."""
     coefficients = surface_coordinates(test.surface)
     beside = model.point.extended(coefficients, [c.parameter.nominal for c in coefficients])
     alone = beside
     for one in accepted:
         alone = alone.without(one.effect)
-    # Beside much that has no name, a small cause is a part of that sooner than of anything else.
+    # Together with much that has no name, a small cause is a part of that sooner than of anything else.
     part = GAIN_WITH_SURFACE * max(1.0, test.statistic / sum(a.lambda_**2 for a in accepted))
     with_, without = (fit(model.replay, model.noise, p, model.linearisation) for p in (beside, alone))
     if not select:

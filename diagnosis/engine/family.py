@@ -1,4 +1,4 @@
-"""Step 6, the family rule: before a second cause of another family is believed, the first one's own family is tried.
+"""Step 6, the family rule: before a second cause of another family is assumed, the first one's own family is tried.
 
 Theory of operation
 -------------------
@@ -9,7 +9,7 @@ a pair predicts well and lies about the cause; without this rule it was named in
 
 The rule has two halves:
 
-* Against the pair: two causes must beat one richer member in the place of the first by BIC *and* by log predictive
+* Against the pair: two causes must beat one richer member instead of the first by BIC *and* by log predictive
   density, each by the gap that a verdict asks for. Else the richer member enters in its place, if it is worth its
   parameters (`richer_members` lists what is tried, `admission.py` decides).
 * Against the richer member: no equation is exact, so of a poorer member in plain view a rest is always left, which the

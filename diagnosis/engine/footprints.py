@@ -8,8 +8,8 @@ Whatever else shapes an effect (a time constant, a travel) is undefined while th
 tried at a few values of it, the points of its grid. An effect at one point of its grid is a `Candidate`.
 
 The same is done for every parameter of the base model and of the accepted effects, because what those can imitate does
-not speak for a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the surfaces that
-stand for what has no name. All these quotients come from the simulator once, before the noise is known, and serve for
+not support a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the surfaces that
+represent what has no name. All these quotients come from the simulator once, before the noise is known, and serve for
 the estimate of the noise (step 3, `noise_estimate.py`) as well as for the scores.
 """
 

@@ -4,12 +4,12 @@ Theory of operation
 -------------------
 Both models are tuned: the base model with all its parameters at their best (`before.py`), and the extended one. Both
 predict the report runs with what they learnt from the fit runs; only what belongs to a run alone (an initial pressure)
-is found anew. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): what
+is found again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): what
 noise alone leaves, no model can explain. Its interval comes from a bootstrap of runs, or of blocks of runs where there
 are few.
 
-Beside it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in the
-standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.
+Together with it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in
+the standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
 
 
 def _rests(run: MeasuredRun, channel: int) -> list[slice]:
-    """Return the stretches at rest of one channel that are long enough; what stands still may stand elsewhere later."""
+    """Return the stretches at rest of one channel that are long enough; what is at rest may stand elsewhere later."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
     return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]

@@ -1,14 +1,14 @@
-"""Identification: all parameters of a simulator as runs tell them, beside what was believed, and as others would.
+"""Identification: all parameters of a simulator as runs tell them, together with what was assumed, and as others would.
 
 Theory of operation
 -------------------
 It is the first half of a diagnosis with nothing to look for: the base model is fitted (step 2) under the noise that it
-leaves (step 3), with priors so wide that the data speak. The surfaces of step 7 tell by how much the form of the model
+leaves (step 3), with priors so wide that the data use. The surfaces of step 7 tell by how much the form of the model
 is wrong, and the scatter between runs how far the rest of its errors goes; both widen the intervals
-(`model_error.py`). What comes out much narrower than it was believed is told by these runs; what does not is not, and
-its value is the belief.
+(`model_error.py`). What comes out much narrower than it was assumed is reported by these runs; what does not is not,
+and its value is the belief.
 
-How well runs would tell that nobody has made follows from the same linear model: their columns, under the noise of the
+How well runs would tell that no one has made follows from the same linear model: their columns, under the noise of the
 runs there are or of the data sheets, add their information to what is known.
 """
 
@@ -53,7 +53,7 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """Which part of the believed standard deviation is left."""
+        """Which part of the assumed standard deviation is left."""
         return self.deviation / self.parameter.spread
 
     @property
@@ -66,7 +66,7 @@ class Identified:
 class Identification:
     """A model at its best fit, and the covariance (k, k) of its numbers with the errors of the model in it.
 
-    ``doubts`` are sentences on what the data and what was believed of them do not agree in.
+    ``doubts`` are sentences on what the data and what was assumed of them do not agree in.
     """
 
     model: FittedModel
@@ -123,7 +123,7 @@ def identify(
 
 
 def _of_form(screened: ScreenedModel) -> Iterator[str]:
-    """Yield what speaks against the model itself, or against its intervals."""
+    """Yield what contradicts the model itself, or against its intervals."""
     runs = len(screened.model.replay.runs)
     if runs < LEAST_REPEATS:
         yield (
@@ -141,9 +141,9 @@ def _of_form(screened: ScreenedModel) -> Iterator[str]:
 
 
 def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers: int = 2) -> Identification:
-    """Return what would be known after ``experiments`` of which nobody has made any, with sensors by their data sheets.
+    """Return what would be known after ``experiments`` of which no one has made any, with sensors by their data sheets.
 
-    Values are those that are believed.
+    Values are those that are assumed.
     """
     blank = Replay(completed(simulator), tuple(_blank(one, simulator) for one in experiments), workers)
     point = base_point(simulator.nuisances, blank.records)
@@ -153,7 +153,7 @@ def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers
 
 
 def expected(known: Identification, experiments: Sequence[Experiment]) -> Identification:
-    """Return what would be known after ``experiments`` beside the runs of an identification."""
+    """Return what would be known after ``experiments`` together with the runs of an identification."""
     fitted = known.model
     blank = fitted.replay.of(_blank(one, fitted.replay.simulator) for one in experiments)
     point, prior = transferred(fitted, blank, fixed=False)

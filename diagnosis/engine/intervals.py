@@ -7,7 +7,7 @@ A covariance is the curvature of χ² at its lowest point. Three things it does 
 * **A valley may bend.** So each number of a cause is held at both ends of its 95 % interval, all others are fitted
   again, and the penalised χ² must have risen by 1.96². Where it has not, within a fifth, the end is moved to where it
   has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. Where errors of the model
-  (`model_error.py`) make the interval so many times wider, the rise is asked for there, and is larger by the square.
+  (`model_error.py`) make the interval so many times wider, the rise is requested there, and is larger by the square.
 * **A range ends.** No interval goes beyond what is possible: no friction drives its piston.
 * **Samples lie apart.** A length over which a friction turns over is seen if several samples fall into it. A parameter
   says along which input it is a length or a time (`Parameter.along`). How far that goes from one sample to the next is
@@ -33,7 +33,7 @@ from diagnosis.finding import Estimate
 
 
 def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list[Estimate]:
-    """Return amplitude and shapes of an effect of a fitted model, as they are told.
+    """Return amplitude and shapes of an effect of a fitted model, as they are reported.
 
     ``covariance`` (k, k) is that of the fit's numbers with the errors of the model in it.
     """

@@ -6,16 +6,16 @@ A catalogue may hold several laws of one phenomenon: friction of rubber that tur
 relaxation time or two. BIC takes the simplest that suffices, for each parameter has its price. That is right for a
 model that has to predict, and says nothing of what is there: a richer law contains the poorer one, is then never worse,
 and two travels that are near to each other *are* one in all data. So where a law is the cause, each other of its
-phenomenon stands beside it that the data themselves do not speak against: whose penalised χ², without any price for
+phenomenon is next to it that the data themselves do not contradict: whose penalised χ², without any price for
 parameters, is not larger by the gap that a verdict asks for, or by what the equation of the cause may be rough by; or
 whose BIC is not. Then the phenomenon is named, and no law.
 
-One case is left in which a richer law is told from the poorer one that suffices: where all its shapes are resolved, and
-the interval of one of them ends at the limit of its range. It has become the poorer law then, such as friction that
-grows with the pressure by nothing.
+One case is left in which a richer law is distinguished from the poorer one that suffices: where all its shapes are
+resolved, and the interval of one of them ends at the limit of its range. It has become the poorer law then, such as
+friction that grows with the pressure by nothing.
 
-What is tried is what was fitted in the place of the cause (`rivals.py`). A law that was never worth a fit, or is not
-physical, is told from the cause.
+What is tried is what was fitted instead of the cause (`rivals.py`). A law that was never worth a fit, or is not
+physical, is distinguished from the cause.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:
 def indistinguishable_laws(
     found: SearchResult, hypotheses: Mapping[str, Hypothesis], gap: float, rough: float
 ) -> dict[str, list[Trial]]:
-    """Return the fits of other laws that each accepted effect is not told from, by effect, best first.
+    """Return the fits of other laws that each accepted effect is not distinguished from, by effect, best first.
 
     ``gap`` is that of χ² which a verdict asks for, ``rough`` the part of λ that an equation may be inexact by.
     """

@@ -6,11 +6,11 @@ The covariance of least squares knows of noise alone. Where the model is rougher
 what they take up of its error, however many samples there are. Four measures of that are added to the covariance, and
 one limits the first two:
 
-* **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
+* **A smooth error of the form** (`_of_form`). A simulator's surfaces represent whatever a model may lack. Take the
   coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
   by R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
   projected scores of the surface tell τ, for in the eigenvectors of their information g they have variances
-  φ·g + τ²·g². τ² is its mean over that likelihood, with τ as large as is believed of the surface (normal, 1) before:
+  φ·g + τ²·g². τ² is its mean over that likelihood, with τ as large as is assumed of the surface (normal, 1) before:
   where a small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in
   the others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
   clearest error counts.
@@ -18,11 +18,11 @@ one limits the first two:
   (`constancy.py`) is off where it is fitted to all of them as well. A unit of χ² is one variance of the amplitude. Of
   the excess E, half lies in the direction of the cause itself, and in the sum over all stretches a part of that
   cancels: the variance grows by a quarter of E, and the numbers that make room for the cause go with it.
-* **Not more than select runs leave** (`_bounded`). Both say what the form could do. What it did is seen on the runs
+* **Not more than select runs leave** (`_bounded`). Both state what the form could do. What it did is seen on the runs
   that chose the model: an amplitude may be off by the part of the error at most that its cause leaves there
   (`prediction_share.py`). More than that, as a standard deviation, the form adds to no amplitude.
 * **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
-  numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
+  numbers with its own gradient. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
   Student's factor for so few of them. It counts where it is the larger one.
 * **Errors without a trace** (`_unseen`). A simulator may know of its inputs that an error of theirs is imitated exactly
@@ -58,7 +58,7 @@ from diagnosis.estimates import Z95
 def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | None = None) -> Array:
     """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces.
 
-    ``left`` says what the select runs leave of each cause.
+    ``left`` states what the select runs leave of each cause.
     """
     covariance = _of_form(model, tests) + _of_inconstancy(model)
     if left is not None:

@@ -9,7 +9,7 @@ so the smaller of both directions counts; among several rivals, the pair that a 
 and Reiner 1965, Buzzi-Ferraris and Forzatti 1983). Divided by the minutes of the rig, it ranks the menu.
 
 Where a base parameter imitates what parts two rivals, no run of the same kind helps, but knowing that parameter
-otherwise does, by a calibration for example. `sensors` fixes one parameter after the other and says what the gap
+otherwise does, by a calibration for example. `sensors` fixes one parameter after the other and states what the gap
 grows to on the runs there are.
 """
 
@@ -32,7 +32,7 @@ from diagnosis.finding import NextRun, NextSensor
 
 
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:
-    """Rank experiments by how far they would part the two rivals that they part least, per minute of the rig.
+    """Rank experiments by how far they would part the two rivals that they deviate least, per minute of the rig.
 
     A gap under ``SEPARABLE`` may be an upper bound: parameters did not adapt. Raises ``DiagnosisError`` for an
     experiment without minutes.

@@ -116,7 +116,7 @@ def estimate(
 
 
 def quietest(channel: Channel) -> float:
-    """Return the standard deviation below which no noise of a channel is believed: its resolution, its data sheet."""
+    """Return the standard deviation below which no noise of a channel is assumed: its resolution, its data sheet."""
     return float(np.hypot(channel.resolution / np.sqrt(12.0), LEAST_OF_DATA_SHEET * channel.noise))
 
 

@@ -4,9 +4,9 @@ Theory of operation
 -------------------
 The coefficients of a surface are tested together, like one candidate with many amplitudes: χ² = sᵀ G⁺ s of their
 projected scores s, in the directions that the data would show. G is their Gram matrix per prior spread: where one of
-its eigenvalues is below 1, a surface as large as is believed stays under the noise, and looking there would only add
+its eigenvalues is below 1, a surface as large as is assumed stays under the noise, and looking there would only add
 chance. χ² counts as much less as scores scatter more than the noise allows (Rao and Scott). Of all views, the one with
-the smallest p-value counts, multiplied by their number. What is made of the test stands in `unknown.py`.
+the smallest p-value counts, multiplied by their number. What is made of the test is in `unknown.py`.
 """
 
 from __future__ import annotations

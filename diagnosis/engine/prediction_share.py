@@ -30,7 +30,7 @@ def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun],
 
 
 def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
-    """Return what says how large a part of its amplitude an effect of a model may be off, by the select runs."""
+    """Return what states how large a part of its amplitude an effect of a model may be off, by the select runs."""
 
     def left(model: FittedModel, effect: str) -> float:
         part = _left(model, effect, select, floors, unsure=True) if select else math.nan

@@ -103,7 +103,7 @@ def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
 def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: bool = False) -> float:
     """Return the part of the explainable error of all channels together that remains, as a root; NaN if there is none.
 
-    A channel that hardly has any, and reaches its noise by chance, does not speak for the others. ``unsure``: at most,
+    A channel that hardly has any, and reaches its noise by chance, does not support the others. ``unsure``: at most,
     if what the noise floors are uncertain by were left as well.
     """
     explainable, left = np.maximum(

@@ -1,12 +1,12 @@
-"""Step 6, the swap pass: rivals are tried in the place of each accepted effect, and a better one takes it.
+"""Step 6, the swap pass: rivals are tried instead of each accepted effect, and a better one takes it.
 
 Theory of operation
 -------------------
-What entered first was the best alone. Beside a second cause, or under the noise that is estimated with it in the model,
-another may be better. So after each entry the alternatives of every accepted effect are fitted in its place: those
-which explained a good part when it entered, other laws of the same phenomenon (`laws.py`), and those which it replaced
-itself. The best swap that lowers the BIC is
-made and the pass begins anew, under the noise of the new model.
+What entered first was the best alone. Together with a second cause, or under the noise that is estimated with it in the
+model, another may be better. So after each entry the alternatives of every accepted effect are fitted in its place:
+those which explained a good part when it entered, other laws of the same phenomenon (`laws.py`), and those which it
+replaced itself. The best swap that lowers the BIC is
+made and the pass begins again, under the noise of the new model.
 
 Under another noise, what went may look better again. Then the two sets of effects are compared, each under its own
 noise, by the likelihood of the measured samples with all constants (`_criterion`): χ² alone cannot compare two noises.
@@ -87,7 +87,7 @@ def _criterion(model: FittedModel) -> float:
 
 
 def _rivals(problem: Problem, state: SearchState, old: str) -> tuple[Trial, ...]:
-    """Return physical models with an alternative in the place of an accepted effect, best first."""
+    """Return physical models with an alternative instead of an accepted effect, best first."""
     current = state.current
     outside = [name for name in state.alternatives[old] if name not in current.effects][:RIVALS]
     laws = (name for name in alike_laws(problem.hypotheses, old) if name in state.last_fit)

@@ -2,9 +2,9 @@
 
 Theory of operation
 -------------------
-What the parameters of the model can imitate of a footprint does not speak for its candidate: it is projected out
+What the parameters of the model can imitate of a footprint does not support its candidate: it is projected out
 (`Linearisation.project`). With s the rest of a whitened footprint and r the whitened residual, the score is
-z = sᵀr/|s|, standard normal where the effect is absent. |s| per unit of amplitude is the square root of the Fisher
+z = sᵀr/|s|, standard normal where the effect is missing. |s| per unit of amplitude is the square root of the Fisher
 information on the amplitude once everything else is fitted; times the amplitude it is λ. This is the score test with
 the shape parameters, which are absent under the null, on a grid (Davies 1977, 1987).
 
@@ -44,7 +44,7 @@ from diagnosis.engine.whitening import Filter, filters
 class Screening:
     """Scores of all candidates m against a fitted model.
 
-    ``inflation`` (m,) says how much more a score scatters than whitened noise would let it. The threshold is for a
+    ``inflation`` (m,) states how much more a score scatters than whitened noise would let it. The threshold is for a
     chance of ``alpha``, drawn with a ``seed``.
     """
 
@@ -68,7 +68,7 @@ class Screening:
 
     @cached_property
     def z(self) -> Array:
-        """Scores (m,): standard normal where the effect is absent; negative where the sign is not physical."""
+        """Scores (m,): standard normal where the effect is missing; negative where the sign is not physical."""
         return self.projection.z * self._signs / self.scatter
 
     @cached_property
@@ -142,7 +142,7 @@ def fit_and_screen(
 ) -> ScreenedModel:
     """Estimate the noise around a model, fit the model under it, and score every candidate against it.
 
-    Where nobody asks for the footprints again they are let go of: it is the ``last`` time.
+    Where no one asks for the footprints again they are let go of: it is the ``last`` time.
     """
     give_back()  # What made the footprints was larger than they are.
     count = len(around.candidates)

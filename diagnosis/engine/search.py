@@ -2,15 +2,15 @@
 
 Theory of operation
 -------------------
-Causes are not found one by one and added up: each is judged beside those that were found before it, under the noise
-that they leave. One turn of the loop is steps 3 to 6 of the argument:
+Causes are not found one by one and added up: each is judged together with those that were found before it, under the
+noise that they leave. One turn of the loop is steps 3 to 6 of the argument:
 
 1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
 2. `trials.fit_trials`: what exceeds the threshold is fitted and judged by the gates (`gates.py`);
 3. `admission.choose`, `choose_pair`, `admit`: one trial enters, or two together, or none;
    where none does and far more than the noise is left, `second_look.look_again` fits what acts now and then, which
    enters likewise; else the search ends;
-4. `rivals.swap`: others are tried in the place of each accepted effect.
+4. `rivals.swap`: others are tried instead of each accepted effect.
 
 In the end `backward.weigh` leaves out what the others have made superfluous. At most ``Config.max_effects`` enter.
 The result is the same for the same seed, however many workers there are.
@@ -36,7 +36,7 @@ Progress = Callable[[str, float], None]
 def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> SearchResult:
     """Search a catalogue for the causes of what the base model leaves of the fit runs.
 
-    ``progress`` is told in words what is done, and which part of the diagnosis lies behind.
+    ``progress`` is reported in words what is done, and which part of the diagnosis lies behind.
     """
     progress("fitting the base model", 0.0)
     state = _start(problem)

@@ -84,7 +84,7 @@ class SearchState:
     last_fit: Mapping[str, Point] = field(default_factory=dict)
     #: What else explained a good part when an accepted effect entered, best first: it may yet take its place.
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    #: Physical models with another effect in the place of an accepted one, best first, under the present noise.
+    #: Physical models with another effect instead of an accepted one, best first, under the present noise.
     rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     #: Why effects left the model again after they had entered.
     left: Mapping[str, str] = field(default_factory=dict)
@@ -140,7 +140,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """All that the search found: its last state, and what each accepted effect is worth beside the others.
+    """All that the search found: its last state, and what each accepted effect is worth together with the others.
 
     ``without`` are the models from which one of them was left out.
     """

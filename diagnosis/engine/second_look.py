@@ -13,10 +13,10 @@ least squares: each channel is weighed by what the current model leaves of it, a
 candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the one that is expected; what it
 then changes, as a whole, is the column. With c times that change, and all parameters of the model making room, the
 linear model lowers χ² by 2 c s·r − c² |s|² (s: what the parameters leave of the change, r: the residual). One amplitude
-stands for those up to half-way to the next, c from 1/√5 to √5. The best points are where fits start; what is simulated
+represents those up to half-way to the next, c from 1/√5 to √5. The best points are where fits start; what is simulated
 with numbers that are not finite is dropped.
 
-Then the gates are asked as of any candidate, and two more in the place of the score's threshold, which was not passed:
+Then the gates are asked as of any candidate, and two more instead of the score's threshold, which was not passed:
 χ² must fall by the square of that, and what is left of the error must be less than `RELATIVE` where the cause acts, on
 the select runs if there are any. What explains less is a relative of the cause, or nothing. An effect whose earlier fit
 failed must leave less than `PREDICTED_SHARE`; otherwise it may be a relative that fits only a little better.
@@ -82,7 +82,7 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
 
 
 def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Fit candidates from finite amplitudes beside a model that was fitted `plainly`; best BIC first.
+    """Fit candidates from finite amplitudes together with a model that was fitted `plainly`; best BIC first.
 
     More is asked of those of which there are ``known`` trials: they have failed a gate.
     """
@@ -104,7 +104,7 @@ def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> 
 
 
 def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | None:
-    """Return the best start of one effect beside a model; None where its simulations fail."""
+    """Return the best start of one effect together with a model; None where its simulations fail."""
     replay, known = problem.replay, len(model.point.numbers)
     steps = [step for one in candidates([effect]) for step in _amplitudes(one.added_to(model.point), known)]
     base = replay.base(model.point, model.predictions, [len(steps)] * len(replay.runs))

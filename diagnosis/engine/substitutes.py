@@ -1,23 +1,23 @@
-"""Steps 6 to 8, once more: a cause that left for the sake of others is tried without those others.
+"""Steps 6 to 8, once more: a cause that left for others is tried without those others.
 
 Theory of operation
 -------------------
-Causes that can stand in for each other are thrown out by each other: a friction explains nearly all, a lag and a
-viscous friction enter beside it and take its place, it leaves as superfluous, and then they fail a gate themselves.
-What is left is worse than what the friction alone would have been, and a diagnosis that had been told of nothing else
-would have found it. A longer list of candidates must not give a poorer model.
+Causes that can replace each other are thrown out by each other: a friction explains nearly all, a lag and a
+viscous friction enter together with it and take its place, it leaves as superfluous, and then they fail a gate
+themselves. What is left is worse than what the friction alone would have been, and a diagnosis that had been told of
+nothing else would have found it. A longer list of candidates must not give a poorer model.
 
 So each cause that left while others were in the model is fitted alone, as it was fitted when it was a candidate. Where
 one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
 that were in the model when it left, and without all others that left. A name comes before a surface: what that predicts
 does not count.
 
-One cause may also stand for two: a clock that is behind for delays of all that it times. These then leave beside it,
-and one of them still scores in the end. Then the search is repeated without that cause in the final model which is most
-like the one that left beside it.
+One cause may also represent two: a clock that is behind for delays of all that it times. These then leave together with
+it, and one of them still scores in the end. Then the search is repeated without that cause in the final model which is
+most like the one that left together with it.
 
 What the second search finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
-the select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two in the place of
+the select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two instead of
 one must leave nothing that scores: where much remains, whatever has more parameters imitates a little more of it.
 """
 
@@ -44,7 +44,7 @@ INSTEAD: Final = "the model without it predicts the select runs better"
 
 
 def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
-    """Return a judgement, or a better one of what left for the sake of others."""
+    """Return a judgement, or a better one of what left for others."""
     if not problem.select:
         return first
     out = _substitutes(problem, first)
@@ -59,7 +59,7 @@ def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
     second = judge(problem, _restored(problem, first, found, out))
     before, after = ((one.screened.model, one.found.floors) for one in (first, second))
     better = PREDICTS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
-    if first.found.accepted:  # what foretells better by chance explains less
+    if first.found.accepted:  # what predicts better by chance explains less
         better = better and _error(*after, problem.replay.runs) <= _error(*before, problem.replay.runs)
     if one_for_two:
         better = better and not second.screened.screening.exceeding

@@ -74,10 +74,10 @@ DELAY: Final = "delay"
 
 @dataclass(frozen=True, slots=True)
 class Conclusions:
-    """What a summary says beside its finding.
+    """What a summary says together with its finding.
 
     ``accepted`` holds all accepted effects, also those that are candidates only since nothing is named; ``also`` is
-    what may be there beside them.
+    what may be there together with them.
     """
 
     accepted: Sequence[Cause]

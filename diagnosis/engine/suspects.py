@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-*Unresolved* says that no cause passes every test, not that nothing is known. Whoever stands at the rig asks where to
+*Unresolved* says that no cause passes every test, not that nothing is known. Anyone who stands at the rig asks where to
 look first, and the answer is what would have been named but for one test: causes that left because they may be owed to
 the form of the model, what explains the data nearly as well in their place, and causes that leave most of the error.
 Where nothing had entered at all, these are the trials that BIC prefers to the model without them.

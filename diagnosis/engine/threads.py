@@ -21,7 +21,7 @@ Arguments = ParamSpec("Arguments")
 def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
     """Return a function during which numpy multiplies on one core.
 
-    Threads of the linear algebra wait for each other beside those here: a diagnosis takes several times as long.
+    Threads of the linear algebra wait for each other together with those here: a diagnosis takes several times as long.
     """
 
     @wraps(function)

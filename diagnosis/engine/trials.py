@@ -11,7 +11,7 @@ A fit starts at the amplitude that the score estimates, with the base parameters
 forward step share the noise and the columns of the base parameters, which makes them cheap, and comparable by BIC.
 
 Trials are judged in the order of their BIC. Predicting the select runs costs as much as a fit, so only a trial that has
-passed all other gates, and that no better one has already passed before, is asked for it.
+passed all other gates, and that no better one has already passed before, is requested it.
 """
 
 from __future__ import annotations

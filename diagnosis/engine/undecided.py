@@ -4,15 +4,15 @@ Theory of operation
 -------------------
 BIC compares causes in units of the noise. Where a model leaves many times that, each of its errors is worth a gap of
 thousands, and the largest gap goes to whatever takes up most of them. What counts then is what runs say that nothing
-was fitted to. A rival that passed for physical in the place of a cause, and predicts them as well, is one still. That
+was fitted to. A rival that passed for physical instead of a cause, and predicts them as well, is one still. That
 is asked of all channels together, and of those alone in which the cause acts: where nearly all of the error is in
-others, the sum hardly changes with the cause, and so with any rival. A clock that falls behind was said so beside a
-delay, which the pressures told from it, for the error was in the forces.
+others, the sum hardly changes with the cause, and so with any rival. A clock that falls behind was said so together
+with a delay, which the pressures told from it, for the error was in the forces.
 
 So is a relative that is in the model already. Friction that turns over between two samples and a force that lags are
-one corner of a loop, rounded: with a lag beside it, the friction has no presliding that the samples would resolve, and
-without it one that does the same. Where one of two confusers has such a number (`intervals.py`), and the other gains
-nothing on unseen runs, the model without that other one is its rival.
+one corner of a loop, rounded: with a lag together with it, the friction has no presliding that the samples would
+resolve, and without it one that does the same. Where one of two confusers has such a number (`intervals.py`), and the
+other gains nothing on unseen runs, the model without that other one is its rival.
 """
 
 from __future__ import annotations

@@ -3,14 +3,14 @@
 Theory of operation
 -------------------
 Whatever the catalogue lacks is still a force, a flow or a heat that depends on states: a smooth surface over two of
-them, a sum of basis functions, stands for all of it. It is tested like a candidate, by the scores of its coefficients
+them, a sum of basis functions, represents all of it. It is tested like a candidate, by the scores of its coefficients
 together (`omnibus.py`). The whole surface sees everything and nothing well. Most of what has no name depends on one
 state alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested
 alone as well, and the clearest view counts, its p-value multiplied by the number of views.
 
 What is seen is fitted inside the model, its prior spread as the ridge. The named causes keep their numbers: the
 surface is what they leave, and must not eat them. It is kept where, as fitted, it predicts the select runs better. It
-is told as a surface, with the range that the runs visited and with what it resembles, and never as a cause
+is reported as a surface, with the range that the runs visited and with what it resembles, and never as a cause
 (`explain`).
 """
 
@@ -113,7 +113,7 @@ def _effects_fixed(model: FittedModel, start: Point) -> Prior:
 
 
 def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Nearest]:
-    """The named effects whose footprint is most like that of the surface, by the cosine after projection."""
+    """The named effects whose footprint is most similar to that of the surface, by the cosine after projection."""
     best: dict[str, float] = {}
     for candidate, cosine in zip(screening.candidates, np.abs(test.cosines), strict=True):
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), float(cosine))

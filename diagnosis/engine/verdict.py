@@ -1,17 +1,17 @@
-"""Step 8, the verdict: which of six things may be said, with the surfaces of step 7 beside the named causes.
+"""Step 8, the verdict: which of six things may be said, with the surfaces of step 7 together with the named causes.
 
 Theory of operation
 -------------------
-The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
+The search has named what it could. The simulator's surfaces now represent everything that the catalogue lacks: the
 noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
 select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest surface
 makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, those whose interval
 holds 0, and those that may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What
 is owed to the form helps little on runs that it was not fitted to: a cause that takes most of the error from the select
 runs, as fitted, is none of that, however rough its own equation. What remains passes all gates again (`backward.py`),
-and the test is made anew without them. Then the surface is fitted; but where a cause left that may be owed to the form,
-and no surface showed beside it, none is told that shows in its absence. What a known cause explains as well is not
-without a name.
+and the test is made again without them. Then the surface is fitted; but where a cause left that may be owed to the
+form, and no surface showed together with it, none is told that shows in its absence. What a known cause explains as
+well is not without a name.
 
 The verdict follows from what remains, and none is forced:
 

@@ -67,7 +67,7 @@ def cause(
 def laws(
     found: SearchResult, effects: Mapping[str, Hypothesis], instead_of: str, trials: Sequence[Trial]
 ) -> list[Rival]:
-    """Return laws of one phenomenon as the finding has them, from their fits in the place of a cause."""
+    """Return laws of one phenomenon as the finding has them, from their fits instead of a cause."""
     return [
         Rival(
             effect=trial.effect,

@@ -1,1 +1,1 @@
-"""A finding as a page that people read: pictures first, numbers beside them."""
+"""A finding as a page that people read: pictures first, numbers together with them."""

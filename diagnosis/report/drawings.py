@@ -105,7 +105,7 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
                 look["markerfacecolor"] = "white"
             axes.plot(max(value, least), place, "o", **look)
             label = f"{value:.3g}".replace("-", "\u2212")
-            # Beside the point, on the side where the threshold is not.
+            # Together with the point, on the side where the threshold is not.
             left = 2.0 * least < value < threshold
             axes.annotate(
                 label,
@@ -131,7 +131,7 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
     """All tests over all channels with their statistics, where they cannot be chance; a dot where one does not apply.
 
-    Chance itself would not tell them apart: in long runs it is 0 for whatever is wrong.
+    Chance itself would not distinguish them : in long runs it is 0 for whatever is wrong.
     """
     tests = list(dict.fromkeys(row.title for row in rows if row.test != "parity"))
     channels = list(dict.fromkeys(row.channel for row in rows if row.test != "parity"))
@@ -296,7 +296,7 @@ def _even(axis: Axis, places: Array, ticks: int) -> Array:
 
 
 def _tick_labels(numbers: Array) -> list[str]:
-    """Numbers with the digits that their range is worth: what is next to nothing beside it is 0."""
+    """Numbers with the digits that their range is worth: what is next to nothing together with it is 0."""
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML page that stands alone, made from the finding and its history."""
+"""The report of a diagnosis: one self-contained HTML page, made from the finding and its history."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
 
-#: The page is for reading; whoever wants more has finding.json.
+#: The page is for reading; anyone who wants more has finding.json.
 TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
 TONES: Final = {
     Verdict.NO_EFFECT: "calm",
@@ -160,7 +160,7 @@ def _residual(finding: Finding) -> dict[str, Any]:
 
 
 def _what_is_possible(finding: Finding) -> dict[str, Any]:
-    """What these runs can tell apart, which runs would decide, and how the base parameters moved."""
+    """What these runs can distinguish , which runs would decide, and how the base parameters moved."""
     shifts = _shift_rows(finding.shifts)
     confusability = finding.confusability
     moved = [(_label(shift), shift.sigmas or 0.0) for shift in shifts]

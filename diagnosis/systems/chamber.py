@@ -88,7 +88,7 @@ class Chamber:
 
 
 def _leaks(effects: Effects) -> Array:
-    """Return the numbers of the leak laws in the order of `_flow`; what is absent is 0."""
+    """Return the numbers of the leak laws in the order of `_flow`; what is missing is 0."""
     orifice = effects.get("leak_orifice", {})
     opening = effects.get("leak_opening", {})
     porous = effects.get("leak_inertial", {})

@@ -8,10 +8,10 @@ A reading that is held is late by the time since its last refresh, a (t mod T). 
 
 so the product of error and dp/dt has a line at 1/T, in the phase of the clock. Over the minutes of a record that line
 is a needle: periods that differ by a ten-thousandth are out of step at its end, and no grid of periods meets one. So
-the data are asked for it. Beside the line, the spectrum has what the errors of a model put there, which changes slowly
-with the frequency: a line counts where it stands far above its surroundings. It has lines too, where something moves
-steadily for long; those are in |dp/dt| as well, and where the clearest is one of them nothing is told. Around a line
-that counts, T is where −dp/dt s takes most of the square of the errors.
+the data are requested it. Together with the line, the spectrum has what the errors of a model put there, which changes
+slowly with the frequency: a line counts where it stands far above its surroundings. It has lines too, where something
+moves steadily for long; those are in |dp/dt| as well, and where the clearest is one of them nothing is reported. Around
+a line that counts, T is where −dp/dt s takes most of the square of the errors.
 """
 
 from collections.abc import Iterator, Sequence

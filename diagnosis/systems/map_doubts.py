@@ -11,12 +11,12 @@ Four things betray it, none of which needs a fit:
   gives work, cycle after cycle.
 * *Another reading fits far better.* The base model at its nominal values, whatever it lacks, predicts where an output
   lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
-  What takes three quarters of the power out of the error of an output is told; of its course alone, without its mean,
-  where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs most
-  is told, and the search goes on with it; no column is told twice. The sign of an input that stands still is not
+  What takes three quarters of the power out of the error of an output is reported; of its course alone, without its
+  mean, where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs
+  most is reported, and the search goes on with it; no column is told twice. The sign of an input that is at rest is not
   asked for: turned round, it is another zero.
 
-A doubt is no verdict: it is told with the finding, which comes nevertheless.
+A doubt is no verdict: it is reported with the finding, which comes nevertheless.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _CHANCE: Final = 1e-3
 _ALIKE: Final = 0.2
 #: So many mistakes are looked for one after the other.
 _MISTAKES: Final = 3
-#: Quantities whose sign is a convention of whoever mounted the sensor.
+#: Quantities whose sign is a convention of anyone who mounted the sensor.
 _SIGNED: Final = ("N", "m", "rad", "m/s2")
 
 #: (columns by signal, names of records) -> the runs of these records, as the columns read them.
@@ -205,7 +205,7 @@ def _loops(force: Array, way: Array) -> list[float]:
 def _surely_negative(works: Sequence[float]) -> bool:
     """Return whether chance hardly makes so many negative works: of either sign alike, or all of a size.
 
-    The noise of a column that stands still makes loops, too, each of either sign.
+    The noise of a column that is at rest makes loops, too, each of either sign.
     """
     values, count = np.array(works), len(works)
     negative = int(np.sum(values < 0.0))

@@ -94,7 +94,7 @@ class FileRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FrameKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[frames]``: how logs of CAN frames are meant; their columns are called ``MESSAGE.SIGNAL``."""
 
-    dbc: str | None = None  #: beside the map; without it the messages are those of this bench
+    dbc: str | None = None  #: next to the map; without it the messages are those of this bench
     charset: str | None = None
     channel: str | None = None
     stamps: Literal["absolute", "delta"] | None = None
@@ -105,8 +105,8 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
     system: str | None = None
     simulator: str | None = None  #: of the user's own, "package.module:factory", which may lie beside the map
-    parameters: str = "astb"  #: set of the air springs: a name, or a file beside the map
-    dimensions: str = ""  #: of the rig that was measured on: a name, or a file beside the map
+    parameters: str = "astb"  #: set of the air springs: a name, or a file next to the map
+    dimensions: str = ""  #: of the rig that was measured on: a name, or a file next to the map
     change: dict[str, Any] = {}  #: what is different in this set, as in a model file
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
@@ -115,7 +115,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     settings: dict[str, str] = {}
     file_settings: list[FileRule] = []
     runs: Runs = Runs()
-    fmu: FmuKeys | None = None  #: what of an FMU is believed, where the simulator is one
+    fmu: FmuKeys | None = None  #: what of an FMU is assumed, where the simulator is one
 
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:

@@ -374,7 +374,7 @@ def _clock(
         raise DiagnosisError(f"{path}: {rows} rows are too few")
     for one in table.values():
         _refuse_standing(path, one)
-    # Every column has a rhythm of its own, as the channels of an MDF file have, or a table with empty cells.
+    # Every column has its own rhythm, as the channels of an MDF file have, or a table with empty cells.
     usual = {name: float(np.median(np.diff(times))) for name, times in known.items() if len(times) > 1}
     finest = min((one for name, one in usual.items() if name not in held), default=0.0)
     step = finest if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")

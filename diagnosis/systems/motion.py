@@ -77,7 +77,7 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
 
     ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
     With ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is taken out of the shear and
-    told beside it.
+    told together with it.
     """
     par = parameters.record
 

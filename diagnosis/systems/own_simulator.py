@@ -16,7 +16,7 @@ from diagnosis.systems.system import System, SystemSignal
 
 @runtime_checkable
 class DrivenSimulator(Simulator, Protocol):
-    """A simulator that says what drives it: the names of its inputs with their SI units."""
+    """A simulator that states what drives it: the names of its inputs with their SI units."""
 
     @property
     def inputs(self) -> Mapping[str, str]: ...
@@ -32,7 +32,7 @@ def load_system(name: str, folder: Path) -> System:
 
     The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``, whose
     pressures are taken as gauge pressures and whose settings are its own. Inputs that its ``held`` names, if it has
-    one, keep their values between samples. DiagnosisError says what is not there.
+    one, keep their values between samples. DiagnosisError states what is not there.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:

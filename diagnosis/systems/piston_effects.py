@@ -1,4 +1,4 @@
-"""What a pneumatic actuator can have beside F = p·A: friction of its seal, an uneven bore, lags, its drive.
+"""What a pneumatic actuator can have together with F = p·A: friction of its seal, an uneven bore, lags, its drive.
 
 x is the displacement that compresses the gas, v its speed, p the gauge pressure, F the force that holds the piston.
 α, between −1 and 1, is the normalised friction state of Berg: it has the sign of the motion, and after a reversal it
@@ -45,7 +45,7 @@ def friction_state(x: Array, x_2: float) -> Array:
     return alpha
 
 
-#: Gauge pressure at which the friction of a seal is told: the middle of what an actuator sees.
+#: Gauge pressure at which the friction of a seal is reported: the middle of what an actuator sees.
 REFERENCE_PRESSURE: Final = 4e5
 #: Presliding of friction that is said to have none: far below what a sampled motion can show.
 SHARP: Final = 1e-6
@@ -80,7 +80,7 @@ def _share() -> Parameter:
 
 
 def _lag() -> Parameter:
-    # A logger reads one channel after the other: within a step of its clock nothing says which came first.
+    # A logger reads one channel after the other: within a step of its clock nothing states which came first.
     return Parameter(
         "lag", "s", 0.0, 0.05, low=0.0, high=0.5, step=2e-4, display="ms", scale=1e-3, along="time"
     )

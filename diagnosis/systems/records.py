@@ -62,7 +62,7 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
 def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator: AirSpring) -> Dataset:
     """Return every run in ``records`` of these directories, in SI on the grid of their samples; all of role ``fit``.
 
-    What other plans shook, such as `aw0`, stands beside them.
+    What other plans shook, such as `aw0`, is next to them.
     Raises DiagnosisError where a record holds nothing to be replayed.
     """
     digest = hashlib.sha256()
@@ -110,10 +110,10 @@ def run_between(
     counts_from: float | None = None,
     gas: Mapping[str, float] | None = None,
 ) -> tuple[tuple[Channel, ...], MeasuredRun]:
-    """Return what a record holds between two times (s) as a run of its own, and its channels as they were read.
+    """Return what a record holds between two times (s) as its own run, and its channels as they were read.
 
-    Nobody needs to have named it, and what conditions the springs counts like the rest of it. It begins at rest, unless
-    somebody knows the ``gas`` there (readings by signal, SI); ``counts_from`` s on its readings count.
+    No one needs to have named it, and what conditions the springs counts like the rest of it. It begins at rest, unless
+    a user knows the ``gas`` there (readings by signal, SI); ``counts_from`` s on its readings count.
     DiagnosisError where it cannot be replayed.
     """
     channels = _as_read(simulator.channels, [record])
@@ -154,7 +154,7 @@ def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[Mea
 def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Channel, ...]:
     """Return the channels with the resolution that their readings show, where that is coarse and the data sheet finer.
 
-    A converter of fewer bits than was believed does not say so, but no two readings are nearer together than its step.
+    A converter of fewer bits than was assumed does not say so, but no two readings are nearer together than its step.
     """
     found = []
     for channel in channels:
@@ -271,9 +271,9 @@ def _without_frame_dampers(
 def _lateral_acceleration_is_unknown(
     record: Record, grid: Array, inputs: Mapping[str, Array], par: Any
 ) -> NDArray[np.bool_] | None:
-    """Return where (n,) the accelerometer does not tell how the bolster is accelerated; None where it never does.
+    """Return where (n,) the accelerometer does not show how the bolster is accelerated; None where it never does.
 
-    In its gaps nobody tells. One that shows nothing but noise may be dead, while the bolster moves.
+    In its gaps no one tells. One that shows nothing but noise may be dead, while the bolster moves.
     """
     name = "lateral.acceleration"
     if name not in inputs:
@@ -366,7 +366,7 @@ class SettingsOfRecord:
         return np.array([float(value == word) for value in self._over(name, grid, default)])
 
     def valves(self, grid: Array) -> dict[str, Array]:
-        """Return the inputs of `AirSpring` that tell which valves were open."""
+        """Return the inputs of `AirSpring` that show which valves were open."""
         return {
             **{f"{side}.leveling": self.where(f"air.{side}_mode", "level", grid) for side in SIDES},
             **{f"{side}.reservoir": self.where(f"air.{side}_reservoir", "on", grid, "on") for side in SIDES},
@@ -374,7 +374,7 @@ class SettingsOfRecord:
         }
 
     def preload(self, times: Array) -> Array:
-        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if nobody says.
+        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if no one says.
 
         Before that is first said it is what is said then.
         """

@@ -119,7 +119,7 @@ class TensorSplines:
         return np.sum((rows @ self._grid(coefficients)) * columns, axis=1)
 
     def table(self, coefficients: Mapping[str, float] | None) -> SplineTable:
-        """Return the surface as `spline_value` takes it; None: it is absent."""
+        """Return the surface as `spline_value` takes it; None: it is missing."""
         grid = np.zeros((0, len(self.second.knots) + 1)) if coefficients is None else self._grid(coefficients)
         (x, to_x), (y, to_y) = self.first.knots[:2], self.second.knots[:2]
         return SplineTable(float(x), float(to_x - x), float(y), float(to_y - y), grid)

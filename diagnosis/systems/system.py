@@ -27,7 +27,7 @@ class SystemSignal:
     unit: str  #: SI
     title: str
     required: bool = True
-    gauge: bool = False  #: of a pressure: what the system wants; a map says what the file holds
+    gauge: bool = False  #: of a pressure: what the system wants; a map states what the file holds
     display: str = ""  #: unit that people read, with ``scale`` SI per unit
     scale: float = 1.0
     relative: bool = False  #: a difference: the zero of a unit does not count, 1 degC is 1 K
@@ -85,7 +85,7 @@ class System:
     sized: Callable[[Simulator, Sequence[MeasuredRun]], Simulator] = lambda simulator, runs: simulator
     #: the same arguments -> sentences on what of the simulation itself cannot be right
     doubts: Callable[[Simulator, Sequence[MeasuredRun]], Iterator[str]] = lambda simulator, runs: iter(())
-    #: Files that it is made of, beside its code: a finding holds for these.
+    #: Files that it is made of, together with its code: a finding holds for these.
     sources: tuple[Path, ...] = ()
     #: The units that a map may name.
     units: Mapping[str, Unit] = field(default_factory=lambda: UNITS)

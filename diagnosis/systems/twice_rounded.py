@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Noise moves a reading about between the steps of one rounding, and their mean is right to a millionth where the noise is
-as large as the steps. Two roundings beat. Of steps of 25 N over a converter of 8 N, one code in eight stands for four
+as large as the steps. Two roundings beat. Of steps of 25 N over a converter of 8 N, one code in eight represents four
 numbers of the converter and the others for three: the mean is up to 2.5 N wrong, the same as long as the force stays
 within some 50 N of where it is. In a rest of eight seconds that is five times what the noise leaves.
 
@@ -11,7 +11,7 @@ So each code gets the number for which the mean is right at every force: with P(
 F, and b(F), what the mean of the codes is wrong by, Σ_k P(k|F) c_k = b(F) is solved for the corrections c. Codes repeat
 where both grids meet.
 
-The converter's step comes from a data sheet. The readings may say that it is another: the codes that stand for more
+The converter's step comes from a data sheet. The readings may say that it is another: the codes that represent more
 numbers are met more often where the signal moves (the histogram test of a converter, IEEE 1241).
 """
 
@@ -30,11 +30,11 @@ _CODES: Final = 32
 _MOVED: Final = 0.5
 #: A signal moves where it goes by so many times its noise within so many samples.
 _WAY, _WITHIN = 6.0, 40
-#: Readings speak against it where they are e to so many times likelier with all codes alike.
+#: Readings contradict it where they are e to so many times likelier with all codes alike.
 _AGAINST: Final = 5.0
 #: Corrections below this part of the noise are none.
 _LEAST: Final = 1e-3
-#: Corrections that the noise leaves less than this part of are not told by a mean.
+#: Corrections that the noise leaves less than this part of are not determined by a mean.
 _SEEN: Final = 0.02
 #: Signals for each code, and standard deviations of the noise around each, that are looked at.
 _SIGNALS, _REACH = 8, 6.0
@@ -63,7 +63,7 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
     """Return how a signal with these readings (n,) of equal intervals was rounded twice; None if it was not.
 
     ``converter`` is the finer step, ``noise`` the standard deviation before both. None as well where the noise is too
-    small for the mean to tell anything, and where the readings speak against it.
+    small for the mean to tell anything, and where the readings contradict it.
     """
     readings = readings[np.isfinite(readings)]
     wire = rounded_to(readings)
@@ -82,7 +82,7 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
 def _codes(converter: float, wire: float) -> int:
     """After how many codes both grids meet; 1 where one is in the other, and where they do not meet soon.
 
-    Also where numbers of the converter lie half-way between two codes: which of them they get nobody knows.
+    Also where numbers of the converter lie half-way between two codes: which of them they get no one knows.
     """
     if not 0.0 < converter < wire:
         return 1

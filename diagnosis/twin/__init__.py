@@ -1,1 +1,1 @@
-"""The twin: the model runs beside a run, and says while it goes on that they part, where, and since when."""
+"""The twin: the model runs together with a run, and says while it goes on that they deviate, where, and since when."""

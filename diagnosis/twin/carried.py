@@ -41,7 +41,7 @@ class GasOf:
     ) -> Carried:
         """Return the gas at a turning point of the pressures not later than ``before`` s of a run that was judged.
 
-        ``belief`` is what is believed of the ``parameters`` by then.
+        ``belief`` is what is assumed of the ``parameters`` by then.
         """
         known = {one.name for one in self._simulator.nuisances}
         believed = {

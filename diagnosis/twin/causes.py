@@ -48,9 +48,9 @@ _FINELY: Final = 3
 _FIRSTS: Final = 2
 #: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
 _SIZES: Final = (1.0, 5.0)
-#: A cause that began so many s after the start of a stretch is told from one that was there before.
+#: A cause that began so many s after the start of a stretch is distinguished from one that was there before.
 _LATE: Final = BLOCK
-#: Causes that explain as much as the best but for so much of χ² are told beside it.
+#: Causes that explain as much as the best but for so much of χ² are told together with it.
 _ALIKE: Final = 9.0
 
 

@@ -71,7 +71,7 @@ def is_the_same(before: Deviation, now: Deviation) -> bool:
 def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tuple[Deviation, ...]:
     """Return the partings of earlier stretches, and what a later one adds to the last of them or to all.
 
-    As long as nobody has looked for its causes it is taken to be the last one, if that lasts.
+    As long as no one has looked for its causes it is taken to be the last one, if that lasts.
     """
     last = all_deviations[-1] if all_deviations else None
     if found is None:
@@ -158,7 +158,7 @@ def _width(deviation: Deviation, names: frozenset[str]) -> float:
 def described(
     deviation: Deviation, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE
 ) -> Deviation:
-    """Return a parting with its summary and its sentence; ``catalogue`` says what to inspect for its causes."""
+    """Return a parting with its summary and its sentence; ``catalogue`` states what to inspect for its causes."""
     off, scale = deviation.measured - deviation.expected, channel.scale
     unit = channel.display or channel.unit
     places = decimals(-deviation.band / scale, deviation.band / scale)

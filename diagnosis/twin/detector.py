@@ -28,7 +28,7 @@ from diagnosis.contracts import Array
 BETWEEN: Final = 100 * 3600.0
 #: What a block adds to log M of one alternative at most.
 MOST: Final = 4.0
-#: Errors of the model's form last. One of a standard deviation of what was allowed for speaks for none of these.
+#: Errors of the model's form last. One of a standard deviation of what was allowed for supports none of these.
 _MEANS: Final = (-4.0, -2.0, 2.0, 4.0)
 _VARIANCES: Final = (2.0, 8.0)
 #: χ² by which two levels must fit better than one.
@@ -51,7 +51,7 @@ class Detector:
         self._threshold = np.log(BETWEEN / block)
 
     def copy(self) -> Detector:
-        """Return another one with the same evidence: a stretch that grows is judged anew from its start."""
+        """Return another one with the same evidence: a stretch that grows is judged again from its start."""
         other = object.__new__(Detector)
         other._evidence, other._threshold = self._evidence.copy(), self._threshold
         return other

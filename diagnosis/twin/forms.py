@@ -39,7 +39,7 @@ _GROWS: Final = 40
 
 
 class DeviatingStretch(NamedTuple):
-    """A stretch that parted: what was read and is believed, and what causes do to it."""
+    """A stretch that parted: what was read and is assumed, and what causes do to it."""
 
     columns: Columns
     belief: Belief
@@ -54,7 +54,7 @@ class DeviatingStretch(NamedTuple):
         return self.alarm_with(added) is None
 
     def alarm_with(self, added: Array) -> Alarm | None:
-        """Return where the rig parts from the twin to which causes add so much (n, c); None if it does not."""
+        """Return where the rig deviates from the twin to which causes add so much (n, c); None if it does not."""
         explained = self.columns._replace(simulated=self.columns.simulated + added)
         white = judge(explained, self.belief, rough(self.columns)).white
         return Detector(white.shape[1], BLOCK).look(white)
@@ -79,7 +79,7 @@ class Suspect(NamedTuple):
     since_low: float  #: interval of that (k = 2)
     since_high: float
     left: float  #: χ² that it leaves
-    explains: bool  #: whether the twin with it goes along with the rig
+    explains: bool  #: whether the twin with it agrees with the rig
     form: Form = Form.AT_ONCE
     #: s of the stretch at which it has grown to its size, or is gone; None: not yet.
     until: float | None = None

@@ -1,8 +1,8 @@
 """What explains a stretch as it grows: replays of its growth, each from where the one before was off.
 
 The sum of steps (`forms.growing`) says about when something grew, and to which size. A replay in which it
-does that says what it is really like, also where nothing is linear in its size any more. What the replay does more than
-the steps is added to these, for all growths near it, and they say better where the next replay is to grow.
+does that states what it is really like, also where nothing is linear in its size any more. What the replay does more
+than the steps is added to these, for all growths near it, and they say better where the next replay is to grow.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Growth:
         self._tried: set[str] = set()
 
     def explains(self, one: Growing) -> Work[Suspect | None]:
-        """Return a cause as it grew, if the stretch goes along with that."""
+        """Return a cause as it grew, if the stretch agrees with that."""
         cause, shapes, forms, shaped = one
         self._tried.add(cause.name)
         secant, size = Secant(), shaped.fit.size

@@ -2,13 +2,13 @@
 
 Theory of operation
 -------------------
-The model has p parameters θ that nobody knows exactly: tolerances of the springs, zeros of the sensors, the gas where a
+The model has p parameters θ that no one knows exactly: tolerances of the springs, zeros of the sensors, the gas where a
 stretch begins. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is learnt as
 the run goes on, by least squares from what has come so far (a Kalman filter for constants; R. E. Kalman, 1960):
 
     e_k = r_k − H_k θ̂_{k−1},   S_k = R_k + H_k P_{k−1} H_kᵀ,   P_k⁻¹ = P_{k−1}⁻¹ + H_kᵀ R_k⁻¹ H_k
 
-The innovation e_k of a block is what no earlier block foretold. As long as the model holds, S_k^{−1/2} e_k are
+The innovation e_k of a block is what no earlier block predicted. As long as the model holds, S_k^{−1/2} e_k are
 independent standard normal numbers, from block to block. What parts a rig from its model shows there, and only what no
 tolerance explains.
 
@@ -71,7 +71,7 @@ _FIRST: Final = 1.0
 
 
 class Belief(NamedTuple):
-    """What is believed of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
+    """What is assumed of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
 
     mean: Array
     covariance: Array
@@ -210,7 +210,7 @@ def _from_one_to_the_next(values: Array) -> float:
 
 
 def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
-    """Return what friction does on a way ``place`` (n,), in shares of its limit, that it does not as it starts anew.
+    """Return what friction does on a way ``place`` (n,), in shares of its limit, that it does not as it starts again.
 
     By −(u₀ − 1) x₂/(x₂ + x), by ∓(D/x₂ − 1) x₂ x/(x₂ + x)² where the way first goes up or down, and by all once it has
     turned.
@@ -286,8 +286,8 @@ def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:
 
 
 def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
-    """Yield it with a shear that was told with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`), and with an
-    accelerometer whose gain is.
+    """Yield it with a shear that was reported with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`), and with
+    an accelerometer whose gain is.
     """
     inputs = experiment.inputs
     left, right = inputs["left.height"], inputs["right.height"]
@@ -321,7 +321,7 @@ def rough(columns: Columns) -> Array:
 
 
 def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovations:
-    """Return the blocks of a stretch one after the other, each by what was believed before it.
+    """Return the blocks of a stretch one after the other, each by what was assumed before it.
 
     ``off`` (n, c) is what the model may be off by, else that of `rough`.
     """

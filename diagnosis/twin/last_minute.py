@@ -1,4 +1,4 @@
-"""What was read beside what the model expects, over the last minute: what people look at while a run goes on."""
+"""What was read together with what the model expects, over the last minute: what people look at while a run goes on."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -93,7 +93,7 @@ class Pairs:
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
-        """Return what explains most beside the first cause, one point of each cause."""
+        """Return what explains most together with the first cause, one point of each cause."""
         ranked: list[tuple[float, Acting]] = []
         sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._stretch.points]
         for at in {onset, first.onset}:

@@ -1,6 +1,6 @@
 """Work in slices: a search for causes takes long, and looks at the rig do not wait for it.
 
-Whoever works yields wherever it may be interrupted, at least every few tenths of a second.
+Anyone who works yields wherever it may be interrupted, at least every few tenths of a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Work: TypeAlias = Generator[None, None, Found]
 
 
 class Sliced(Generic[Found]):
-    """Work that goes on where it was interrupted; ``used`` tells how many s of a processor were used by now."""
+    """Work that goes on where it was interrupted; ``used`` shows how many s of a processor were used by now."""
 
     def __init__(self, work: Work[Found], used: Callable[[], float] = processor_time) -> None:
         self._work, self._used = work, used

@@ -35,7 +35,7 @@ LONG: Final = 60.0
 LONGEST: Final = 90.0
 #: That one is replayed from so many s before: by then dash-pots and friction have forgotten where they began.
 SETTLES: Final = 5.0
-#: While a thermometer of the gas goes up or down faster than this (K/s), walls are warm that nobody knows of.
+#: While a thermometer of the gas goes up or down faster than this (K/s), walls are warm that no one knows of.
 _WARMING: Final = 2.0
 _NEAR: Final = 2.0
 #: A motion that was not received for more than so many steps on both sides is not bridged.
@@ -234,7 +234,7 @@ def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
         mean = _mean(record, name, grid)
         if mean is not None and len(mean) > reach:
             going[:-reach] |= np.abs(mean[reach:] - mean[:-reach]) > _WARMING * REST
-    return _nearby(going, round(_NEAR / STEP))  # a temperature that turns stands still for a moment
+    return _nearby(going, round(_NEAR / STEP))  # a temperature that turns is at rest for a moment
 
 
 def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:

@@ -51,11 +51,11 @@ from diagnosis.twin.stretches import (
 _WAITS: Final = 0.5
 #: A stretch that parted is looked at again for its cause when what came since is so many times as long.
 _AGAIN: Final = 1.6
-#: Where two causes may act, the first one is looked for in what came until so many s after it was told.
+#: Where two causes may act, the first one is looked for in what came until so many s after it was reported.
 _SOON: Final = 2.0
 #: What is left of a cause that is over: less than so much of its size (k = 2).
 _GONE: Final = 0.5
-#: A parting that nothing explained is over after so many times the time that it took to be told, and so many s.
+#: A parting that nothing explained is over after so many times the time that it took to be reported, and so many s.
 _AS_LONG: Final = 2.0
 _LONG: Final = 20.0
 #: A stretch is replayed from that one on which it goes on from: so many s before it begins, at most.
@@ -63,7 +63,7 @@ _BACK: Final = 300.0
 
 
 class Seen(NamedTuple):
-    """A stretch as it is judged: what was measured, and what is believed where its replay starts."""
+    """A stretch as it is judged: what was measured, and what is assumed where its replay starts."""
 
     start: float  #: s, of the replay
     gas: dict[str, float] | None  #: settings that tell it there, if it does not rest
@@ -83,7 +83,7 @@ class _Search(NamedTuple):
 
 
 class Twin:
-    """The model with ``parameters`` beside the run of a ``record``, which may be growing; ``model`` is its name.
+    """The model with ``parameters`` together with the run of a ``record``, which may be growing; ``model`` is its name.
 
     DiagnosisError for a rig without a sensor that the model could be held against.
     """
@@ -102,7 +102,7 @@ class Twin:
         self._detector = Detector(len(self._simulator.channels), BLOCK)
         self._noise: Array | None = None  # of sensors, from the first stretch that goes along
         self._gas = GasOf(parameters)
-        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and what is believed after it
+        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and what is assumed after it
         self._carried: Carried | None = None  # of it into the present one
         self._closed: list[Judged] = []
         self._deviations: tuple[Deviation, ...] = ()
@@ -264,7 +264,7 @@ class Twin:
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
-        """Say where rig and model part in a ``stretch`` that was ``seen`` until ``end`` s, and why perhaps."""
+        """Say where rig and model deviate in a ``stretch`` that was ``seen`` until ``end`` s, and why perhaps."""
         start, since, c = seen.start, alarm.since * BLOCK, alarm.channel
         before = self._open
         deviation = Deviation(
@@ -302,7 +302,7 @@ class Twin:
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
         def known() -> Work[Sequence[Suspect]]:
-            """What explains the stretch as it was soon after it was told, if nobody looked then."""
+            """What explains the stretch as it was soon after it was reported, if no one looked then."""
             until = deviation.detected + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
                 return before

@@ -14,7 +14,7 @@ _BATCH: Final = 4096
 
 
 class CanLogError(Exception):
-    """A file of CAN frames that cannot be read or written; the text names it and says why."""
+    """A file of CAN frames that cannot be read or written; the text names it and states why."""
 
 
 class Kind(NamedTuple):

@@ -1,4 +1,4 @@
-"""An event loop in a thread of its own, for transports on libraries that have nothing else."""
+"""An event loop in its own thread, for transports on libraries that have nothing else."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class Player:
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
         """Move the program on to ``time`` (ns); return what to add to the set-points (SI) by table row.
 
-        A bench that is not ACTIVE any more has no program: its set-points are taken over anew before the next.
+        A bench that is not ACTIVE any more has no program: its set-points are taken over again before the next.
         """
         with self._lock:
             time = self._played(time)

@@ -76,10 +76,10 @@ BEFORE: Final = 2 * s
 #: The track lasts so long at least, and its first cycles swing in.
 TRACK_LASTS: Final = 10 * s
 LEAD: Final = 1.5 * s
-#: Of the first harmonic of a wind that is not steady: so many pieces tell how much it scatters.
+#: Of the first harmonic of a wind that is not steady: so many pieces show how much it scatters.
 PIECES: Final = 4
 SCATTER: Final = "wind of other frequencies"
-#: Nobody states how late the platform's transducer is; as late as that of the lateral actuator, but for so much.
+#: No one states how late the platform's transducer is; as late as that of the lateral actuator, but for so much.
 LATE: Final = "lag of the platform's transducer"
 LATE_BY: Final = 0.5 * ms
 #: The track's motion overcomes friction, and the roll by unequal preload grows by a part of it: how much, and how well
@@ -175,7 +175,7 @@ CAN_BLOW: Final = Precondition("the rig can make the wind and the track", _look_
 
 
 def _bench_holds(name: str) -> Precondition:
-    """The bolster stays clear of its bump stop under the wind, track and roll that are asked for."""
+    """The bolster stays clear of its bump stop under the wind, track and roll that are requested."""
 
     def look(run: Run) -> ConditionResult:
         load, asked = run.specimen.load(name), dict[str, Any](run.values)

@@ -190,7 +190,7 @@ def crosswind_gust(
 
     Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
     the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
-    time until the bolster stands still again, and of what remains after the wind. The file states roll and what remains
+    time until the bolster is at rest again, and of what remains after the wind. The file states roll and what remains
     for a gust of 10 m/s at 100 km/h: in a stronger or faster one they are not judged. The time to settle is stated for
     that speed, too; a slower train is longer in the gust, and may take as much longer.
     """

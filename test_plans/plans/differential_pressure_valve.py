@@ -28,7 +28,7 @@ CLOSES: Final = CheckName(
     "closes again, {higher} higher",
     "The difference at which the valve closes again: if it closes late, the car leans for longer than necessary.",
 )
-#: Slow beside the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
+#: Slow next to the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
 #: by 41 mbar.
 ROLL_RATE: Final = 2.5 * mm / s
 BACK_RATE: Final = 10 * mm / s

@@ -51,7 +51,7 @@ LOOK_OVER: Final = 10 * s
 PRELOAD_RATE: Final = 5 * kN / s
 STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
-#: A twin is asked every so many s whether rig and model part.
+#: A twin is asked every so many s whether rig and model deviate.
 ASKED_EVERY: Final = 20 * s
 NOBODY_WATCHES: Final = "no twin watches this run, so deviations are not detected, and the cycles continue"
 A_THOUSAND: Final = 1000.0
@@ -216,7 +216,7 @@ def endurance(
     of a per cent in 1000. A run that is stopped keeps and judges what it has seen.
 
     Where a twin watches the run (`astb run --watch`), the `parting` of rig and model *ends* the cycles: there is one
-    more look, and the run says since when they part, and why perhaps. Springs that break do so after that.
+    more look, and the run states since when they deviate, and why perhaps. Springs that break do so after that.
     """
     if parting == "ends" and not run.twin.watching:
         run.warn(NOBODY_WATCHES)
@@ -276,7 +276,7 @@ def _cycle(
 ) -> Deviation | None:
     """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
 
-    With ``ends`` they end where rig and model part: return what is said of that, or None if all were made.
+    With ``ends`` they end where rig and model deviate: return what is said of that, or None if all were made.
     """
     while count > 0:
         some = min(count, PROGRAM)
@@ -294,7 +294,7 @@ def _cycle(
 
 
 def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
-    """Wait until the cycles are done; with ``ends``, or until rig and model part: return what is said of it."""
+    """Wait until the cycles are done; with ``ends``, or until rig and model deviate: return what is said of it."""
     last = run.now + round(within * NS)
     while ends:
         if (deviation := run.twin.deviation) is not None:
@@ -311,7 +311,7 @@ def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
 def _look(
     run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
 ) -> steps.Weighing:
-    """Add to ``looks`` what is found now; return what tells the mass of air."""
+    """Add to ``looks`` what is found now; return what identifies the mass of air."""
     with run.phase(f"look after {looks.made} cycles"):
         run.bench.wait(REST)
         air = steps.weigh_the_air(run)

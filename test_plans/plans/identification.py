@@ -1,4 +1,4 @@
-"""Identification: the motions from which the parameters of unknown springs are told, under both loads."""
+"""Identification: the motions from which the parameters of unknown springs are reported, under both loads."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ STAIR: Final = "between two stairs"
 NOT_OPENED: Final = "the valve did not open by the last step"
 #: So many samples the mean height on a stair has at least.
 STAIR_SAMPLES: Final = 15
-#: Samples up to the target, half a second, from which it is told when it was reached.
+#: Samples up to the target, half a second, from which it is reported when it was reached.
 ON_THE_WAY: Final = 100
 STAIR_WAIT: Final = 2.5 * s
 STAIR_LOOK: Final = 1.5 * s

@@ -65,7 +65,7 @@ THERMOMETER_ZERO: Final = 0.1 * K
 ROOM: Final = 1.1
 READ_OVER: Final = 2 * s
 
-#: Up and down again: what friction and creep of a cell do shows as a branch beside the other.
+#: Up and down again: what friction and creep of a cell do shows as a branch next to the other.
 FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
 #: Of it on the right: sides that are plugged in crosswise show.
 RIGHT_SHARE: Final = 0.8
@@ -81,7 +81,7 @@ NONLINEAR: Final = Band(high=0.005)
 FRAME_WITHIN: Final = 0.10
 #: So much stiffer than any spring that a spring's stiffness is right within 1 %.
 BLOCK: Final = Band(low=200 * MN / m)
-#: Beyond this a way is too small to be told from none.
+#: Beyond this a way is too small to be distinguished from none.
 STIFFEST: Final = 10_000 * MN / m
 #: Blocks stand at design height, stops far below.
 AT_BLOCKS: Final = 10 * mm
@@ -230,7 +230,7 @@ def measuring_chain(
     must read it.
 
     The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
-    steel blocks that somebody has put in the springs' place. Their compression is too small to be measured:
+    steel blocks that a user has put in the springs' place. Their compression is too small to be measured:
     the stiffness that is read with them is that of the measuring chain.
 
     Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
@@ -290,7 +290,7 @@ def _zeros(
             ("platform.vertical", 1.0, PLATFORM_ZERO),
             ("platform.roll", rig[across(height)], PLATFORM_ROLL_ZERO),
         ):
-            if has(name):  # a platform that nobody reads stands still
+            if has(name):  # a platform that no one reads is at rest
                 sum_of[name] = share
                 tolerance += abs(share) * zero
         yield title, sum_of, 0.0, tolerance, "mm"

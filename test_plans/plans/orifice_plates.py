@@ -32,7 +32,7 @@ OF_PLATES: Final = ("bore of the plates", "mm")
 
 def leave_as_found(run: Run) -> None:
     """Make the bench safe, and let the plates be fitted that it was built with."""
-    steps.make_safe(run)  # if that fails nobody is asked to open a spring that may be under air
+    steps.make_safe(run)  # if that fails no one is asked to open a spring that may be under air
     _fit(run, PLATE)
 
 
@@ -52,7 +52,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     leveling valves and stand at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near
     the peak of damping of the ordinary plate.
 
-    Good is what the specimen's file says of each plate. A plate that nobody fits is not judged. The ordinary plates of
+    Good is what the specimen's file says of each plate. A plate that no one fits is not judged. The ordinary plates of
     13 mm are fitted at the end.
     """
     limits = run.specimen.load(load).limits

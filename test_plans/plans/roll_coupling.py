@@ -39,7 +39,7 @@ ROLLED: Final = CheckName(
     "lateral stiffness K', rolled over level",
     "How much lateral stiffness remains while the car leans: it must not become soft where it is needed most.",
 )
-#: What the roll stiffness needs beside the lateral ones.
+#: What the roll stiffness needs next to the lateral ones.
 ROLLING: Final = (
     *HEIGHTS,
     *VERTICAL_CELLS,
@@ -72,10 +72,10 @@ def roll_coupling(
     sine of 0.3 Hz, while it is free sideways: the moment in the load cells over the angle between the lasers. Then the
     springs stand 20 mm to the left, level, rolled half way and by the whole `roll`, to either side, and the lateral
     actuator moves them by 5 mm at 1 Hz. The difference of the mean force between the rolls is the coupling: it changes
-    sign with the roll, which friction and offsets do not. The first harmonic tells the lateral stiffness, rolled over
+    sign with the roll, which friction and offsets do not. The first harmonic reports the lateral stiffness, rolled over
     level.
 
-    Good is what the specimen's file says of each; the force of the coupling stands there over the roll.
+    Good is what the specimen's file says of each; the force of the coupling is there over the roll.
     """
     limits = run.specimen.load(load).limits
     stiffness = limits.band("roll_stiffness")

@@ -30,7 +30,7 @@ READ: Final = ("rig.state", *BELLOWS, *FORCES, *HEIGHTS)
 #: Between two set-points, and between two words of the rig's state.
 CYCLE: Final = 1 / COMMAND_RATE
 OF_A_CYCLE: Final = 0.5 * EVEN * CYCLE
-#: A cycle may have just gone, and the rig tells its state as often; what carries both takes its time.
+#: A cycle may have just gone, and the rig reports its state as often; what carries both takes its time.
 TELLING: Final = 2 * CYCLE + 10 * ms
 #: The rig's own watchdog for its settings, and its word for how long the safe position takes.
 SETTINGS_AFTER: Final = 1 * s
@@ -121,7 +121,7 @@ def safety(run: Run) -> None:
     emergency stop is pressed. The last two are the operator's, who is asked; a simulated rig does them by itself.
     At last the bench is switched off.
 
-    Good is what the bench promises, whatever specimen stands on it: it holds 100 ms after the last set-point and
+    Good is what the bench promises, whatever specimen is on it: it holds 100 ms after the last set-point and
     disables itself after 500 ms; it holds a second after the last message to the PLC; springs keep their air without a
     supply; the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without
     pressure and the actuators let go within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
@@ -167,7 +167,7 @@ class Course:
 
     def _last_large(self, name: str, values: Samples, limit: float) -> float:
         if not self._seen(name):
-            return self._watched  # nobody knows
+            return self._watched  # no one knows
         times = self._times[name]
         large = np.flatnonzero(~(np.abs(values) <= limit))
         after = large[-1] + 1 if large.size else 0
@@ -285,7 +285,7 @@ def _lose_the_supply(run: Run) -> None:
 
 @contextmanager
 def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
-    """Let a simulated rig undo what it was told, if the block ends before it was asked to: the rig runs on."""
+    """Let a simulated rig undo what it was reported, if the block ends before it was asked to: the rig runs on."""
     try:
         yield
     except BaseException:
@@ -305,7 +305,7 @@ def _press_the_stop(run: Run) -> None:
     bench, watched = run.bench, SAFE_AFTER + LONGER
     released = _undone(run, "Release the emergency stop", "estop off")
     with run.phase(name), bench.despite_faults(), released:
-        # Whoever presses says so some time afterwards, when the springs may be empty already.
+        # Anyone who presses says so some time afterwards, when the springs may be empty already.
         with bench.capture(*READ) as capture:
             if not run.confirm("Press the emergency stop", *names, deed="estop on"):
                 return

@@ -142,7 +142,7 @@ def stochastic_crosswind(
 
     Good is what the specimen's file says of the lateral displacement, its rms about its mean and what it exceeds in 1 %
     of the time, of the pressures, of the stiffness in both directions from cross spectra between 0.5 and 2 Hz, whose
-    uncertainty from the coherence stands beside it, and of the loss angle, which is the orifice's.
+    uncertainty from the coherence is next to it, and of the loss angle, which is the orifice's.
     """
     limits = run.specimen.load(load).limits
     steps_in_all = round((duration + 2 * RISE) / STEP)

@@ -40,7 +40,7 @@ from test_plans.track_file import NoTrack, TrackRecord, read_track
 Values = Mapping[str, Samples]
 KMH: Final = FACTORS["km/h"]
 
-#: What stands for a file: a track that is drawn, of the low level of ERRI B 176, always the same.
+#: What represents a file: a track that is drawn, of the low level of ERRI B 176, always the same.
 DRAWN: Final = "ERRI-low"
 DRAWN_LENGTH: Final = 20_000 * m
 DRAWN_STEP: Final = 0.5 * m
@@ -69,7 +69,7 @@ TRAVEL: Final = CheckName(
 
 
 def drawn() -> TrackRecord:
-    """Return the track that stands for a file: vertical and lateral, with the spectrum of ERRI B 176."""
+    """Return the track that represents a file: vertical and lateral, with the spectrum of ERRI B 176."""
     places: Samples = DRAWN_STEP * np.arange(round(DRAWN_LENGTH / DRAWN_STEP), dtype=np.float64)
     waves = np.asarray(np.fft.rfftfreq(places.size, DRAWN_STEP), np.float64)
     passing = (waves >= 1.0 / WAVES[1]) & (waves <= 1.0 / WAVES[0])
@@ -153,7 +153,7 @@ def track_record(
     duration: Annotated[float, Range(20 * s, 600 * s, "s")] = 60 * s,
     wind: Annotated[float, Range(0.0, 6.5, "m/s")] = 0.0,
 ) -> None:
-    """Track record: the springs on a track that somebody measured, as a train of some speed meets it.
+    """Track record: the springs on a track that a user measured, as a train of some speed meets it.
 
     The springs carry the load, shut in at design height; the vertical actuators hold the bolster where it is, as the
     inertia of a car does, and the lateral one pushes it with what one bogie bears of a steady `wind`, or lets it go.
@@ -182,12 +182,12 @@ def track_record(
     calm, shaken = at < 0.0, (at >= RISE) & (at < times[-1] - RISE)
     travel = run.measured(partial(_travel, calm, shaken), run.rig, values, rate=RATE)
     run.check(TRAVEL, travel, "mm", high=run.rig["stop_gap"])
-    # Not sideways: the lateral actuator lets the bolster go, so that hardly a force tells of its springs.
+    # Not sideways: the lateral actuator lets the bolster go, so that hardly a force reports of its springs.
     keep_stiffness(run, load, "vertical", upright(shaken, run.rig, values))
 
 
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
-    """Check how the platform moved beside a ``way`` (n,) at ``times`` (n,), and draw both."""
+    """Check how the platform moved next to a ``way`` (n,) at ``times`` (n,), and draw both."""
     played = (at >= 0.0) & (at <= times[-1])
     asked = float(np.std(np.interp(at[played], times, way)))
     shown = name.partition(".")[2]

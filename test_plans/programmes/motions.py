@@ -82,7 +82,7 @@ class RestPose:
 
 @dataclass(frozen=True, slots=True)
 class Valves:
-    """Valves that change while everything stands still; None leaves them as they are."""
+    """Valves that change while everything is at rest; None leaves them as they are."""
 
     air: AirMode | None = None  #: shut, or on the leveling valves
     reservoirs: Switch | None = None  #: auxiliary chambers joined with their bellows

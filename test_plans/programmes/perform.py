@@ -1,4 +1,4 @@
-"""The execution of motions on the bench: every segment is a phase of its own, so that the record can be replayed."""
+"""The execution of motions on the bench: every segment is its own phase, so that the record can be replayed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 #: The gas of filling and leveling comes near the temperature of the walls before the valves are shut.
 COOL: Final = 10 * s
-#: Fine enough to tell how long a programme lasts.
+#: Fine enough to show how long a programme lasts.
 COARSE: Final = 10 * Hz
 #: A stretch begins with gas whose temperature its thermometers (1 s) have caught up with.
 SETTLE: Final = 10 * s
@@ -66,7 +66,7 @@ WENT: Final = CheckName(
 #: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
 WAY: Final = Band(0.8, 1.2)
 
-#: What taking up a load, and letting the air off at the end, take beside the stretches.
+#: What taking up a load, and letting the air off at the end, take next to the stretches.
 TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 
@@ -131,7 +131,7 @@ def perform(run: Run, programme: Programme) -> None:
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
     """Put one load down and take up that of ``part``; what a rig does not let anybody change leaves the rest undone.
 
-    What has been moved until then is worth replaying all the same: it may tell why.
+    What has been moved until then is worth replaying all the same: it may show why.
     """
     put_down(run)
     try:

@@ -44,7 +44,7 @@ TIGHT: Final = CheckName(
     "The share of its air that a closed spring loses per minute: with a leak it rests on its stops the next morning.",
 )
 
-#: What tells the mass of air in the springs.
+#: What identifies the mass of air in the springs.
 _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
@@ -59,7 +59,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 class Weighing(NamedTuple):
-    """What tells the mass of air: when it was read (s), and of each reading the samples with their times."""
+    """What identifies the mass of air: when it was read (s), and of each reading the samples with their times."""
 
     time: float
     values: Values
@@ -100,7 +100,7 @@ def check_air(run: Run, load: Load) -> None:
 def _unseen(run: Run, mean: Mapping[str, float]) -> float:
     """Return the standard uncertainty (N) of a load because of a force sideways that its cells do not see.
 
-    It makes a moment by its height, which nobody knows: anywhere from the platform to the top plates. A bolster that no
+    It makes a moment by its height, which no one knows: anywhere from the platform to the top plates. A bolster that no
     actuator pushes has none.
     """
     cells = [cell for cell in described(run.rig) if run.bench.has(cell)]
@@ -116,7 +116,7 @@ def _read(run: Run, mean: Mapping[str, float], name: str) -> Measured:
 
 
 def weigh_the_air(run: Run) -> Weighing:
-    """Read what tells the mass of air in each spring; give it to `check_tightness` some time later.
+    """Read what identifies the mass of air in each spring; give it to `check_tightness` some time later.
 
     On a rig that cannot tell there is nothing to read.
     """

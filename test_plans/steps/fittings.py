@@ -19,7 +19,7 @@ PLATE: Final = 13 * mm
 
 
 def put_down(run: Run) -> None:
-    """Let the air off and the actuators go, so that somebody may change shims, plates and the pipe."""
+    """Let the air off and the actuators go, so that a user may change shims, plates and the pipe."""
     steps.depressurise(run)
     with run.phase("disarm"):
         run.bench.disarm()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SPACING: Final = "spring_half_spacing"
 MASS: Final = "bolster_mass"
-#: As far as springs may stand, and the bolster weigh, otherwise than where limits are stated that nobody can convert.
+#: As far as springs may stand, and the bolster weigh, differently than where limits are stated that no one can convert.
 ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
 
 

@@ -57,11 +57,11 @@ MEASURED: Final = 1.5 * s
 SAMPLE_RATE: Final = 200 * Hz
 #: A wave of which more is something else is measured again, so many times in all. Set-points lost for 20 to 60 ms made
 #: 1 to 19 % of a sine and the damping wrong by up to a sixth at 1 Hz; where none were, it is 0.3 to 0.7 %. An actuator
-#: that stands still between set-points made 2 to 3 % of a triangle and a secant wrong by a quarter; else 0.3 to 0.6 %.
+#: that is at rest between set-points made 2 to 3 % of a triangle and a secant wrong by a quarter; else 0.3 to 0.6 %.
 DISTORTED: Final[Mapping[Wave, float]] = {"sine": 0.02, "triangle": 0.01}
 TRIES: Final = 3
 
-#: What is read while an axis is shaken, as far as the rig has it, beside its load cells.
+#: What is read while an axis is shaken, as far as the rig has it, next to its load cells.
 VERTICAL: Final = (*HEIGHTS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
 LATERAL: Final = ("lateral.displacement", *GENERATOR)
 #: What moves with an axis.

@@ -109,7 +109,7 @@ BALANCED_BY: Final = (
 def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] = "slow") -> None:
     """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side.
 
-    ``closed``: with the auxiliary volumes shut off, which is somebody else's doing.
+    ``closed``: with the auxiliary volumes shut off, which is another user's doing.
     """
     names = {side: VERTICAL_SECANT[way].of(side=side) for side in SIDES}
     sides = [side for side in SIDES if run.can(names[side], needs=vertical_needs(run.rig, side))]

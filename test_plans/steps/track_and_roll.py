@@ -55,7 +55,7 @@ ROLL_WAIT: Final = 1.5 * s
 ROLL_AVERAGE: Final = 0.5 * s
 #: So many samples such a mean has at least.
 AVERAGED: Final = 5
-#: Ratio of what two transducers see of one roll, beside their uncertainty.
+#: Ratio of what two transducers see of one roll, next to their uncertainty.
 ALIKE: Final = 0.01
 #: How well the stiffness of springs shows how far apart they stand: the gas is warmer in a slow roll than in a loop.
 SPACING_WITHIN: Final = 0.04

@@ -177,7 +177,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
 
 
 class Known(NamedTuple):
-    """What a sine tells of a stiffness, each with its uncertainty."""
+    """What a sine reports of a stiffness, each with its uncertainty."""
 
     size: Measured
     storage: Measured

@@ -52,7 +52,7 @@ Venting continues, and for 20 s after the springs are empty, until a client appl
 
 
 def rest_page(decision: str) -> str:
-    """Return the page; ``decision``: the file that says why."""
+    """Return the page; ``decision``: the file that states why."""
     ends: dict[tuple[Event, str], bool] = {}
     for row in TRANSITIONS:
         if row.target in (*SAFE, *SHUT_IN) and row.event not in WAKING:

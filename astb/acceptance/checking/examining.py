@@ -1,4 +1,4 @@
-"""What a rig says while nobody of ours commands it: every signal with its source, rate, age and value."""
+"""What a rig says while no one of ours commands it: every signal with its source, rate, age and value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions without air that show the dimensions of a rig, and the fit of all of them beside what is stated."""
+"""Motions without air that show the dimensions of a rig, and the fit of all of them next to what is stated."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class Measuring:
         self._report_undetermined()
 
     def compare(self) -> None:
-        """Fit all dimensions at once, and note each beside what is stated."""
+        """Fit all dimensions at once, and note each next to what is stated."""
         lacking = self._bench.lacks(*LASERS, *PISTONS, *FORCES)
         if lacking or not self._motions:
             self._lines.append(_untold("dimensions", f"cannot be measured: {lacking or 'nothing moved'}"))
@@ -289,7 +289,7 @@ class Measuring:
         )
 
     def _report_undetermined(self) -> None:
-        """Say which forces and moments the load cells do not tell, as they stand: loads and roll are needed."""
+        """State which forces and moments the load cells do not report, as they stand: loads and roll are needed."""
         if self._rig.lacks(*CELLS):
             return
         cells = [cell for cell in described(self._rig) if self._bench.has(cell)]
@@ -306,7 +306,7 @@ class Measuring:
         )
 
     def _note(self, one: Estimate) -> None:
-        """Note an estimate beside what is stated."""
+        """Note an estimate next to what is stated."""
         stated = self._rig.stated(one.name)
         if one.name == CELLS_ACROSS:
             known = [

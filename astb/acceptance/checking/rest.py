@@ -18,7 +18,7 @@ _GRAVITY: Final = 9.81
 
 #: A gauge that reads the atmosphere, give or take the weather and the transducer.
 _WEATHER: Final = 80 * mbar
-#: By how much the sides may differ, and a laser from the actuator beside it.
+#: By how much the sides may differ, and a laser from the actuator next to it.
 _UNEVEN: Final = 30 * mm
 _APART: Final = 10 * mm
 _HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
@@ -51,7 +51,7 @@ def _in_range(signal: Signal, value: float) -> bool:
 
 
 def _unset(signal: Signal, value: float) -> bool:
-    """Whether a rig has 0 where an absolute pressure is set: nobody has set it since the power came."""
+    """Whether a rig has 0 where an absolute pressure is set: no one has set it since the power came."""
     return signal.kind is Kind.SETTING and signal.si == "Pa" and abs(value + ATMOSPHERE) <= signal.step
 
 

@@ -53,7 +53,7 @@ UNSURE: Final = 0.02
 UNSURE_LAG: Final = 20 * ms
 #: A dimension that is stated as exact is taken to be known so well.
 EXACT: Final = 1e-4
-#: Prior of a dimension that is not stated, or no longer believed, relative to its scale.
+#: Prior of a dimension that is not stated, or no longer assumed, relative to its scale.
 UNKNOWN: Final = 1.0
 #: What the file does not state is looked for from here.
 START: Final[Values] = {
@@ -414,7 +414,7 @@ def _column(rig: Mapping[str, Any], cell: str) -> tuple[Any, Any, Any]:
     return d_y / size, d_z / size, (y * d_z - (z - rig["column_height"]) * d_y) / size
 
 
-#: Dimensions that stand in the equations.
+#: Dimensions that are in the equations.
 _FITTED: Final = (
     "bolster_mass",
     "gravity",

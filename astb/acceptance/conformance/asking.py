@@ -17,9 +17,9 @@ from bench_protocol.units import ms
 READS: Final = 200
 #: Of an answer; the commander feeds its watchdog every 300 ms, and one reading must not cost a cycle.
 ANSWER_MAX: Final = 100 * ms
-#: By how much the answer times of two rigs may differ before that is told.
+#: By how much the answer times of two rigs may differ before that is reported.
 ANSWER_APART: Final = 20 * ms
-#: What a reading may change between the two wires, of its range: they do not tell the same instant.
+#: What a reading may change between the two wires, of its range: they do not report the same instant.
 AGREE: Final = 0.01
 #: A function, a unit and an address that no rig of ours has.
 NO_FUNCTION: Final = 0x41

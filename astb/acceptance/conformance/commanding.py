@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
 
 _CYCLE: Final = 1.0 / COMMAND_RATE
-#: The rig tells its counters ten times a second.
+#: The rig reports its counters ten times a second.
 TOLD: Final = 250 * ms
 #: How long a rig may take from power on to DISABLED.
 READY_WITHIN: Final = 10 * s
@@ -73,7 +73,7 @@ class Stream:
 
 
 def command(access: RawAccess) -> list[Notebook]:
-    """Return what is found as holder of the bench, and beside one; the bench stays as it is."""
+    """Return what is found as holder of the bench, and next to one; the bench stays as it is."""
     line = access.modbus()
     leases, settings, commands, left = (
         Notebook("lease"),

@@ -12,7 +12,7 @@ from bench_protocol.rest import REST
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 
-#: What is left: numbers of a program that nobody starts, and targets of valves that are told to hold.
+#: What is left: numbers of a program that no one starts, and targets of valves that are told to hold.
 PROGRAM: Final[Mapping[str, float]] = {
     "generator.cycles": 7.0,
     "generator.frequency": 0.5,
@@ -26,7 +26,7 @@ _IN_FORCE: Final = {r.signal: r.address for r in TABLE.registers if r.space == "
 
 
 def take(line: ModbusConnection) -> int:
-    """Take the lease for ``line``; return its token, 0 if somebody holds the bench."""
+    """Take the lease for ``line``; return its token, 0 if a user holds the bench."""
     if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
         return 0
     return line.words(LEASE_ADDRESS, 1, function=3)[0]

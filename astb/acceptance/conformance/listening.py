@@ -23,7 +23,7 @@ GAP_FLOOR: Final = 50 * ms
 
 
 def listen(access: RawAccess) -> list[Notebook]:
-    """Return what is found on a bus where nobody commands."""
+    """Return what is found on a bus where no one commands."""
     access.wait(SETTLE)
     before = access.listener.frames().size
     steps = access.listener.steps

@@ -21,7 +21,7 @@ BEGUN: Final = 0.2 * mm
 THERE: Final = 0.3 * mm
 MOVE_WITHIN: Final = 3 * s
 LATENCY_MAX: Final = 200 * ms
-#: What the times of two rigs may differ before that is told.
+#: What the times of two rigs may differ before that is reported.
 TIME_APART: Final = 40 * ms
 #: A command is due every 20 ms, and a state is told every 20 ms.
 REACTION_BAND: Final = 50 * ms

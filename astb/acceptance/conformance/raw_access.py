@@ -100,7 +100,7 @@ class ModbusConnection:
 
 
 class Listener:
-    """Somebody on the bus who keeps every frame."""
+    """A user on the bus who keeps every frame."""
 
     def __init__(self, port: "CanPort", clock: Clock) -> None:
         self.port, self._clock = port, clock

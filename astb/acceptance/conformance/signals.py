@@ -1,4 +1,4 @@
-"""What can be asked of a rig that speaks otherwise: by its signals, through its wiring."""
+"""What can be asked of a rig that uses otherwise: by its signals, through its wiring."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LISTEN: Final = 3 * s
 _COME: Final = (*MEASURED, Kind.STATUS)
-#: By how much the rates of two rigs may differ before that is told, of the rate.
+#: By how much the rates of two rigs may differ before that is reported, of the rate.
 RATE_APART: Final = 0.1
 #: What is never stale comes on events only.
 _EVENTS: Final = 3600 * NS

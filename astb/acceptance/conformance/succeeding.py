@@ -23,7 +23,7 @@ _GROUP: Final = "the next commander"
 
 
 def succeed(access: RawAccess) -> list[Notebook]:
-    """Return what is found by arming the bench as somebody who sends no set-point, and by closing his connection."""
+    """Return what is found by arming the bench as a user who sends no set-point, and by closing his connection."""
     book = Notebook(_GROUP)
     line = access.modbus()
     if not (token := take(line)):
@@ -74,7 +74,7 @@ def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebo
 
 
 def _clear(access: RawAccess, book: Notebook) -> None:
-    """Leave the bench DISABLED, and held by nobody."""
+    """Leave the bench DISABLED, and held by no one."""
     line = access.modbus()
     if token := take(line):
         stream = Stream(access, token)

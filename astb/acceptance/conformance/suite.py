@@ -29,7 +29,7 @@ Subject = TypeVar("Subject")
 def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return all that is found of ``rig``, whose file is ``path``; nothing moves without ``motion``.
 
-    Over the wires if it speaks our table, else by the signals of its wiring. BenchError if there is no rig.
+    Over the wires if it uses our table, else by the signals of its wiring. BenchError if there is no rig.
     """
     if rig.wiring:
         with open_bench(path) as bench:
@@ -44,7 +44,7 @@ def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> l
 
 
 def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
-    """Return what can be found of a rig that speaks otherwise, by the signals of a connected ``bench``."""
+    """Return what can be found of a rig that uses otherwise, by the signals of a connected ``bench``."""
     return _findings(bench, (*signals.AT_REST, *(signals.MOVING if motion else ())), motion, say)
 
 

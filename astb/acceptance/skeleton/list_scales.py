@@ -119,7 +119,7 @@ def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[st
 def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
     """Return what a column of sizes may count: how many of it are a register. ``sizes``: cells, and known registers.
 
-    Where a type says how wide it is, that must agree; 0 registers are unknown.
+    Where a type states how wide it is, that must agree; 0 registers are unknown.
     """
     said = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
     found = {unit for word, unit in said.items() if word in head.lower()} or set(_SIZES)

@@ -99,7 +99,7 @@ OPEN: Final = {
         ("0", "it may be a display format or a unit; use a column scale, such as 0.1"),
     ),
 }
-#: Heads of columns that make numbers others, whatever else stands in them.
+#: Heads of columns that make numbers others, whatever else is in them.
 SCALING: Final = re.compile(
     r"scal|skal|fa[ck]tor|expon|\bexp\b|\bsf\b|gain|mult|divi|teiler|resol|auflös|precis|genauig|conver|umrech|"
     r"formul|formel|offset|versatz|decim|dezimal|nachkomma|10\^|power|potenz|\blsb\b"

@@ -63,7 +63,7 @@ _IMPLIED: Final = frozenset({"vertical", "mode", "pressure", "temperature"})
 CLEAR: Final = 0.8
 MARGIN: Final = 0.15
 POSSIBLE: Final = 0.3
-#: What can be written is less likely to be a reading; and what tells a setting is hardly what it is written to.
+#: What can be written is less likely to be a reading; and what identifies a setting is hardly what it is written to.
 PERHAPS_READ: Final = 0.9
 TOLD_BACK: Final = 0.75
 
@@ -76,7 +76,7 @@ class Match(NamedTuple):
 
 
 def match(signals: Iterable[Signal], points: Sequence[Point], *, read_back: bool = False) -> dict[str, Match]:
-    """Return what each signal may be; with ``read_back``, where settings are told, not where they are written."""
+    """Return what each signal may be; with ``read_back``, where settings are reported, not where they are written."""
     table = {
         signal.name: [(score(signal, point, read_back=read_back), point) for point in points]
         for signal in signals
@@ -148,7 +148,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 def _unit_fits(signal: Signal, unit: str) -> float:
-    """Return 0 for a unit of another quantity, less than 1 where none is told."""
+    """Return 0 for a unit of another quantity, less than 1 where none is reported."""
     if signal.unit == "1":
         return float(unit in ("", "1"))
     if not unit or unit not in UNITS:

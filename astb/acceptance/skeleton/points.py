@@ -33,14 +33,14 @@ class Point:
     absolute: bool = False  #: a pressure over nothing, where ours are over the atmosphere
 
 
-#: What stands in a DBC in the place of a node that nobody named.
+#: What is in a DBC instead of a node that no one named.
 _NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
 
 def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[Point]:
-    """Return the signals of a DBC; whoever sends most of them is the rig. WiringError for a file that is none.
+    """Return the signals of a DBC; anyone who sends most of them is the rig. WiringError for a file that is none.
 
-    What nobody is said to send may be the rig's or ours.
+    What no one is said to send may be the rig's or ours.
     """
     try:
         messages = read_dbc(path, charset).messages

@@ -1,4 +1,4 @@
-"""The text of a first wiring file: what is clear is filled in, what may be stands in comments."""
+"""The text of a first wiring file: what is clear is filled in, what may be is in comments."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
 
 
 def _keys(signal: Signal, point: Point, back: Point | None) -> str:
-    """Return what a line says; "" if a choice has numbers that nobody knows."""
+    """Return what a line says; "" if a choice has numbers that no one knows."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING)
     parts = [f'{"to" if goes else "from"} = "{point.name}"']
     if signal.kind is Kind.SETTING and back is not None:

@@ -10,7 +10,7 @@ from bench_protocol.units import UNITS
 
 
 class WrittenUnit(NamedTuple):
-    """A unit that somebody wrote: ours, if there is one, and what else the words say."""
+    """A unit that a user wrote: ours, if there is one, and what else the words say."""
 
     name: str
     absolute: bool = False  #: of a pressure over nothing

@@ -12,7 +12,7 @@ from bench_protocol.car import MovingCar
 from bench_protocol.words import SIDES
 from bench_sim.model.compiled import compiled
 
-#: What the instance of an FMU keeps as its parameters: the car with its state, and what an FMU is asked beside it.
+#: What the instance of an FMU keeps as its parameters: the car with its state, and what an FMU is asked next to it.
 CAR: Final = np.dtype(
     [
         *((name, "<f8", np.shape(value)) for name, value in asdict(MovingCar()).items()),
@@ -26,7 +26,7 @@ ROWS: Final = 1
 
 
 class Force(IntEnum):
-    """What is told: pairs hold left and right."""
+    """What is reported: pairs hold left and right."""
 
     VERTICAL = 0  #: of the spring on the car, N up
     LATERAL = 2
@@ -118,7 +118,7 @@ def advance(
 ) -> None:
     """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (`CarOutput`) what is at their end.
 
-    The track's ``motion`` was given ``since`` s before the first of them; forces are held. All that moves stands in the
+    The track's ``motion`` was given ``since`` s before the first of them; forces are held. All that moves is in the
     record: ``x``, ``memory`` and ``work`` are not read.
     """
     car = parameters[0]

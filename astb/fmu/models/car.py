@@ -1,4 +1,4 @@
-"""Half a car as an FMU: it stands on springs that another FMU computes, on a track and in a wind."""
+"""Half a car as an FMU: it is on springs that another FMU computes, on a track and in a wind."""
 
 from collections.abc import Iterator
 from math import inf

@@ -14,7 +14,7 @@ from bench_sim.model.layout import INPUTS, STATES, Input
 from bench_sim.model.quantities import MEMORY, PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters import Parameters
 
-#: Parameters of what stands on the springs and of what measures them; all others are the springs'.
+#: Parameters of what is on the springs and of what measures them; all others are the springs'.
 _ELSEWHERE: Final = (
     *("bolster_", "bump_stop_", "actuator_", "frame_", "platform_", "load_cell_", "extra_stop_", "pressure_"),
     *(
@@ -54,7 +54,7 @@ VALVES: Final = (
     ("air.right_reservoir", Input.RIGHT_RESERVOIR_VALVE, 1.0, 0.0, ""),
     ("air.dpv", Input.DPV_CONNECTED, 1.0, 0.0, ""),
 )
-#: Each stands for left and right.
+#: Each represents left and right.
 OF_SPRINGS: Final = (
     ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Upward force on the car body"),
     ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on it"),

@@ -117,14 +117,14 @@ class Effect:
     title: str
     amplitude: EffectParameter
     change: Change
-    plain: str = ""  #: what is so where the effect is, as a sentence; {side} stands for its place
+    plain: str = ""  #: what is so where the effect is, as a sentence; {side} represents its place
     shapes: tuple[EffectParameter, ...] = ()
     grid: tuple[tuple[float, ...], ...] = ((),)
     places: tuple[str, ...] = ()  #: () or `PLACES`
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
     confusers: tuple[str, ...] = ()
     richer: tuple[str, ...] = ()
-    #: What it is one law of, where others describe the same; {side} stands for its place.
+    #: What it is one law of, where others describe the same; {side} represents its place.
     phenomenon: str = ""
     equation: str = ""
     source: str = ""

@@ -28,8 +28,8 @@ EFFECTS: Final = (
     #
     #     C_d ← (1 + e) C_d
     #
-    # in both springs. Only C_d d² can be told from dynamics, never the two factors. Source: the base model's own
-    # coefficient, which is assumed.
+    # in both springs. Only C_d d² can be distinguished from dynamics, never the two factors. Source: the base model's
+    # own coefficient, which is assumed.
     Effect(
         name="discharge",
         family="flow",

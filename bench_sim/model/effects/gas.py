@@ -171,7 +171,7 @@ EFFECTS: Final = (
         source="size assumed",
         separated_by="fast sine at AW0 and at AW3: the loss of stiffness grows with the load",
     ),
-    # The effective area changes with height otherwise than assumed.
+    # The effective area changes with height differently than assumed.
     #
     #     A_1 ← A_1 + e,   A_e = A_0 + A_1 ζ
     #

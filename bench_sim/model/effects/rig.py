@@ -76,7 +76,7 @@ EFFECTS: Final = (
     #
     # Off the middle lengthwise, a seat or a load brings a moment about the axis across. Of four supports one that
     # gives way, or that does not lie in the plane of the others, leaves its load to its neighbours: no sum of cells
-    # tells that.
+    # reports that.
     Effect(
         name="seat_offset",
         family="rig",

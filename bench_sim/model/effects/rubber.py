@@ -273,7 +273,7 @@ EFFECTS: Final = (
     #
     #     F_y = −k max(|y| − g, 0) sign(y),   y = y_B − y_P
     #
-    # on the bolster (or the car body), at the height of the lateral bump stop, beside it. Linear in k, so that a small
+    # on the bolster (or the car body), at the height of the lateral bump stop, next to it. Linear in k, so that a small
     # stop leaves a small trace; none where the gap is not used up. Source: geometry; sizes assumed.
     Effect(
         name="bump_stop",

@@ -15,7 +15,7 @@ LANES: Final = 8
 PAIRS: Final = LANES // 2
 #: Friction elements that a lane may have beyond its own.
 LANE_FRICTIONS: Final = 3
-#: Coefficients of the polynomial that stands for a power.
+#: Coefficients of the polynomial that represents a power.
 POWERS: Final = 19
 
 

@@ -62,7 +62,7 @@ STIFFEST: Final = 1.0
 #: spring (vertical, lateral), compression of the contact. Its rows are the beginnings of the steps.
 TRACE: Final = 7
 AUXILIARY_PRESSURE: Final = 2
-#: Quantities that stand beside the column.
+#: Quantities that are next to the column.
 SURFACES: Final = in_lanes(Lanes.SURFACE)
 FEEDING: Final = in_lanes(Lanes.FEEDS)
 JOINING: Final = in_lanes(Lanes.JOINS)
@@ -115,7 +115,7 @@ def key_of(springs: Sequence[LaneSpring]) -> Hashable:
 
 @compiled
 def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
-    """Put the plates of all lanes where they are at so many half steps; a lane that is through stands still."""
+    """Put the plates of all lanes where they are at so many half steps; a lane that is through is at rest."""
     for i in range(LANES):
         places = courses[i]
         last = 2 * (rows[i] - 1)

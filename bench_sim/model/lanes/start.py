@@ -1,6 +1,6 @@
 """What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lanes.layout`.
 
-The column holds most of what the integration of this spring depends on. Beside it are the course of its plates and, of
+The column holds most of what the integration of this spring depends on. Next to it are the course of its plates and, of
 surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.springs.LaneSpring.key` says.
 """
 
@@ -166,7 +166,7 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
 def begin_springs(
     x: Any, memory: Any, parameters: Any, gas: Any, before: Any, powers: Any, columns: Any
 ) -> None:
-    """Settle both springs where bolster and platform stand in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
+    """Settle both springs where bolster and platform are in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
 
     ``memory`` and ``parameters`` are arrays of one, ``gas`` and ``before`` as of `bench_sim.model.replay`,
     ``powers`` as of `power_coefficients`.

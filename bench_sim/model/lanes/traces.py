@@ -193,7 +193,7 @@ class TracedReplay:
     ) -> tuple[LaneSpring, LaneSpring]:
         """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion.
 
-        ``before`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was told.
+        ``before`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was reported.
         """
         x = np.zeros(STATES)
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
@@ -272,6 +272,6 @@ def _one(parameters: Any) -> Any:
 
 
 def _geometry(parameters: Any) -> tuple[float, float, float]:
-    """What tells the places of the springs' plates from those of bolster and platform."""
+    """What identifies the places of the springs' plates from those of bolster and platform."""
     par = parameters
     return float(par.spring_half_spacing), float(par.centre_height), float(par.column_height)

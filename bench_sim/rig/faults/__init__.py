@@ -1,1 +1,1 @@
-"""Faults on purpose: what can be broken on a running rig, by name, and mended again."""
+"""Faults on purpose: what can be broken on a running rig, by name, and repaired again."""

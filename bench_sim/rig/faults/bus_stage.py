@@ -112,9 +112,9 @@ class Delayed(FrameFault):
 
 
 class Miscounted(FrameFault):
-    """Frames whose sample or alive counter goes ``step`` too far each time: -1 stands still, 1 leaves every other out.
+    """Frames whose sample or alive counter goes ``step`` too far each time: -1 is at rest, 1 leaves every other out.
 
-    The CRC of a command is right for its wrong counter: it is linear, so that no key is needed to mend it.
+    The CRC of a command is right for its wrong counter: it is linear, so that no key is needed to repair it.
     """
 
     def __init__(self, step: int, **which: object) -> None:

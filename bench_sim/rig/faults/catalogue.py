@@ -13,7 +13,7 @@ FAULTS: Final[dict[str, Fault]] = {
 
 
 def find_fault(name: str) -> Fault:
-    """Return the fault called ``name``; FaultError, which says what there is, where there is none."""
+    """Return the fault called ``name``; FaultError, which states what there is, where there is none."""
     if name in FAULTS:
         return FAULTS[name]
     raise FaultError(f"{name} is no fault; {did_you_mean(name, FAULTS, '`astb rig fault list` lists them')}")

@@ -18,12 +18,12 @@ OF_SENSOR_PER_SECOND: Final = "of the sensor, per second"
 
 #: Values of a fault's parameters by name: numbers in SI, choices as texts.
 Values = Mapping[str, Any]
-#: Breaks something at the insertion points, and returns what mends it.
+#: Breaks something at the insertion points, and returns what repairs it.
 Begin = Callable[[InsertionPoints, Values], Callable[[], None]]
 
 
 class FaultError(ValueError):
-    """There is no such fault, or it cannot be like this; the text says what would be right."""
+    """There is no such fault, or it cannot be like this; the text states what would be right."""
 
 
 class Place(StrEnum):
@@ -141,7 +141,7 @@ class Fault:
     begin: Begin
     parameters: tuple[FaultNumber | FaultChoice, ...] = ()
     target: str = ""
-    lasts: float | None = None  #: s, where nobody says for how long it is on
+    lasts: float | None = None  #: s, where no one says for how long it is on
 
     def read(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all values (SI, choices as texts) from texts with units, such as ``{"area": "2 mm2"}``.

@@ -58,7 +58,7 @@ class FaultArrays(NamedTuple):
 
 @compiled
 def hold_inputs(faults: Any, u: Any) -> None:
-    """Put the held inputs of the plant in the place of what the controls want."""
+    """Put the held inputs of the plant instead of what the controls want."""
     if faults.counts[1] == 0:
         return
     for k in range(INPUTS):

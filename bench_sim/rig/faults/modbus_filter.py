@@ -57,7 +57,7 @@ class Refusal(RequestFault):
 
 
 class Mute(RequestFault):
-    """Requests that nobody carries out and nobody answers."""
+    """Requests that no one carries out and no one answers."""
 
     def instead(self, request: bytes) -> bytes | None:
         return b"" if self.hits(request) else None

@@ -21,7 +21,7 @@ from bench_sim.rig.faults.panel import FaultPanel
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What somebody asks of the panel."""
+    """What a user asks of the panel."""
 
     do: Literal["list", "on", "off"]
     name: str = ""

@@ -48,7 +48,7 @@ class ActiveFault:
 
 
 class FaultPanel:
-    """Switches faults at the insertion ``points`` of a rig; whoever calls it holds the rig's lock."""
+    """Switches faults at the insertion ``points`` of a rig; anyone who calls it holds the rig's lock."""
 
     def __init__(self, points: InsertionPoints) -> None:
         self.points: Final = points

@@ -119,7 +119,7 @@ def fit(
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
-    ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns anew at
+    ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns again at
     the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
     digit; one that promises to stay above the ``ceiling`` ends where new columns of the effects do not help; none
     takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
@@ -200,7 +200,7 @@ class _Descent:
         return True
 
     def renewed(self) -> bool:
-        """Compute all columns anew if shorter steps failed with old ones of the nuisances; tell whether.
+        """Compute all columns again if shorter steps failed with old ones of the nuisances; show whether.
 
         It must be worth its price: what the linear model predicts must be better than the target.
         """
@@ -215,7 +215,7 @@ class _Descent:
         return True
 
     def linearise(self, source: ColumnSource) -> None:
-        """Compute columns anew where the fit is; those of the nuisances stay unless all are asked for."""
+        """Compute columns again where the fit is; those of the nuisances stay unless all are requested."""
         if source == ColumnSource.FRESH:
             self._compute(None)
         if self._has_own:

@@ -132,7 +132,7 @@ class Projection:
 
     @property
     def z(self) -> Array:
-        """Normalised scores sᵀr/|s| (m,): standard normal where the effect is absent; 0 for an invisible one."""
+        """Normalised scores sᵀr/|s| (m,): standard normal where the effect is missing; 0 for an invisible one."""
         norm = self.norm
         return np.divide(self.score, norm, out=np.zeros_like(norm), where=norm > 0.0)
 

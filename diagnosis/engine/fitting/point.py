@@ -146,7 +146,7 @@ class Point:
         return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
     def replaced(self, old: str, effect: Hypothesis, source: Point) -> Point:
-        """Return the point with an effect in the place of another, with the values that it has in ``source``."""
+        """Return the point with an effect instead of another, with the values that it has in ``source``."""
         values = source.effects()[effect.name]
         coordinates = effect_coordinates(effect)
         return self.without(old).extended(coordinates, [values[c.parameter.name] for c in coordinates])

@@ -48,7 +48,7 @@ def predict(
     *,
     fixed: bool = False,
 ) -> Prediction:
-    """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``fixed``.
+    """State what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``fixed``.
 
     What the fit knows of the shared numbers is their prior now; those of each new record are found and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.

@@ -18,7 +18,7 @@ from diagnosis.finding import Figure, Series
 def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Loss per cycle W = ∮ y du, measured less predicted, with Student's t over the cycles of a stretch.
 
-    How it grows tells the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
+    How it grows reports the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
     Coulomb or Berg.
     """
     if residuals.channels[c].kind not in {"force", "pressure"}:

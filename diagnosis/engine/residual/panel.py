@@ -9,7 +9,7 @@ states (`over_inputs.py`); loss per cycle, loops and holds (`over_cycles.py`); c
 subsystem alone can move (`parity.py`). Each returns a statistic with its p-value, a sentence and a figure, or why it
 does not apply.
 
-A row tells of the run in which its test says most, its p-value multiplied by the number of runs. Over the whole
+A row reports of the run in which its test says most, its p-value multiplied by the number of runs. Over the whole
 panel, Benjamini and Hochberg's procedure bounds the part of false rows among the significant ones. The panel shows
 *that* something is wrong. It names nothing, and nothing in the later steps depends on it.
 """
@@ -52,7 +52,7 @@ TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
 def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[PanelRow]:
     """Every test on every channel of a fitted model, and on the parity signals of its simulator.
 
-    Each row tells of the run in which the test says most, with a p-value that counts the runs that were looked at.
+    Each row reports of the run in which the test says most, with a p-value that counts the runs that were looked at.
     ``significant``: false among those are at most a part ``alpha``, by Benjamini and Hochberg (1995).
     """
     runs = [
@@ -119,7 +119,7 @@ def judged(rows: Sequence[PanelRow], alpha: float) -> list[PanelRow]:
     tested = [i for i, row in enumerate(rows) if row.p is not None]
     q = benjamini_hochberg(np.array([rows[i].p for i in tested], dtype=np.float64))
     result, drawn = list(rows), set()
-    # Many a p-value underflows to 0: the statistic then tells which is the clearest.
+    # Many a p-value underflows to 0: the statistic then shows which is the clearest.
     for place in sorted(range(len(tested)), key=lambda k: (q[k], -(rows[tested[k]].statistic or 0.0))):
         row = rows[tested[place]]
         significant = bool(q[place] < alpha)

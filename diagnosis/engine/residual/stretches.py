@@ -43,7 +43,7 @@ class Swing:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Samples ``start`` to ``stop`` in which every input stands still."""
+    """Samples ``start`` to ``stop`` in which every input is at rest."""
 
     start: int
     stop: int
@@ -61,7 +61,7 @@ def moving(experiment: Experiment) -> dict[str, Array]:
 def swings(experiment: Experiment, signal: str) -> list[Swing]:
     """The stretches of at least three equal cycles in an input.
 
-    A cycle begins where the input rises through the middle of its own swing.  Cycles belong together while period
+    A cycle begins where the input rises through its own middle swing.  Cycles belong together while period
     and swing stay within 5 % of those of the first.
     """
     u = experiment.inputs[signal]

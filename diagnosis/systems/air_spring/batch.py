@@ -4,8 +4,8 @@ Theory of operation
 -------------------
 The sides of the bench meet only in its readings, so a job that differs from another in one spring shares the other's
 trajectory, and one that differs in sensors alone, or in forces that follow from motion and pressure, shares both.
-What differs is not told by names: two springs are one if everything that their integration depends on is equal bit by
-bit (`bench_sim.model.lanes.springs.key_of`).
+What differs is not determined by names: two springs are one if everything that their integration depends on is equal
+bit by bit (`bench_sim.model.lanes.springs.key_of`).
 
 Where air passes between the sides, both springs of a job are integrated together. A differential pressure valve that is
 connected may stay shut, which shows when both have been integrated. Once it has opened for one job of a run, the others
@@ -135,7 +135,7 @@ class _Batch:
         return self._readings[id(job)]
 
     def leave(self, job: Replayed) -> None:
-        """Forget what nobody needs any more after a job has been read once."""
+        """Forget what no one needs any more after a job has been read once."""
         self._release(job, 1)
         self._left[id(job)] -= 1
         if not self._left[id(job)]:
@@ -207,7 +207,7 @@ class _Batch:
         for key, (_, kept, sole), found in zip(pack, chosen, traces, strict=True):
             self._traces[key] = found
             if sole or self._uses[key] > 1:
-                # A copy: the lanes beside it need not live as long.
+                # A copy: the lanes together with it need not live as long.
                 self._traces[key] = tuple(trace.copy() for trace in found)
                 kept.keep(key, self._traces[key])
 

@@ -9,7 +9,7 @@ s seconds ago count as e^{−s/τ}:
 
 A Kelvin element has crept under a force F by q = (r/k) M(τ) of F, and the dash-pot of a Maxwell branch stands where
 M(τ) of the bellows' displacement is: it is *behind* by x − M(τ) and pulls with so much. A fractional element has
-branches of half a minute and of minutes; they still pull from when the bellows was filled. So a record is asked for M
+branches of half a minute and of minutes; they still pull from when the bellows was filled. So a record is requested M
 at memories from seconds to hours; between them it is smooth in ln τ.
 
 Before its first sample a record knows nothing. A bench is taken to have stood as it is first seen, with no load before
@@ -34,7 +34,7 @@ from diagnosis.contracts import Array
 from diagnosis.systems.air_spring.parity import CELLS, spring_forces
 from diagnosis.systems.motion import SENSORS, binned, sheared
 
-#: Memories in s at which the past is told, half a decade apart.
+#: Memories in s at which the past is reported, half a decade apart.
 MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 #: Readings are averaged over so many seconds: no memory is shorter.
 _MEAN: Final = 1.0
@@ -95,7 +95,7 @@ def load_setting(side: str, memory: float) -> str:
 
 
 def behind_setting(place: str, memory: float) -> str:
-    """Return the name of the setting that tells how far a dash-pot of so many seconds is behind its bellows."""
+    """Return the name of the setting that shows how far a dash-pot of so many seconds is behind its bellows."""
     return f"{place}.behind_over_{memory:g}_s"
 
 
@@ -116,8 +116,8 @@ def remembered_places(
 ) -> dict[str, float]:
     """Return the settings that tell x − M(τ) of both bellows' displacements and of their shear (m).
 
-    ``preload`` (N per spring) is what the springs were shimmed for at some times (n,). None are told without heights;
-    without load cells emergency springs are taken for rigid, and what else is missing for at rest.
+    ``preload`` (N per spring) is what the springs were shimmed for at some times (n,). None are reported without
+    heights; without load cells emergency springs are taken for rigid, and what else is missing for at rest.
     """
     if not past or not past.knows(*(f"{side}.height" for side in SIDES)):
         return {}
@@ -155,7 +155,7 @@ def before(settings: Mapping[str, float], par: Any) -> Before:
 
 
 def remembered(settings: Mapping[str, float], side: str, memory: float) -> float:
-    """Return M of a spring's load (N) for a memory of so many seconds; 0 where no setting tells it."""
+    """Return M of a spring's load (N) for a memory of so many seconds; 0 where no setting reports it."""
     if load_setting(side, MEMORIES[0]) not in settings:
         return 0.0
     loads = tuple(settings[load_setting(side, known)] for known in MEMORIES)

@@ -1,9 +1,9 @@
-"""The bench with springs of which only the drawing is known: what is identified, and how little of it is believed.
+"""The bench with springs of which only the drawing is known: what is identified, and how little of it is assumed.
 
-A diagnosis refits what differs between good springs of one delivery, within a hundredth or a tenth. Whoever identifies
-a spring does not know it: priors are as wide as drawings of its kind lie apart, and friction, emergency spring, heat
-and the stiffness in roll are asked for as well. What is not here is taken from the parameter set: how the shell's
-stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
+A diagnosis refits what differs between good springs of one delivery, within a hundredth or a tenth. Anyone who
+identifies a spring does not know it: priors are as wide as drawings of its kind lie apart, and friction, emergency
+spring, heat and the stiffness in roll are requested as well. What is not here is taken from the parameter set: how the
+shell's stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One quantity of the springs: what it is called, and the standard deviation of what is believed of it, relative.
+    """One quantity of the springs: what it is called, and the standard deviation of what is assumed of it, relative.
 
     ``each``: load cells and pressures tell it of each side, else both springs have the same.
     """
@@ -31,7 +31,7 @@ class Asked:
     each: bool
 
 
-#: By the name of the parameter, in the order in which they are told.
+#: By the name of the parameter, in the order in which they are reported.
 ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
     {
         "effective_area": Asked("effective area at design height", 0.05, True),

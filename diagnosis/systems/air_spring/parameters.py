@@ -16,7 +16,7 @@ from bench_sim.parameters import Parameters
 from diagnosis.contracts import Channel, Hypothesis, Nuisance, Parameter
 
 #: Geometry and materials that no two springs share, with the standard deviation of a good delivery, relative. What
-#: load cells see of one spring only is told by side; the lateral cells see the sum of both.
+#: load cells see of one spring only is reported by side; the lateral cells see the sum of both.
 EACH_SIDE: Final[Mapping[str, float]] = MappingProxyType(
     {
         "effective_area": 0.01,
@@ -48,7 +48,7 @@ INITIAL_TEMPERATURE: Final = 0.2
 SOUND: Final = Path(__file__).with_name("sound_benches.toml")
 #: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
 #: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
-#: it stands for what friction remembers of earlier motions, too.
+#: it represents what friction remembers of earlier motions, too.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
 #: Suffix and spread (N s/m) of a force in proportion to the speed that an actuator's transducer shows and the bolster
@@ -59,7 +59,7 @@ DRAG: Final = ".drag"
 SEALS: Final = 100.0
 #: The transducer whose offset counts as an offset of the shear, which changes the forces of the springs.
 SHEAR: Final = "lateral.displacement"
-#: The chambers, each with a temperature of its own.
+#: The chambers, each with its own temperature.
 AUXILIARY: Final = ("left.auxiliary", "right.auxiliary")
 CHAMBERS: Final = ("left.bellows", "right.bellows", *AUXILIARY)
 
@@ -86,7 +86,7 @@ def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ..
 
 
 def _nuisance(name: str, unit: str, spread: float, display: str = "", scale: float = 1.0) -> Nuisance:
-    """A deviation from 0, believed to be within ``spread``."""
+    """A deviation from 0, assumed to be within ``spread``."""
     return Nuisance(name, unit, 0.0, spread, step=_STEP * spread, display=display, scale=scale)
 
 
@@ -122,7 +122,7 @@ def _drags(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
 def _initial_gas() -> Iterator[Nuisance]:
     """Pressure of each spring and temperature of each chamber where a run begins.
 
-    An auxiliary chamber has a pressure of its own where it is shut off.
+    An auxiliary chamber has its own pressure where it is shut off.
     """
     for place in (*_SIDES, *AUXILIARY):
         pressure = _nuisance(f"{place}.initial_pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0)
@@ -176,7 +176,7 @@ def _pin_accuracy(parameters: Parameters) -> float:
     """Standard deviation of the offset of a vertical actuator's transducer, against the sensors that tell the motion.
 
     The bolster stands at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) where an actuator is pinned, and every one of
-    these has a zero of its own.
+    these has its own zero.
     """
     par = parameters.record
     arm = par.actuator_half_spacing
@@ -212,7 +212,7 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
 def tolerance(
     parameters: Parameters, name: str, label: str, place: int, share: float, step: float
 ) -> Nuisance:
-    """Return what is believed of a parameter of a set, in one place of it: within a ``share`` of its value.
+    """Return what is assumed of a parameter of a set, in one place of it: within a ``share`` of its value.
 
     ``step`` is that of finite differences, relative as well.
     """

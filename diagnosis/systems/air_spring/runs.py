@@ -91,7 +91,7 @@ class PreparedRun:
 
     @property
     def inputs(self) -> Array:
-        """All inputs of the bench (n, INPUTS), most of them 0: made when somebody asks, for few do."""
+        """All inputs of the bench (n, INPUTS), most of them 0: made when a user asks, for few do."""
         inputs = np.zeros((len(self.experiment.time), INPUTS))
         inputs[:, Input.SUPPLY] = 1.0
         for name, place in _VALVES.items():

@@ -96,7 +96,7 @@ _PHYSICAL: Final = (
 )
 #: The effect whose period the readings themselves tell.
 _HELD: Final = "sample_and_hold"
-#: An orifice that lets less through is nearly the same on both sides as on each: what is told apart is a hundredth.
+#: An orifice that lets less through is nearly the same on both sides as on each: what is distinguished is a hundredth.
 _TOO_ALIKE: Final = frozenset(
     {
         "discharge",

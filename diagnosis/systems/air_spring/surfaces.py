@@ -39,7 +39,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One surface of the model; every coefficient is believed to be within ``spread`` of 0."""
+    """One surface of the model; every coefficient is assumed to be within ``spread`` of 0."""
 
     name: str
     title: str

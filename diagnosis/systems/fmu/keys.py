@@ -23,7 +23,7 @@ class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable without effect while the effect is absent."""
+    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable without effect while the effect is missing."""
 
     tried: list[str]
     low: str | None = None
@@ -32,7 +32,7 @@ class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class EffectKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME]``: a ``variable`` that is ``off`` while the effect is absent, and its size."""
+    """``[fmu.effects.NAME]``: a ``variable`` that is ``off`` while the effect is missing, and its size."""
 
     variable: str
     typical: str

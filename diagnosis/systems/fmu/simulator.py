@@ -44,7 +44,7 @@ _WHOLE: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class OfVariable:
-    """An effect that a variable makes: at the value ``off`` (SI) it is absent."""
+    """An effect that a variable makes: at the value ``off`` (SI) it is missing."""
 
     variable: Variable
     off: float
@@ -63,7 +63,7 @@ class Drive:
 class FmuSimulator(CompleteSimulator):
     """The simulator. ``unnamed`` are surfaces, each with the signal that it is added to.
 
-    ``preset`` are values (SI) of variables in the place of the FMU's own.
+    ``preset`` are values (SI) of variables instead of the FMU's own.
     """
 
     def __init__(

@@ -59,7 +59,7 @@ def _biases(
     """Yield by how much numbers of the base come out wrong, to first order, as the error of the step looks like them.
 
     δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J what each number does to it, S what is
-    believed, and n how many ``times`` as much is measured in all.
+    assumed, and n how many ``times`` as much is measured in all.
     """
     noise = np.array([channel.noise for channel in simulator.channels])
     told, base = noise > 0.0, simulator.nuisances

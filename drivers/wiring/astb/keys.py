@@ -1,4 +1,4 @@
-"""The keys of a transport of kind ``astb``, and of the ports of a rig that speaks our table."""
+"""The keys of a transport of kind ``astb``, and of the ports of a rig that uses our table."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The transport to a rig that speaks our table: measurements and set-points on CAN, all else on Modbus/TCP.
+"""The transport to a rig that uses our table: measurements and set-points on CAN, all else on Modbus/TCP.
 
 It carries the signals themselves, in SI, by a compiled codec, and keeps the cycle of the set-points. In a description
-it stands for every signal that no line is for::
+it represents every signal that no line is for::
 
     [transports.rig]
     kind = "astb"

@@ -45,7 +45,7 @@ class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     counter: str | None = None  #: the signal that counts its frames
     counter_period: Annotated[int, Meta(ge=2)] | None = None  #: after how many frames the counter is 0 again
     checksum: dict[str, Any] | None = None
-    values: dict[str, float] = {}  #: of signals that are sent with it and that nobody writes
+    values: dict[str, float] = {}  #: of signals that are sent with it and that no one writes
     source: Annotated[int, Meta(ge=0, le=0xFD)] | None = None  #: J1939: who sends it
 
 
@@ -67,7 +67,7 @@ class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
     scale: float = 1.0
     offset: float = 0.0
     page: int | None = None  #: it is there when the selector has this value
-    selector: bool = False  #: it says which page is sent
+    selector: bool = False  #: it states which page is sent
     #: The raw values that mean "not available"; those that the DBC names so, where nothing is said.
     null: float | list[float] | None = None
 

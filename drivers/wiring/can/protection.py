@@ -33,7 +33,7 @@ class ChecksumKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | None) -> Checksum:
-    """Return what computes the checksum; WiringError for a scheme that nobody knows."""
+    """Return what computes the checksum; WiringError for a scheme that no one knows."""
     scheme, _, name = keys.scheme.partition(":")
     if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
         raise WiringError(f"{where}: scheme = {keys.scheme!r} is none; {did_you_mean(keys.scheme, SCHEMES)}")

@@ -21,7 +21,7 @@
     every = "10 ms"               # sent at this rate once all its signals have a value; without it when written
     counter = "Alive"             # counts from 0, up to what its bits carry or to counter_period
     checksum = { signal = "Crc", scheme = "xor8", start = 0xA5, identifier = true }  # | sum8 | e2e_p1 | function:NAME
-    values = { Reserved = 0 }     # of signals that nobody writes
+    values = { Reserved = 0 }     # of signals that no one writes
     source = 0x27                 # J1939: the address that sends it, ours where we do
 
     [transports.bus.messages."*"] # the same for all messages that have such signals and say nothing themselves
@@ -41,7 +41,7 @@ Counters and checksums are filled in when a message is sent and checked when it 
 (``counts``) and not handed on. Of a frame that is shorter than described, what fits is read. With J1939 priority and
 addresses do not matter, the codes FE and FF are no values, and of two that send one group the first is heard. Stamps of
 the interface's own clock are used where it has one. A multiplexed message is sent page by page. Nothing is sent before
-somebody commands; start values in the DBC then stand in for signals that nobody writes, never for a set-point. What is
+a user commands; start values in the DBC then replace signals that no one writes, never for a set-point. What is
 sent by itself pauses while set-points, once they were streamed, are not: a dead bench must not look alive.
 """
 

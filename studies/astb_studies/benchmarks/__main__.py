@@ -1,4 +1,4 @@
-"""``python -m astb_studies.benchmarks``: measure speed and lateness, each beside a control of the same minute."""
+"""``python -m astb_studies.benchmarks``: measure speed and lateness, each next to a control of the same minute."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""Runs of a plan as a campaign on two workers, beside two processes that each run half of them in a plain loop."""
+"""Runs of a plan as a campaign on two workers, next to two processes that each run half of them in a plain loop."""
 
 import itertools
 import multiprocessing

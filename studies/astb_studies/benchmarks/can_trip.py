@@ -1,4 +1,4 @@
-"""One CAN frame to the hub and back, by our plugin and by python-can's own client, beside a raw socket."""
+"""One CAN frame to the hub and back, by our plugin and by python-can's own client, next to a raw socket."""
 
 import contextlib
 import logging

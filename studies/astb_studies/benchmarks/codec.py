@@ -1,4 +1,4 @@
-"""Frames and lines: the compiled CAN codec beside cantools, the socketcand parser beside python-can's."""
+"""Frames and lines: the compiled CAN codec next to cantools, the socketcand parser next to python-can's."""
 
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""How steadily set-points arrive while a plan computes, beside a stream that needs the interpreter for every cycle.
+"""How steadily set-points arrive while a plan computes, next to a stream that needs the interpreter for every cycle.
 
 python -m astb_studies.benchmarks.commander_cycles PORT PLAN WAY
     streams until its input ends; WAY is compiled or interpreted
@@ -92,7 +92,7 @@ def _burning() -> Iterator[None]:
 
 
 def run(effort: Effort) -> Section:
-    """Stream both ways at the same time, for each kind of plan, with other processes that compute beside them."""
+    """Stream both ways at the same time, for each kind of plan, with other processes that compute next to them."""
     seconds = QUICK_SECONDS if effort.quick else SECONDS
     rows = []
     with _burning():

@@ -52,14 +52,14 @@ CAN_HOLE: Final = Cut("CAN becomes a black hole")
 MODBUS_HOLE: Final = Cut("Modbus becomes a black hole", WATCHDOG)
 ESTOP: Final = Cut("emergency stop")
 POWER: Final = Cut("power lost")
-#: Those of a process and those of a wire can be made on real sockets; nobody cuts the power of a process.
+#: Those of a process and those of a wire can be made on real sockets; no one cuts the power of a process.
 REAL_CUTS: Final = (KILLED, STOPPED, CAN_CLOSED, MODBUS_CLOSED, BOTH_CLOSED, CAN_HOLE, MODBUS_HOLE, ESTOP)
 CUTS: Final = (*REAL_CUTS, POWER)
 
 
 @dataclass
 class Witness:
-    """Somebody else on the bus: ``held`` and ``safe`` are the times (s) after the cut at ``since`` (ns); NaN before."""
+    """Another user on the bus: ``held`` and ``safe`` are the times (s) after the cut at ``since`` (ns); NaN before."""
 
     since: int = 1 << 62
     held: float = np.nan

@@ -32,7 +32,7 @@ LIMIT: Final = 10.0
 LIMIT_MEMORY: Final = 1000.0
 HIDDEN: Final = {"leak.left": {"area": 1e-7}}
 REPETITIONS, QUICK_REPETITIONS = 3, 1
-#: What a diagnosis does while it tells of it by the beginning of such a text.
+#: What a diagnosis does while it reports of it by the beginning of such a text.
 PURPOSES: Final = {
     "fitting the base model": "base fit and first scores",
     "fitting candidates": "trials, and scores with the entered candidates",
@@ -110,7 +110,7 @@ def diagnosed(dataset: Dataset, effects: tuple[str, ...] | None) -> Measured:
 
 
 def run(effort: Effort) -> Section:
-    """Hide a leak, measure it once, and diagnose the record several times, each time in a process of its own."""
+    """Hide a leak, measure it once, and diagnose the record several times, each time in its own process."""
     runs, length, candidates = QUICK if effort.quick else WHOLE
     simulator = AirSpring(load(), effects=CATALOGUE)
     with tempfile.TemporaryDirectory() as directory:

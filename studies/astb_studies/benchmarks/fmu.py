@@ -1,4 +1,4 @@
-"""FMUs of springs and bench beside the plant itself, and beside the same laws in an FMU that pythonfmu3 makes."""
+"""FMUs of springs and bench next to the plant itself, and next to the same laws in an FMU that pythonfmu3 makes."""
 
 import tempfile
 from collections.abc import Callable

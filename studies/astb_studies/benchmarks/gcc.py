@@ -1,4 +1,4 @@
-"""The C controls: compiled by the machine's own gcc, in a temporary directory, each time anew."""
+"""The C controls: compiled by the machine's own gcc, in a temporary directory, each time again."""
 
 import shutil
 import subprocess
@@ -11,7 +11,7 @@ _HERE: Final = Path(__file__).parent
 
 
 def compiled(source: str, directory: Path, *options: str) -> Path:
-    """Compile ``source``, a file beside this one, with ``-O2`` and return what came out.
+    """Compile ``source``, a file next to this one, with ``-O2`` and return what came out.
 
     Raises Skipped where there is no gcc, or not what ``options`` link.
     """

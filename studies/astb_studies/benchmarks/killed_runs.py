@@ -69,7 +69,7 @@ class Killed:
 
 @dataclass
 class Bystander:
-    """Somebody else on the bus, who knows the rig's time."""
+    """Another user on the bus, who knows the rig's time."""
 
     tick: float = np.nan
     _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))
@@ -209,7 +209,7 @@ def killer() -> Iterator[Killer]:
 
 
 def main() -> int:
-    """Kill runs, say what was lost, and return 1 if it was too much or something is not right."""
+    """Kill runs, state what was lost, and return 1 if it was too much or something is not right."""
     parser = argparse.ArgumentParser(description="Kill runs at random moments and inspect their records.")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,4 +1,4 @@
-"""How late the ticks of the real rig process are, under load, beside a C loop that runs at the same time."""
+"""How late the ticks of the real rig process are, under load, next to a C loop that runs at the same time."""
 
 import contextlib
 import socket
@@ -105,7 +105,7 @@ def run(effort: Effort) -> Section:
 
 
 def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
-    """Run the rig with all its clients, and the C program ``loop`` beside it."""
+    """Run the rig with all its clients, and the C program ``loop`` next to it."""
     ours, control = loop.with_name("ours"), loop.with_name("control")
     with contextlib.ExitStack() as stack:
         rig = stack.enter_context(

@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Skipped(Exception):
-    """What a control needs is not on this machine; says what."""
+    """What a control needs is not on this machine; states what."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class BenchmarkRow:
-    """One measurement beside its control. ``unit`` is "s" for times, else what is shown behind the number."""
+    """One measurement next to its control. ``unit`` is "s" for times, else what is shown behind the number."""
 
     what: str
     unit: str

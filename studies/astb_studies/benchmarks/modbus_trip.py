@@ -1,4 +1,4 @@
-"""One Modbus request and its answer from the rig's registers, beside a raw socket with the same bytes."""
+"""One Modbus request and its answer from the rig's registers, next to a raw socket with the same bytes."""
 
 import contextlib
 import socket

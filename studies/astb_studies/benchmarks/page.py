@@ -53,7 +53,7 @@ def spread(value: Spread, unit: str) -> str:
 
 
 def cells(row: BenchmarkRow) -> tuple[str, ...]:
-    """Return what stands in the columns of one row."""
+    """Return what is in the columns of one row."""
     ratio = row.ratio
     if ratio is None:
         shown = ""

@@ -1,4 +1,4 @@
-"""What the panel costs its rig: how late ticks are with two pages open, beside the same rig without."""
+"""What the panel costs its rig: how late ticks are with two pages open, next to the same rig without."""
 
 import contextlib
 import sys

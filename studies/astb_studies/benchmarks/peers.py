@@ -1,4 +1,4 @@
-"""The far ends of the round trips, in a process of their own: hub, Modbus server, and raw sockets for comparison.
+"""The far ends of the round trips, in their own process: hub, Modbus server, and raw sockets for comparison.
 
 python -m astb_studies.benchmarks.peers
     prints the ports of hub, Modbus server, raw peers and echo; ends with its input

@@ -1,4 +1,4 @@
-"""Cuts in real time: a plan in a process of its own, a rig in another, and between them wires that can be cut.
+"""Cuts in real time: a plan in its own process, a rig in another, and between them wires that can be cut.
 
 python -m astb_studies.benchmarks.real_cuts FILE
     the plan: arms the rig of a rig file, fills the springs, says `armed`, and waits
@@ -76,7 +76,7 @@ class Wire:
                 near, _ = self._listening.accept()
                 try:
                     far = socket.create_connection(("127.0.0.1", self._target))
-                except OSError:  # the rig is gone, and whoever looks for it is told so
+                except OSError:  # the rig is gone, and anyone who looks for it is told so
                     near.close()
                     continue
                 self._pairs.append((near, far))
@@ -116,7 +116,7 @@ def _expect_line(process: Any, word: str) -> str:
 
 
 class RealCuts:
-    """A rig in a process of its own, whose commander is lost again and again; use it as a context manager."""
+    """A rig in its own process, whose commander is lost again and again; use it as a context manager."""
 
     def __init__(self) -> None:
         self._witness = Witness()

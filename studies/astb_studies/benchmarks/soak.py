@@ -129,7 +129,7 @@ class Soak:
             self.faults += 1
 
     def _note(self, name: str) -> None:
-        """Forgive the bus what is missing while a fault of its own is on."""
+        """Forgive the bus what is missing while its own fault is on."""
         if name != "leak":
             self.witness.broken = time.monotonic()
 
@@ -198,7 +198,7 @@ def judged(seen: Soak, sizes: list[float]) -> list[str]:
 
 
 def main() -> int:
-    """Soak, say what was seen, and return 1 if something is wrong."""
+    """Soak, state what was seen, and return 1 if something is wrong."""
     parser = argparse.ArgumentParser(description="Run a rig at its full rate, with faults on and off.")
     parser.add_argument("--minutes", type=float, default=30.0)
     seconds = 60 * (minutes := parser.parse_args().minutes)

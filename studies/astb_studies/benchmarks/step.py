@@ -83,7 +83,7 @@ class Outside:
         return found
 
     def tick_by_tick(self, rtol: float, atol: Any, ticks: int) -> None:
-        """Let LSODA start anew at every tick, as it must where inputs and latches change there."""
+        """Let LSODA start again at every tick, as it must where inputs and latches change there."""
         state = self.start
         for n in range(ticks):
             span = n * STEP, (n + 1) * STEP

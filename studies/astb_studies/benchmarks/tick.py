@@ -1,4 +1,4 @@
-"""One tick of the rig in virtual time, beside the bare model's step."""
+"""One tick of the rig in virtual time, next to the bare model's step."""
 
 from typing import Any
 

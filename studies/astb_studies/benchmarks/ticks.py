@@ -30,7 +30,7 @@ CALLED: Final = ("ticks late by 1 ms or more", "of 1000 ticks, late by 250 µs o
 
 @contextmanager
 def rig_of_its_own(serving: Sequence[str] = ("astb", "rig")) -> Iterator[tuple[Path, ModbusPort]]:
-    """Run a rig on free ports; yield the file that tells where it is, in a folder of its own, and its Modbus.
+    """Run a rig on free ports; yield the file that shows where it is, in its own folder, and its Modbus.
 
     The module ``serving`` with its arguments is the rig.
     """

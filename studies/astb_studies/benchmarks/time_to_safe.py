@@ -19,7 +19,7 @@ from bench_protocol.units import ms
 #: Of each kind: a thousand in virtual time in all.
 VIRTUAL, QUICK_VIRTUAL = 112, 8
 REAL, QUICK_REAL = 20, 1
-#: What lies between an event and the frame that tells of it: a message of the state is sent every 20 ms, where no
+#: What lies between an event and the frame that reports of it: a message of the state is sent every 20 ms, where no
 #: emergency is; on sockets comes what carries it.
 TELLING: Final = 20 * ms
 TRANSPORT: Final = 10 * ms

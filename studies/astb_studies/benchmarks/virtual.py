@@ -51,7 +51,7 @@ class Meter:
 
 
 def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tuple[float, float]:
-    """Run a plan on a rig of its own; return simulated and real time of the plan itself (s)."""
+    """Run a plan on its own rig; return simulated and real time of the plan itself (s)."""
     rig: Any = build_rig(Simulation())
     with contextlib.ExitStack() as stack:
         if meter:
@@ -71,7 +71,7 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
 
 @contextlib.contextmanager
 def metered(meter: Meter, part: str, owner: Any, method: str) -> Iterator[None]:
-    """Time a method of all objects of a class: they are made where nobody here sees them."""
+    """Time a method of all objects of a class: they are made where no one here sees them."""
     original = getattr(owner, method)
     setattr(owner, method, meter.of(part, original))
     try:
@@ -116,7 +116,7 @@ def whole_command(repetitions: int) -> BenchmarkRow:
 
 
 def run(effort: Effort) -> Section:
-    """Run both plans several times, each time beside the bare model; then the whole command."""
+    """Run both plans several times, each time next to the bare model; then the whole command."""
     ours: list[float] = []
     control: list[float] = []
     drawing: list[float] = []

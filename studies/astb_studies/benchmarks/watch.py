@@ -1,4 +1,4 @@
-"""What a twin costs its rig, and how far it is behind: a plan in real time, with and without a twin beside it."""
+"""What a twin costs its rig, and how far it is behind: a plan in real time, with and without a twin next to it."""
 
 import math
 import os
@@ -131,7 +131,7 @@ class Follower:
 
 
 def follow(test: Any, directory: Path, file: Path, faults: Sequence[Fault] = ()) -> Watched:
-    """Start a twin beside a run, and switch ``faults`` of the rig of a ``file`` on; return how it kept up."""
+    """Start a twin next to a run, and switch ``faults`` of the rig of a ``file`` on; return how it kept up."""
     while not directory.exists():
         assert test.poll() is None, "the run did not begin"
         time.sleep(_LOOK)

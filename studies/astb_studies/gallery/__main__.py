@@ -1,4 +1,4 @@
-"""Make the gallery anew: python -m astb_studies.gallery [NAME…], all pictures unless some are named, and the page."""
+"""Make the gallery again: python -m astb_studies.gallery [NAME…], all pictures unless some are named, and the page."""
 
 import argparse
 import shlex

@@ -1,4 +1,4 @@
-"""The bench as a sketch: what stands on what, what moves, and which wire carries what."""
+"""The bench as a sketch: what is on what, what moves, and which wire carries what."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final

@@ -73,19 +73,19 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     found: Found
     verdict: str
     told: str  #: what failed, or why it was blocked; what is right first
-    nearest: str  #: the check that came nearest to a limit of its own, seen from the sound rig
+    nearest: str  #: the check that came nearest to its own limit, seen from the sound rig
     used: float  #: which part of its way there (1: it is at the limit)
     version: str = ""  #: of the code: commit and day
 
 
 @cache
 def mutations() -> Mutations:
-    """Return the table of faults. msgspec.ValidationError, with its place, for one that nobody understands."""
+    """Return the table of faults. msgspec.ValidationError, with its place, for one that no one understands."""
     return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8")), Mutations)
 
 
 def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mapping[str, Any]) -> Cell:
-    """Return what the row of a plan on a rig with this fault says, beside that of the sound rig."""
+    """Return what the row of a plan on a rig with this fault says, next to that of the sound rig."""
     told = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
     if row["verdict"] == "blocked":
         told.append(f"blocked: {row['reason']}")

@@ -46,7 +46,7 @@ class Tolerances(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @cache
 def tolerances() -> Tolerances:
-    """Return the table. msgspec.ValidationError, with its place, for one that nobody understands."""
+    """Return the table. msgspec.ValidationError, with its place, for one that no one understands."""
     return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8")), Tolerances)
 
 

@@ -32,7 +32,7 @@ from test_plans.parameters import Parameter
 LIMIT = 600.0
 #: Parameters that only make a run longer.
 LENGTHS = frozenset({"duration", "cycles", "intervals", "hold", "within"})
-#: Parameters that state what stands on the bench: on the virtual one springs do.
+#: Parameters that state what is on the bench: on the virtual one springs do.
 STANDS_THERE = frozenset({"dummy"})
 
 
@@ -88,7 +88,7 @@ def sound_cases(plans: list[str], count: int, first: int = 0) -> list[PlanCase]:
 def drawn_values(plan: str, index: int) -> dict[str, str]:
     """Return the values of a plan's parameters at a point of a Halton design over their whole ranges.
 
-    Parameters that only make a run longer, that state what stands on the bench, and files have their defaults.
+    Parameters that only make a run longer, that state what is on the bench, and files have their defaults.
     """
     from scipy.stats import qmc
 
@@ -169,7 +169,7 @@ def main() -> None:
 )
 @click.option("--workers", type=int, help="Number of processes (default: number of cores).")
 def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int | None) -> None:
-    """Run PLANS on a rig with each fault, and put what comes out in the place of what is known of these plans."""
+    """Run PLANS on a rig with each fault, and put what comes out instead of what is known of these plans."""
     rows = _carried_out([sound_case(plan) for plan in plans], out, workers)
     faults = {row["plan"]: detectable_faults(row) if meant else mutations().mutation for row in rows}
     rows += _carried_out([case for plan in plans for case in fault_cases(plan, faults[plan])], out, workers)

@@ -26,7 +26,7 @@ WANTED: Final = 0.01
 
 
 def page() -> str:
-    """Return the page, from the matrix and the sound runs that lie beside this module."""
+    """Return the page, from the matrix and the sound runs that lie next to this module."""
     return "\n".join(_lines(mutations(), read_cells(), read_sound_runs())) + "\n"
 
 

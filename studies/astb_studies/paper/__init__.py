@@ -1,1 +1,1 @@
-"""A study of the paper: its figures and claims made anew, on the virtual bench and in closed form."""
+"""A study of the paper: its figures and claims made again, on the virtual bench and in closed form."""

@@ -64,7 +64,7 @@ def directory_of(out: Path, plan: str, seed: int) -> Path:
 def measure(
     plan: str, seed: int, out: Path, name: str = "", given: Mapping[str, str] = MappingProxyType({})
 ) -> None:
-    """Run one plan in virtual time on a rig of its own and leave record and result below ``out``.
+    """Run one plan in virtual time on its own rig and leave record and result below ``out``.
 
     ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called.
     """

@@ -38,7 +38,7 @@ class BenchOutcome:
     deviation: str
     #: What the closed form gives, and whether it meets the claim (None: it has no say); by default what its check says.
     closed: tuple[str, bool | None] | None = None
-    by: str = "bench"  #: what stands in its place where the bench has no say
+    by: str = "bench"  #: what is in its place where the bench has no say
 
 
 Evaluate = Callable[[Subject], CheckOutcome]
@@ -79,7 +79,7 @@ class Claim:
         return declare
 
     def on_the_bench(self, figure: str) -> Callable[[Compare], Compare]:
-        """Declare that the function below says what the bench measured of the claim, beside ``figure``."""
+        """Declare that the function below states what the bench measured of the claim, next to ``figure``."""
 
         def declare(compare: Compare) -> Compare:
             self.by_figure[figure] = compare

@@ -37,8 +37,8 @@ WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.
 REALISATIONS: Final = tuple(range(1, 11))
 
-#: Rides beside those of the car as its file describes it: load cases, and what is changed in springs and car. The paper
-#: loads its springs with 53.5 kN, and its car in the ride with 53.7 kN.
+#: Rides next to those of the car as its file describes it: load cases, and what is changed in springs and car. The
+#: paper loads its springs with 53.5 kN, and its car in the ride with 53.7 kN.
 OTHER_RIDES: Final[dict[str, tuple[tuple[str, ...], dict[str, float], dict[str, float]]]] = {
     "no anti-roll bar": (("AW0", "AW3"), {}, {"anti_roll_stiffness": 0.0}),
     "53.7 kN": (("AW0",), {"nominal_preload": 53.7 * kN}, {}),

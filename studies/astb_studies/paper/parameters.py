@@ -78,7 +78,7 @@ class PaperSet:
 
 
 def load_paper(name: str | Path = "paper", load_case: str | None = None) -> PaperSet:
-    """Read a parameter set: a name stands for a file beside this module, anything else is a path.
+    """Read a parameter set: a name represents a file next to this module, anything else is a path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """

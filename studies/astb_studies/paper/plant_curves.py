@@ -34,7 +34,7 @@ _STEP: Final = 2.5 * ms
 def lateral(subject: Subject, pressure: Floats, amplitude: Floats, f: float = 0.5 * Hz) -> Complexes:
     """Complex lateral stiffness in N/m of one spring at gauge pressures (Pa) and amplitudes (m), arrays of one shape.
 
-    Each pressure is that of a load of its own, for which the spring stands at its design height.
+    Each pressure is that of its own load, for which the spring stands at its design height.
     """
     area = float(subject.parameters("AW0").record.effective_area[0])
     found = [
@@ -197,7 +197,7 @@ def lookalikes(subject: Subject, load: str, amplitude: Floats, f: Floats) -> dic
 
     ``orifice``: no rubber; ``rubber``: shell and friction as in the plant; ``lag``: no rubber, but the force read 5 ms
     after it acts less than the displacement does; ``coefficient``: no rubber, the orifice's C_d 5 % smaller than
-    believed. Over amplitude (m) and f (Hz), broadcast.
+    assumed. Over amplitude (m) and f (Hz), broadcast.
     """
     C_d = subject.parameters(load).record.discharge_coefficient[0]
     orifice, _ = vertical(subject, load, amplitude, f, "rubber", cycles=12)

@@ -89,7 +89,7 @@ def _row(name: str, entry: Entry) -> dict[str, str]:
 def topologies() -> list[dict[str, str]]:
     """Return by load case what emergency spring and diaphragm have together, in series and in parallel (kN/m).
 
-    Each row also tells how much stiffer the last load case is than the first, either way.
+    Each row also shows how much stiffer the last load case is than the first, either way.
     """
     found = {}
     for load_case in LOADS:

@@ -40,7 +40,7 @@ BENCH, CHECKED, MODEL, SENSITIVITY, FIGURES = (
     "figures and page",
 )
 
-#: What `astb paper` writes beside the page.
+#: What `astb paper` writes next to the page.
 IDENTIFIED: Final = "identified.toml"
 
 
@@ -217,7 +217,7 @@ def _on_the_plant(subject: Subject, other: str = "") -> list[ComfortRow]:
 
 
 def _identified(seed: int, out: Path) -> Identified:
-    """Measure what tells the springs of the first rig, identify them, and leave their parameter file."""
+    """Measure what identifies the springs of the first rig, identify them, and leave their parameter file."""
     measure(IDENTIFICATION, seed, out)
     return identify_rig(directory_of(out, IDENTIFICATION, seed), out / IDENTIFIED)
 

@@ -27,7 +27,7 @@ CHEAP: Final = 800
 NULLS: Final = 500
 COLOURED_NULLS: Final = 200
 SIBLINGS: Final = 400
-#: What a bench is asked, beside its ordinary cases.
+#: What a bench is asked, next to its ordinary cases.
 BENCH_NULLS: Final = 80
 BENCH_SIBLINGS: Final = 200
 

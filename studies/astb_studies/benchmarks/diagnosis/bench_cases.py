@@ -1,4 +1,4 @@
-"""Benches with something hidden in them: each is screened in a process of its own, of which only files come back."""
+"""Benches with something hidden in them: each is screened in its own process, of which only files come back."""
 
 import subprocess
 import sys

@@ -82,7 +82,7 @@ def done(system: str, folder: Path = COUNTED) -> list[Judged]:
 def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
     """Hide, measure, diagnose and judge one case; a failure is a result too.
 
-    ``effects`` are the candidates, None stands for all.
+    ``effects`` are the candidates, None represents all.
     """
     from diagnosis.engine.config import Config
     from diagnosis.engine.diagnose import diagnose

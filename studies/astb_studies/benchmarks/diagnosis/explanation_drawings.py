@@ -1,6 +1,6 @@
 """The drawings of docs/explanation/how-the-diagnosis-works.md.
 
-``python -m astb_studies.benchmarks.diagnosis.explanation_drawings`` makes them anew.
+``python -m astb_studies.benchmarks.diagnosis.explanation_drawings`` makes them again.
 """
 
 from pathlib import Path
@@ -41,7 +41,7 @@ SPRING: Final = 500 * kN
 RELAXATION, TRAVEL = 0.13 * s, 3 * mm
 CYCLES, POINTS = 20, 1000
 
-#: Where less of a footprint is left, the drawing says what took it.
+#: Where less of a footprint is left, the drawing states what took it.
 HIDDEN: Final = 0.3
 
 #: What is compared in the map of cosines.

@@ -39,7 +39,7 @@ ROUGH_ALONE: Final = 0.2
 class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     """One specimen: its effects with their values (SI) and λ in white noise, its base model's parameters, its noise.
 
-    ``roughness`` is the λ of a smooth random term that nobody models; ``outside`` the term that is in no catalogue,
+    ``roughness`` is the λ of a smooth random term that no one models; ``outside`` the term that is in no catalogue,
     with its size; ``form`` what a sibling has of another form, with its size.
     """
 
@@ -67,7 +67,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def apart(self) -> float:
-        """The weakest of those, beside the next of kin that imitates its effect best."""
+        """The weakest of those, next to the next of kin that imitates its effect best."""
         table = LambdaPerUnit.read()
         parts = {name: table.part_apart(name, self._shapes(name)) for name in self.effects}
         return min((lambda_ * parts.get(name, 1.0) for name, lambda_ in self.seen.items()), default=0.0)
@@ -134,7 +134,7 @@ def _names(rng: np.random.Generator, kind: Kind, per_unit: LambdaPerUnit) -> lis
         return [_placed(rng, CATALOGUE[str(rng.choice(kinds))])]
     while True:
         first, second = (CATALOGUE[str(name)] for name in rng.choice(kinds, 2, replace=False))
-        # Two of one family are a near miss, and two that cannot be told apart are one.
+        # Two of one family are a near miss, and two that cannot be distinguished are one.
         if first.family != second.family and first.name not in second.confusers:
             return [_placed(rng, first), _placed(rng, second)]
 

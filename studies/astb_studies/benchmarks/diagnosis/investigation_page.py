@@ -32,7 +32,7 @@ counted with [scores next to a strained candidate](../../docs/decisions/23-accep
 
 
 class Figure(NamedTuple):
-    """A rate that is told, with the least or (below a half) the largest that was aimed at; NaN for none."""
+    """A rate that is reported, with the least or (below a half) the largest that was aimed at; NaN for none."""
 
     what: str
     aim: float

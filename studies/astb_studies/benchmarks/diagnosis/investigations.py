@@ -73,7 +73,7 @@ def main(number: int, processes: int, budget: str, first_seed: int, kept: Path, 
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
-    # The page among the docs is of what is kept beside it.
+    # The page among the docs is of what is kept next to it.
     if page is None and (kept, budget) == (INVESTIGATIONS, BUDGET):
         page = PAGE
     if page is not None:

@@ -26,8 +26,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden, on the bench in the noise of the
     case; ``apart`` is what next of kin leave of the least one. ``laws`` are others of the phenomenon of a cause, from
-    which the finding does not tell it. ``errors`` are those of the amplitudes of rightly named causes,
-    relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base`` those of
+    which the finding does not report it. ``errors`` are those of the amplitudes of rightly named causes,
+    relative to the truth; ``deviations`` the same in standard deviations as the finding reports them, ``base`` those of
     the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
     """
 
@@ -81,14 +81,14 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reported(self) -> bool:
-        """Whether all that was hidden stands in the finding: as a cause, what may be one instead, or as a suspect."""
+        """Whether all that was hidden is in the finding: as a cause, what may be one instead, or as a suspect."""
         return set(self.hidden) <= {*self.causes, *self.rivals, *self.suspects, *self.laws}
 
     @property
     def wrong(self) -> list[str]:
         """Causes that are named, are not there, and for which the finding offers no right one instead.
 
-        Next of kin of what is hidden do not count: one relaxation time in the place of two is no lie about the cause.
+        Next of kin of what is hidden do not count: one relaxation time instead of two is no lie about the cause.
         """
         free = {*self.rivals, *self.laws} & set(self.hidden)
         strange = [c for c in self.causes if c not in self.hidden and c not in self.near]

@@ -1,7 +1,7 @@
 """How well a screening shows each effect: a table of λ per unit of its amplitude, in which sizes are drawn.
 
 ``python -m astb_studies.benchmarks.diagnosis.lambda_per_unit RECORD``
-makes it anew; it changes only with the model and the plan.
+makes it again; it changes only with the model and the plan.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ class LambdaPerUnit(msgspec.Struct, frozen=True):
     """λ per unit (SI) of amplitude: of each effect at the points of its shape grid, of each term outside.
 
     ``in_noise`` is the part of it that is left, at the same points, in the noise of a condition, which remembers or is
-    coarser; ``apart`` the part that is left beside the next of kin that imitates an effect best, at more points, as
+    coarser; ``apart`` the part that is left next to the next of kin that imitates an effect best, at more points, as
     between two of a grid an effect may be just what a next of kin is.
     """
 
@@ -67,7 +67,7 @@ class LambdaPerUnit(msgspec.Struct, frozen=True):
         return self.effects[name][_nearest(self.effects[name], shapes)][1]
 
     def part_apart(self, name: str, shapes: Sequence[float]) -> float:
-        """Return which part of its λ an effect keeps beside its next of kin; 1 if it has none."""
+        """Return which part of its λ an effect keeps next to its next of kin; 1 if it has none."""
         return self.apart[name][_nearest(self.apart[name], shapes)][1] if name in self.apart else 1.0
 
     def part_seen(self, name: str, shapes: Sequence[float], condition: str) -> float:

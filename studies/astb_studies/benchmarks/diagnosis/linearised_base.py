@@ -52,7 +52,7 @@ class LinearisedBase:
     def lambda_apart(
         self, run: Callable[[Experiment, Effects], Array], effects: Effects, entries: Sequence[Candidate]
     ) -> float:
-        """Return what is left of λ of ``effects`` beside the one of the candidates that imitates them best."""
+        """Return what is left of λ of ``effects`` next to the one of the candidates that imitates them best."""
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries]
         further = self._differences(steps)
         both = zip(self._whiten, self._columns(run, [effects]), further, strict=True)
@@ -62,7 +62,7 @@ class LinearisedBase:
         return float(np.sqrt(max(own - imitated.max(initial=0.0), 0.0)))
 
     def parts_apart(self, entries: Sequence[Candidate], others: Sequence[Candidate]) -> list[float]:
-        """Return which part of its λ each candidate keeps beside the one of ``others`` that imitates it best."""
+        """Return which part of its λ each candidate keeps next to the one of ``others`` that imitates it best."""
         together = [*entries, *others]
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in together]
         columns = self._differences(steps)

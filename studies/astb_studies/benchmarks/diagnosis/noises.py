@@ -13,7 +13,7 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.systems.air_spring.simulator import OUTPUTS, channels
 
 Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibling"]
-#: What is measured, beside what tells the motion: these sensors have noise of a colour.
+#: What is measured, next to what identifies the motion: these sensors have noise of a colour.
 COLOURED: Final = [*FORCES, *PRESSURES]
 COLOURS: Final[Mapping[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 BITS: Final = 2.0**-12

@@ -4,7 +4,7 @@ Theory of operation
 -------------------
 A further force h on the mass that depends on time and on what the mass has done so far is a part of the drive:
 m ẍ + c ẋ + k x = f − h. So the oscillator is run with the drive alone, h is taken from its motion, and it is run again
-with f − h until the motion stays what it is; h is small beside f, and a few rounds do. The ground feels h as well.
+with f − h until the motion stays what it is; h is small next to f, and a few rounds do. The ground feels h as well.
 """
 
 from collections.abc import Callable, Mapping

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 #: Edges of the classes of λ.
 EDGES: Final = (4.0, 6.0, 10.0, 20.0, 50.0, 150.0, 500.0, 4000.0)
 LAMBDA_TICKS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-#: A point over λ stands for at least so many cases.
+#: A point over λ represents at least so many cases.
 LEAST_POINT: Final = 10
 NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
 
@@ -146,7 +146,7 @@ def _named_cause(judged: Judged) -> str:
 
 
 def save(figure: "Figure", path: Path) -> None:
-    """Write a drawing that is the same whenever it is made anew."""
+    """Write a drawing that is the same whenever it is made again."""
     path.parent.mkdir(parents=True, exist_ok=True)
     plain_numbers(figure)
     figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")

@@ -20,7 +20,7 @@ from diagnosis.finding import Verdict
 PAGE: Final = PAGES / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
 
-#: Of fewer cases no rate is told: its interval would hold nearly everything.
+#: Of fewer cases no rate is reported: its interval would hold nearly everything.
 LEAST: Final = 20
 SIBLING: Final = "sibling"
 #: Told intervals over the scatter of the errors: between them, 91 and 99 % of normal errors are covered.
@@ -28,7 +28,7 @@ WIDTHS: Final = (0.87, 1.31)
 #: Of fewer cases no drawing is made.
 FEW: Final = 100
 
-#: Borders of the ratios of two λ by which pairs are told.
+#: Borders of the ratios of two λ by which pairs are reported.
 RATIOS: Final = (1.0, 3.0, 30.0)
 
 #: λ from which the roughness, a fiftieth of it, exceeds the noise; of a pair, the larger one decides.
@@ -245,7 +245,7 @@ def _detection(single: Sequence[Judged]) -> list[str]:
 
 
 def _pairs(pairs: Sequence[Judged]) -> list[str]:
-    """Return how often both of two causes are told, by how much larger the λ of one is."""
+    """Return how often both of two causes are reported, by how much larger the λ of one is."""
     rows = []
     for low, high in pairwise(RATIOS):
         among = [j for j in pairs if low <= max(j.strongest, j.weakest) / j.weakest < high]

@@ -2,7 +2,7 @@
 
 The rig integrates the free bolster under its actuators every millisecond, the diagnosis replays an imposed motion every
 2.5 ms. Every reading crosses the rig's own CAN and Modbus encoders. The record says nothing of what is hidden; the
-truth goes into a file of its own.
+truth goes into its own file.
 """
 
 import contextlib

@@ -83,5 +83,5 @@ PROGRAMME: Final = Programme(
 
 
 def short_screening() -> Plan:
-    """Return the plan; its record is that of a screening, for whoever gives its runs their roles."""
+    """Return the plan; its record is that of a screening, for anyone who gives its runs their roles."""
     return programme_plan(PROGRAMME)

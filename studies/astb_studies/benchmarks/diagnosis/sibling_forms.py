@@ -29,7 +29,7 @@ CURVATURE: Final = 2.0
 
 
 class Form(NamedTuple):
-    """What a sibling has in the place of what the model believes; ``sizes`` are equally likely."""
+    """What a sibling has instead of what the model believes; ``sizes`` are equally likely."""
 
     name: str
     sizes: tuple[float, ...]
@@ -68,7 +68,7 @@ def parameters(forms: Mapping[str, float]) -> dict[str, float]:
 
 
 class Curved:
-    """Runs a rig whose effective area is curved over the height: ``curvature`` A_2, at every fifth tick anew."""
+    """Runs a rig whose effective area is curved over the height: ``curvature`` A_2, at every fifth tick again."""
 
     def __init__(self, rig: Rig, curvature: float) -> None:
         self._run: Callable[[int], Block] = rig.run

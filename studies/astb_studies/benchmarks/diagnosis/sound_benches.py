@@ -1,6 +1,6 @@
 """What sound benches show by themselves: how much of each effect a replay imitates, and how it changes with time.
 
-``python -m astb_studies.benchmarks.diagnosis.sound_benches`` makes the table anew.
+``python -m astb_studies.benchmarks.diagnosis.sound_benches`` makes the table again.
 
 Sound benches are screened like those of the
 benchmark, with seeds of their own. Scores should be standard normal: what they scatter beyond that, about 0, is the

@@ -1,6 +1,6 @@
 """``python -m astb_studies.benchmarks.identification``: how often the intervals of `astb identify` hold.
 
-Springs are drawn as they are believed, a virtual rig with sensors of its own is measured through the wires by the plan
+Springs are drawn as they are assumed, a virtual rig with sensors of its own is measured through the wires by the plan
 `identification`, and what is identified is held against what was drawn. One line of JSON a pair of springs goes to the
 file of results, so that counting goes on where it was cut off.
 """
@@ -27,12 +27,12 @@ from test_plans.execution import execute
 
 PLAN: Final = "identification"
 COUNTED: Final = Path(__file__).parent / "counted.jsonl"
-#: Further from what is believed than so many standard deviations, a third of a value is hardly a spring any more.
+#: Further from what is assumed than so many standard deviations, a third of a value is hardly a spring any more.
 FURTHEST: Final = 2.0
 
 
 def drawn(seed: int) -> Parameters:
-    """Return springs whose parameters are drawn from what is believed, less its tails."""
+    """Return springs whose parameters are drawn from what is assumed, less its tails."""
     chance, parameters = np.random.default_rng(seed), load("astb")
     values: dict[str, Any] = {}
     tail = ndtr(-FURTHEST)

@@ -1,6 +1,6 @@
 """Counts the false alarms, delays and named causes of the twin: ``python -m astb_studies.benchmarks.twin``.
 
-Every run is made through the wires, with a seed of its own, and in virtual time but for ``realtime``. One line of JSON
+Every run is made through the wires, with its own seed, and in virtual time but for ``realtime``. One line of JSON
 a run goes to the file of results, so that counting goes on where it was cut off. ``page`` writes what they say.
 """
 

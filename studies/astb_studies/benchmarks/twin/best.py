@@ -1,7 +1,7 @@
 """How soon the best possible test would have told: the same one, with the cause, its size and its beginning known.
 
 The innovations z of a block have the mean d that the cause gives them, by the same filter that has learnt the same. So
-log L = d·z − |d|²/2, and its sum since the cause began is as much evidence as there is. It tells where the detector
+log L = d·z − |d|²/2, and its sum since the cause began is as much evidence as there is. It shows where the detector
 would: where the sum is the logarithm of the mean time between two false alarms, in blocks. Nothing bounds a block.
 """
 
@@ -19,7 +19,7 @@ from diagnosis.twin.twin import Seen, Twin
 
 
 class WatchedWith(Twin):
-    """A twin that also knows what begins: ``best`` is when it could have been told at the earliest (s), or None."""
+    """A twin that also knows what begins: ``best`` is when it could have been reported at the earliest (s), or None."""
 
     def __init__(self, record: Record, parameters: Parameters, case: Case) -> None:
         super().__init__(record, parameters, "astb")

@@ -31,7 +31,7 @@ PLANS: Final = {
 SIZES: Final = (1.0, 3.0, 10.0)
 #: So long (s) a creeping effect grows to its size.
 CREEPS: Final = 30.0
-#: So long (s) after it began a run goes on; what is not told by then is not told.
+#: So long (s) after it began a run goes on; what is not determined by then is not told.
 GOES_ON: Final = 60.0
 #: A second effect begins so long (s) after the first; one that goes away again does so after so long.
 _BETWEEN: Final = (4.0, 12.0)

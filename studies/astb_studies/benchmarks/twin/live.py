@@ -1,4 +1,4 @@
-"""A case in real time: a rig and a run with its twin, processes that meet on sockets, and what was told when.
+"""A case in real time: a rig and a run with its twin, processes that meet on sockets, and what was reported when.
 
 Times are those of this machine's clock, behind the instant at which the effect began in the rig.
 """
@@ -49,7 +49,7 @@ def count_live(case: Case) -> Counted:
 
 
 def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
-    """Follow a run to its end; return when it was told that they part, and why, and when the record began.
+    """Follow a run to its end; return when it was told that they deviate, and why, and when the record began.
 
     What was told before the effect began at ``at`` s of the rig's time does not count.
     """

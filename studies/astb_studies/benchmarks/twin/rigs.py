@@ -20,7 +20,7 @@ from drivers.bench import Bench
 _STEP: Final = 0.1
 #: The bench is stopped so many s after the last second that counts.
 _LATER: Final = 1.0
-#: What drifts does so from the start of the rig; one that begins later is a fault of its own.
+#: What drifts does so from the start of the rig; one that begins later is its own fault.
 _DRIFT: Final = "pressure_drift"
 
 
@@ -39,7 +39,7 @@ def bench_of(case: Case) -> Iterator[Bench]:
 
 
 def begin(rig: Rig, case: Case) -> None:
-    """Let the effects of a case begin and end when their time has come; later somebody stops the bench.
+    """Let the effects of a case begin and end when their time has come; later a user stops the bench.
 
     Nothing happens to a sound rig.
     """

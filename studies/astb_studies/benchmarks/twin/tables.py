@@ -53,13 +53,13 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def one_of_two(self) -> bool:
-        """Whether an effect is one of two causes that are told only together, and the other one is not there."""
+        """Whether an effect is one of two causes that are reported only together, and the other one is not there."""
         pairs = self.first_deviation.pairs if self.first_deviation else ()
         return not self.both and any(self._true(one) for pair in pairs for one in pair)
 
     @property
     def both(self) -> bool:
-        """Whether two causes are told together that both are there."""
+        """Whether two causes are reported together that both are there."""
         case, pairs = self.case, self.first_deviation.pairs if self.first_deviation else ()
         return bool(case.second) and any(
             alike(a.name, one) and alike(b.name, two)
@@ -77,7 +77,7 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def unknown(self) -> bool:
-        """Whether it was told without any cause."""
+        """Whether it was reported without any cause."""
         return (
             self.first_deviation is not None
             and not self.first_deviation.causes

@@ -6,12 +6,12 @@ import numpy as np
 
 
 def within(value: float, low: float, high: float) -> bool:
-    """Tell whether low ≤ value ≤ high; nothing that is not a number is."""
+    """Show whether low ≤ value ≤ high; nothing that is not a number is."""
     return bool(low <= value <= high)
 
 
 def near(value: float, expected: float, share: float) -> bool:
-    """Tell whether a value lies within ± ``share`` of what is expected."""
+    """Show whether a value lies within ± ``share`` of what is expected."""
     return bool(abs(value - expected) <= share * abs(expected))
 
 
@@ -22,12 +22,12 @@ def maxima(values: Any) -> list[int]:
 
 
 def falls(values: Any) -> bool:
-    """Tell whether a series falls strictly."""
+    """Show whether a series falls strictly."""
     return bool(np.all(np.diff(values) < 0.0))
 
 
 def rises(values: Any) -> bool:
-    """Tell whether a series rises strictly."""
+    """Show whether a series rises strictly."""
     return bool(np.all(np.diff(values) > 0.0))
 
 

@@ -73,7 +73,7 @@ def comfort(subject: Subject) -> CheckOutcome:
 
 
 def what_the_bar_does(subject: Subject) -> str:
-    """Tell where the sway mode that the track excites lies, with the car's anti-roll bar and without one."""
+    """Show where the sway mode that the track excites lies, with the car's anti-roll bar and without one."""
     car = subject.vehicle.record
 
     def sway(**changes: float) -> str:

@@ -1,7 +1,7 @@
 """The orifice under a harmonic motion of finite amplitude: the pressure ratio that (18) leaves free, derived.
 
 For pressures close to each other (17) is Δp = R T G|G|/(2 p (C_d A_o)²). Harmonic balance puts the resistance
-R = 8/(3π) R T Ĝ/(2 p (C_d A_o)²) in the place of R_f, and the flow Ĝ follows from the motion that it damps. With the
+R = 8/(3π) R T Ĝ/(2 p (C_d A_o)²) instead of R_f, and the flow Ĝ follows from the motion that it damps. With the
 time constant τ of (19) that is a quadratic equation in (ωτ)²:
 
     (ωτ)² = ½ (√(1 + 4ε²) − 1),   ε = (ω/ω_0)²,   ω_0⁻² = 4 R T n A a (C_a C_b/(C_a+C_b))²/(3π V_b (C_d A_o)²)

@@ -1,7 +1,7 @@
 """Damping of the orifice between bellows and auxiliary chamber, linearised at a pressure ratio: equations (17) to (19).
 
 The slope of the flow at a pressure difference of zero is infinite, so the linearisation stands at a ratio r < 1 that
-somebody has to choose. Whatever depends on r here, the rise and fall of the damping among it, depends on that choice;
+a user has to choose. Whatever depends on r here, the rise and fall of the damping among it, depends on that choice;
 `finite_amplitude` derives it from the motion instead.
 """
 

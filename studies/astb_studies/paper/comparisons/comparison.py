@@ -1,4 +1,4 @@
-"""One claim of the paper beside what the bench measured, and the words in which that is told."""
+"""One claim of the paper next to what the bench measured, and the words in which that is reported."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,7 +16,7 @@ MINUS: Final = "\u2212"
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """One claim of the paper beside a figure: ``bench`` and ``closed`` tell what came out, ``*_holds`` judges it."""
+    """One claim of the paper next to a figure: ``bench`` and ``closed`` show what came out, ``*_holds`` judges it."""
 
     id: str
     claim: str
@@ -25,7 +25,7 @@ class ClaimComparison:
     deviation: str
     bench_holds: bool
     closed_holds: bool | None  #: None where the closed forms have no say
-    by: str = "bench"  #: what stands in its place where the bench has no say
+    by: str = "bench"  #: what is in its place where the bench has no say
 
     @property
     def verdict(self) -> str:

@@ -10,13 +10,13 @@ from astb_studies.paper.hybrid.floor import COMFORT, COMFORTABLE, SHAKES
 from astb_studies.paper.study import Study
 from astb_studies.paper.subject import LOADS
 
-#: The car whose rides stand beside those that decide.
+#: The car whose rides are next to those that decide.
 _BARE = "no anti-roll bar"
 
 
 @T11.on_the_bench("comfort")
 def comfort(study: Study) -> BenchOutcome:
-    """Rides of a car on the bench's springs, beside those on the plant's."""
+    """Rides of a car on the bench's springs, next to those on the plant's."""
     plant = entry_of(study, "T11", "plant")
     shakes, index = (
         {(load, wind): _of(study, ride_name(load, wind), check) for load in LOADS for wind in RIDE_WINDS}

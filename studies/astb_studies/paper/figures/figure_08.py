@@ -94,7 +94,7 @@ def _model_against_bench(study: Study, top: Any) -> None:
 
 
 def _lookalikes(study: Study, below: Any) -> None:
-    """Draw (d) to (f): three causes of more damping than the orifice's, and the experiments that tell them apart."""
+    """Draw (d) to (f): three causes of more damping than the orifice's, and the experiments that distinguish them ."""
     shown = study.model["confusable"]
     for panel, over, x, unit in ((below[0], "f", shown["f"], 1.0), (below[1], "a", shown["a"], mm)):
         reference = shown[f"orifice over {over}"].imag

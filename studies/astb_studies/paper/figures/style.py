@@ -98,7 +98,7 @@ def draw_line(
 
 
 def add_key(figure: Figure, *entries: tuple[str, dict[str, Any]], columns: int = 0) -> None:
-    """Add one key below the panels that says what points, lines and dashes are."""
+    """Add one key below the panels that states what points, lines and dashes are."""
     styles: list[dict[str, Any]] = [{"color": INK, "linewidth": 1.25} | style for _, style in entries]
     handles = [Line2D([], [], **style) for style in styles]
     figure.legend(

@@ -43,7 +43,7 @@ STIFFER_SIDEWAYS, STIFFER_UPWARD, DAMPED_MORE = (
     f"tolerance of the springs, {what}" for what in ("lateral stiffness", "vertical stiffness", "damping")
 )
 CARRIED: Final = "load on the springs"
-#: Of the difference between both rides so many pieces tell how much it scatters.
+#: Of the difference between both rides so many pieces show how much it scatters.
 PIECES: Final = 5
 #: E_n compares a deviation with its expanded uncertainty.
 COVERAGE: Final = 2.0
@@ -93,7 +93,7 @@ def followed(
 
 @dataclass(slots=True)
 class LinearSprings:
-    """Springs of stiffness and damping (3, each way) that answer otherwise than they should, and cells with noise.
+    """Springs of stiffness and damping (3, each way) that answer differently than they should, and cells with noise.
 
     What the cells read is held for ``hold`` s.
     """

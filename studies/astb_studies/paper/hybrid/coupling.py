@@ -37,15 +37,15 @@ Floats = npt.NDArray[np.float64]
 
 #: The car's step, at which forces come.
 HOST_STEP: Final = 1.0 / FAST_RATE
-#: How late a set-point shows beside what joining and the actuator's loop take, and a force beside its transducer's lag:
-#: dead time and frames, as the rides on the virtual bench measure it.
+#: How late a set-point shows next to what joining and the actuator's loop take, and a force next to its transducer's
+#: lag: dead time and frames, as the rides on the virtual bench measure it.
 LATENCY: Final = 3 * ms
 #: How much sooner than the pistons the platform is where it is told to be: 6 ms would pass for a fifth of the roll.
 TABLE_SOONER: Final = 5.5 * ms
-#: Without a force for so long nobody knows what the springs do.
+#: Without a force for so long no one knows what the springs do.
 SILENT: Final = 50 * ms
 FORCES: Final = (*SHEAR_CELLS, *VERTICAL_CELLS)
-#: What tells how the springs stand; what frames give way by, the load cells tell.
+#: What identifies how the springs stand; what frames give way by, the load cells tell.
 POSES: Final = (*HEIGHTS, "lateral.displacement", "platform.roll")
 #: What has to be known of the rig.
 COUPLED: Final = (
@@ -67,9 +67,9 @@ COUPLED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Beat:
-    """How whoever computes the car moves springs and feels them (s).
+    """How anyone who computes the car moves springs and feels them (s).
 
-    How long set-points take to be joined, how late one shows beside that and the actuator's loop, and for how long a
+    How long set-points take to be joined, how late one shows next to that and the actuator's loop, and for how long a
     force is held.
     """
 
@@ -91,7 +91,7 @@ By = Literal["host", "rig"]
 class Delay:
     """How late pistons and platform show in what the car is told (s), for how long each reading is held, and by whom.
 
-    By the dimensions of the rig, until somebody has measured it.
+    By the dimensions of the rig, until a user has measured it.
     """
 
     pistons: float
@@ -136,7 +136,7 @@ def _path(rig: Rig, beat: Beat) -> Path:
 
 
 def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
-    """Return what the load cells say that both springs do to what stands on them."""
+    """Return what the load cells say that both springs do to what is on them."""
     lateral, upward = sideways_force(read, rig), upward_force(read, rig)
     return Springs(float(lateral), float(upward), -float(cell_moment(read, rig)))
 

@@ -1,4 +1,4 @@
-"""A ride in the rig's own tick: the host says which car, lets the wind blow, and reads what the rig tells of it."""
+"""A ride in the rig's own tick: the host states which car, lets the wind blow, and reads what the rig reports of it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-#: So often the rig tells of its car.
+#: So often the rig reports of its car.
 STEP: Final = 1.0 / COMMAND_RATE
 #: By column of a course: what the rig calls it.
 TOLD: Final = {
@@ -96,7 +96,7 @@ def ride_in_tick(
 ) -> TickCourse:
     """Let a car ride in the rig's tick to the end of its track; ``wind``: times (s) and its force (N), from 0 and to 0.
 
-    LinkLost if the rig does not tell of it; what stops it stops the program.
+    LinkLost if the rig does not report of it; what stops it stops the program.
     """
     bench = run.bench
     names = (*FORCES, *POSES, "lateral.force")

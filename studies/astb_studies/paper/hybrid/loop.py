@@ -33,7 +33,7 @@ class Path:
     """
 
     beat: float
-    latency: float  #: of the wires to both sides, beside what joining and holding take
+    latency: float  #: of the wires to both sides, next to what joining and holding take
     hold: float
     actuator_frequency: float
     actuator_damping: float

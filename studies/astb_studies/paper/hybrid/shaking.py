@@ -1,4 +1,4 @@
-"""A motion that dies away: it shakes friction out of springs, and tells how late a bench follows."""
+"""A motion that dies away: it shakes friction out of springs, and shows how late a bench follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same car without a bench: on the springs of a model, beside which a ride on measured ones is held."""
+"""The same car without a bench: on the springs of a model, next to which a ride on measured ones is held."""
 
 from __future__ import annotations
 

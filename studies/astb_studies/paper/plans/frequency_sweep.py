@@ -19,7 +19,7 @@ def _frequency_sweep(run: Run, load: str) -> None:
     valves shut. First as the bench is, then with the connecting pipe (1.5 m, 50 mm) and plates of 30 mm, which throttle
     no more; there once more with 0.5 mm, where little air moves and surges. Where piston speed (0.6 m/s) or force
     (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) do not reach, the amplitude is what they allow:
-    vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. It is kept beside the results, as is the temperature of
+    vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. It is kept next to the results, as is the temperature of
     the gas. A lateral sweep of 0.9 mm shows what is frequency and what is friction at a smaller amplitude.
 
     Good is damping with its maximum near the natural frequency and little of it at 10 Hz, and with the pipe a stiffness

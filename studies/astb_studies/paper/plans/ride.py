@@ -200,7 +200,7 @@ def ride(
     anti-roll bar, is computed 200 times a second from what the load cells read, and the actuators put the springs where
     it would have them: real-time hybrid simulation. Wires and actuators take some 35 ms, by which the car's motion is
     told ahead. Or, `by` the rig, a rig that can computes it in its own tick, a thousand times a second, and is a third
-    as late. First the springs are shaken, which frees them of friction and tells how late this rig is. The ride
+    as late. First the springs are shaken, which frees them of friction and shows how late this rig is. The ride
     begins only if car, delay and springs together are stable by their gain and phase.
 
     Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at

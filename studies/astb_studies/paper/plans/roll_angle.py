@@ -26,7 +26,7 @@ def _roll_angle(run: Run, load: str) -> None:
     and the platform rolls against it, so that the bolster stays clear of its bump stop. At each angle, first with the
     left side up and then with the other, the lateral actuator moves by 5 mm at 1 Hz about the 20 mm: the mean force
     gives the secant F/y, the motion the first harmonic, both per spring. All of it first with the differential pressure
-    valve isolated, then with it open; what parts the pressures is kept beside. The empty car is rolled by up to
+    valve isolated, then with it open; what parts the pressures is kept next to. The empty car is rolled by up to
     0.08 rad, the full one by 0.06 rad: beyond it the lower spring would take more than its actuator can give.
 
     Good is coupling as the sheared column predicts: the force at y = +20 mm grows with the left side up, by as much as

@@ -196,7 +196,7 @@ def secants_of(stairs: Sequence[PoseReading]) -> tuple[list[float], list[float]]
 def _volumes(spring: Specimen, load: Load, stairs: Sequence[PoseReading]) -> list[float]:
     """Return V(y)/V(0) of the bellows by its gas, which is always the same: V ∝ T/p, at its own design height.
 
-    The emergency spring gives way by what the force changes; the drawing tells what volume that is.
+    The emergency spring gives way by what the force changes; the drawing shows what volume that is.
     """
     specific = np.array([one.temperature / (one.pressure + ATMOSPHERE) for one in stairs])
     lifted = np.array(

@@ -45,7 +45,7 @@ def _coupling(secants: list[float], storages: list[float]) -> tuple[float, float
     return rise / level, abs(largest - knee) / rise, odd, storages[1] / storages[0]
 
 
-#: Beyond 0.05 rad the coupling is saturated: what follows is small beside what went before.
+#: Beyond 0.05 rad the coupling is saturated: what follows is small next to what went before.
 KNEE: Final = 0.05 * rad
 
 
