@@ -35,7 +35,7 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     with pytest.raises(NotCommander) as caught:
         away(memory, bench, 3 * s)
     told = str(caught.value)
-    assert told.startswith("connect again to take it, and look at the bench first: this commander was silent")
+    assert told.startswith("inspect the bench, then connect again to take it: this commander was silent")
     assert told.endswith("nobody holds the bench now")
     if taken:
         other = memory.bench()
@@ -47,7 +47,7 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     assert "somebody else" not in bench.describe()
     if taken:
         assert other.rig.state in ("FAULT_DISABLED", "DISABLED")
-        assert "somebody else tries to command the bench" in other.strangers(), "another client to him"
+        assert "another client tries to command the bench" in other.strangers(), "another client to him"
         other.close()
     bench.close()
 

@@ -46,7 +46,9 @@ def test_a_question_is_answered_and_a_wrong_answer_is_reported(run, rig_file):
     box.ask(Question("well?", ("yes", "no")))
     assert "yes, no, abort would be" in knock(rig_file, {"do": "answer", "text": "perhaps"})["error"]
     late = knock(rig_file, {"do": "answer", "text": "yes", "to": "the one before?"})
-    assert "what is asked now is 'well?'" in late["error"], "a second tap does not answer the next question"
+    assert "the present question is 'well?'" in late["error"], (
+        "a second tap does not answer the next question"
+    )
     assert box.answer() is None
     knock(rig_file, {"do": "answer", "text": "yes", "by": "A. Miller", "to": "well?"})
     assert box.answer() == Answer("yes", "A. Miller")
