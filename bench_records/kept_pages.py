@@ -7,10 +7,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from markupsafe import Markup
+
 from bench_records.disk import kept
+from bench_records.document import (
+    NUMBER,
+    Cell,
+    Document,
+    TableRow,
+    caption,
+    drawing,
+    facts_table,
+    pairs,
+    paragraph,
+    section,
+    table,
+)
 from bench_records.plots import ALARM, PALETTE, SOFT, heading, number, panel, style, svg
 from bench_records.result import Check
-from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, primed, significant, unit, with_uncertainty
 
 if TYPE_CHECKING:
@@ -43,16 +57,50 @@ class Row(NamedTuple):
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
     """Write the page of two runs as one self-contained file. OSError if it cannot be written."""
-    page = template("comparison.html.j2").render(
-        comparison=comparison,
-        rows=[comparison_row(pair) for pair in comparison.checks],
-        bars=any(one.expanded for pair in comparison.curves for one in (pair.a, pair.b)),
-        drawings=[
-            _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
+    ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
+    facts = [(fact.what.replace("_", " "), fact.a or "–", fact.b or "–") for fact in comparison.facts]
+    drawings = [
+        _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
+    ]
+    bars = any(one.expanded for pair in comparison.curves for one in (pair.a, pair.b))
+    rows = [comparison_row(pair) for pair in comparison.checks]
+    sections = [
+        section(
+            "Differences of the conditions",
+            table(("condition", "A", "B"), facts)
+            if facts
+            else paragraph("None in the records: same plan, parameters, specimen, rig and software."),
+        ),
+        section(
+            "Results",
+            table(
+                ("phase", "check", *(Cell(one, NUMBER) for one in ("A", "B", "B − A", "± U")), "remark"),
+                [TableRow(row[:-1], row.tone) for row in rows],
+            ),
+            caption(
+                "± U is the expanded uncertainty of the change. It assumes that the errors of A and B are "
+                "independent; errors of the same instruments cancel in a change, so the true uncertainty may be "
+                "smaller. It is empty where the uncertainty of A or B is not known."
+            ),
+        ),
+    ]
+    if drawings or comparison.lonely_curves:
+        notes = ["The line through a point is its expanded uncertainty."] if bars else []
+        notes += ["; ".join(comparison.lonely_curves)] if comparison.lonely_curves else []
+        sections.append(section("Curves", pairs(drawings), *map(caption, notes)))
+    a, b = comparison.names
+    page = Document(
+        f"{a} compared with {b}",
+        "Comparison of two runs",
+        sections,
+        heading=Markup("A: {}<br>B: {}").format(a, b),
+        facts=[
+            (f"verdict of {name}", ", ".join(filter(None, (verdict, circumstances))))
+            for name, verdict, circumstances in ends
         ],
     )
     with kept(path):
-        path.write_text(page, encoding="utf-8", newline="\n")
+        path.write_text(page.html(), encoding="utf-8", newline="\n")
 
 
 def comparison_row(pair: CheckPair) -> Row:
@@ -128,31 +176,69 @@ class Part(NamedTuple):
 
     name: str
     words: list[str]
-    drawing: str
-    rows: list[tuple[KeptCheck, str, str]]
+    section: Markup
 
 
 def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
     """Write the page of one or more checks over the life of a specimen. OSError if it cannot be written."""
-    parts = [
-        Part(
-            primed(trend.name),
-            trend_words(trend),
-            _over_time(trend, f"trend{place}"),
-            [(one, _kept_figure(one), _uncertainty(one)) for one in trend.checks],
+    parts = [_trend_part(place, trend) for place, trend in enumerate(trends)]
+    sections = [part.section for part in parts]
+    if parts[1:]:
+        links = (
+            Markup('<a href="#trend{}">{}</a>').format(place, one.name) for place, one in enumerate(parts)
         )
-        for place, trend in enumerate(trends)
-    ]
+        told = [" ".join(part.words) for part in parts]
+        sections.insert(0, section("Summary", facts_table(zip(links, told, strict=True))))
     checks = [one for trend in trends for one in trend.checks]
-    page = template("trend.html.j2").render(
-        heading=parts[0].name if len(parts) == 1 else f"{len(parts)} checks",
-        specimen=specimen,
-        parts=parts,
-        uncertain=any(one.expanded is not None for one in checks),
+    if any(one.expanded is not None for one in checks):
+        sections.append(
+            caption(
+                "± U, and the line through a point, is the expanded uncertainty. It includes errors that are "
+                "equal in every run, which the scatter does not show. Dashed red lines are the limits at each time."
+            )
+        )
+    what = parts[0].name if len(parts) == 1 else f"{len(parts)} checks"
+    page = Document(
+        f"{what}, specimen {specimen}",
+        "Trend of a check" if len(parts) == 1 else "Trend of checks",
+        sections,
         circumstances=sorted({one.run.circumstances for one in checks if one.run.circumstances}),
     )
     with kept(path):
-        path.write_text(page, encoding="utf-8", newline="\n")
+        path.write_text(page.html(), encoding="utf-8", newline="\n")
+
+
+def _trend_part(place: int, trend: Trend) -> Part:
+    name, words = primed(trend.name), trend_words(trend)
+    rows = [
+        TableRow(
+            (
+                one.run.began.replace("T", " ").removesuffix("Z"),
+                one.run.directory,
+                one.run.plan,
+                one.phase,
+                one.run.rig,
+                _kept_figure(one),
+                _uncertainty(one),
+                one.verdict,
+            ),
+            one.verdict if one.verdict in {"fail", "marginal", "error"} else "",
+        )
+        for one in trend.checks
+    ]
+    heads = (
+        "when (UTC)",
+        "run",
+        "plan",
+        "phase",
+        "rig",
+        Cell("value", NUMBER),
+        Cell("± U", NUMBER),
+        "verdict",
+    )
+    picture = drawing(_over_time(trend, f"trend{place}"))
+    shown = section(name, *map(paragraph, words), picture, table(heads, rows), anchor=f"trend{place}")
+    return Part(name, words, shown)
 
 
 def trend_words(trend: Trend) -> list[str]:
