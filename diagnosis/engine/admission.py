@@ -9,6 +9,11 @@ The trials come in the order of BIC, and the first through all gates is the choi
 * a richer member of the family of an accepted cause explains as much in that one's place (`family.py`). Then that
   enters, if it is worth its parameters by BIC, or nothing does.
 
+A further cause may be much smaller than those before it, and no larger than what their equations may be inexact by. It
+enters if the model is sufficient with it and not without it: no other score exceeds the threshold and no surface sees
+anything, and the select runs are predicted clearly better. An inexact equation leaves a rest that no single candidate
+explains as a whole.
+
 Where nothing enters, pairs are tried. A cause that is missing strains what is assumed of the base model, and the
 other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing together with it. Two
 trials that failed by nothing but such a strain are fitted together, if they are of different families.
@@ -25,11 +30,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
-from diagnosis.engine.config import COMPARABLE, PAIRED, SUBSTITUTE
+from diagnosis.engine.config import COMPARABLE, GAINS_DENSITY, PAIRED, SUBSTITUTE
 from diagnosis.engine.family import richer_members, richer_surcharge
 from diagnosis.engine.fitting.point import Point, effect_coordinates
+from diagnosis.engine.footprints import with_surfaces
 from diagnosis.engine.gates import unfit
-from diagnosis.engine.search_state import Problem, SearchState, Trial
+from diagnosis.engine.p_values import bonferroni
+from diagnosis.engine.screening import fit_and_screen
+from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
 from diagnosis.engine.trials import (
     current_model,
     fit_physical,
@@ -71,6 +79,33 @@ def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list
             if not (single.failed or (by_bic and by_lpd)):
                 singles.append(single)
     return singles
+
+
+def choose_sufficient(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
+    """Return the best trial that failed only by its size, if nothing is left to be explained with it in the model."""
+    current = state.current
+    trial = next((one for one in trials if one.rough), None)
+    if trial is None or current.prediction is None:
+        return None
+    model = refit(problem, trial.point, current)
+    there = predicted(problem, model, current.prediction)
+    if there is None or there.lpd - current.prediction.lpd < GAINS_DENSITY:
+        return None
+    if too_useless(problem, state, model, there):
+        return None
+    beside = current_model(problem, trial.point)
+    left = beside.screening.exceeding or _surfaces_see(problem, beside)
+    return None if left else replace(trial, failed="", lpd=there.lpd)
+
+
+def _surfaces_see(problem: Problem, beside: CurrentModel) -> bool:
+    """Return whether the test of any surface rejects a model."""
+    replay, config = problem.replay, problem.config
+    if not replay.simulator.surfaces:
+        return False
+    around = with_surfaces(replay, beside.footprints)
+    tests = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed).tests
+    return any(bonferroni(test.p, len(tests)) < config.alpha_unknown for test in tests)
 
 
 def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:

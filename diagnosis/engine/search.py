@@ -7,7 +7,7 @@ noise that they leave. One turn of the loop is steps 3 to 6 of the argument:
 
 1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
 2. `trials.fit_trials`: what exceeds the threshold is fitted and judged by the gates (`gates.py`);
-3. `admission.choose`, `choose_pair`, `admit`: one trial enters, or two together, or none;
+3. `admission.choose`, `choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none;
    where none does and far more than the noise is left, `second_look.look_again` fits what acts now and then, which
    enters likewise; else the search ends;
 4. `rivals.swap`: others are tried instead of each accepted effect.
@@ -21,7 +21,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from diagnosis.engine.admission import admit, choose, choose_pair, choose_with_strained
+from diagnosis.engine.admission import (
+    admit,
+    choose,
+    choose_pair,
+    choose_sufficient,
+    choose_with_strained,
+)
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import fit_base_model
 from diagnosis.engine.gates import noise_floors
@@ -48,7 +54,11 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
             progress(f"fitting candidates in addition to {model}", 0.1 + 0.8 * done)
             trials = fit_trials(problem, state)
         state = state.after(trials)
-        chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
+        chosen = (
+            choose(problem, state, trials)
+            or choose_pair(problem, state, trials)
+            or choose_sufficient(problem, state, trials)
+        )
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking for a second cause", 0.1 + 0.8 * done)
             chosen = choose_with_strained(problem, state, trials)

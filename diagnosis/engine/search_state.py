@@ -62,6 +62,7 @@ class Trial:
     lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
     physical: bool = True
+    rough: bool = False  #: it failed by nothing but what earlier causes may be wrong by
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -112,11 +112,13 @@ def _fitted(
     """
     name, start = wanted
     model = refit(problem, start, current, target)
-    failed = unfit(model, current.model) or too_rough(problem, current, model)
+    wrong = unfit(model, current.model)
+    failed = wrong or too_rough(problem, current, model)
     physical = not unphysical(model, current.model)
     surcharge = richer_surcharge(problem, name, model, current)
     give_back()
-    return trial_of(name, model, None, failed, physical, surcharge), None if failed else model
+    trial = trial_of(name, model, None, failed, physical, surcharge)
+    return replace(trial, rough=bool(failed) and not wrong), None if failed else model
 
 
 def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
