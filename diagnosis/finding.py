@@ -5,6 +5,7 @@ Numbers are in the unit together with them; only ``models`` is in SI. What is no
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import Final
 
@@ -136,6 +137,11 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     fraction: float | None
     fraction_low: float | None
     fraction_high: float | None
+
+    @property
+    def reduction(self) -> float | None:
+        """By which part the explainable error itself is smaller, as a root: 0.84 where ``fraction`` is 0.97."""
+        return None if self.fraction is None else 1.0 - math.sqrt(1.0 - min(self.fraction, 1.0))
 
 
 class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,7 +15,8 @@ with its theory of operation at the head; levels and limits of all of them are i
                           substitutes.py (steps 6 to 8 without what displaced a better cause);
                           laws.py (laws of one phenomenon that these runs do not distinguish );
                           then confusability.py (what was not seen) and next_run.py (what would decide)
-    9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
+    9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals);
+                          goodness.py (each channel against its noise: it may contradict *no effect*)
 
 `diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
 noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on
@@ -36,36 +37,39 @@ from diagnosis.contracts import (
     DiagnosisError,
     Experiment,
     Hypothesis,
+    MeasuredRun,
+    Role,
     Simulator,
 )
 from diagnosis.engine.base_model import without_effects
-from diagnosis.engine.before import best_before
+from diagnosis.engine.before import best_before, noise_ratio
 from diagnosis.engine.belief import contradicted, imitations
 from diagnosis.engine.checked import confirmed, predicted_checks
 from diagnosis.engine.config import NOISE_RATIO_SHOWN, PANEL_FDR, Config
 from diagnosis.engine.confusability import Company, confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
+from diagnosis.engine.goodness import Misfit, as_sentence, humming, misfits
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.laws import indistinguishable_laws
 from diagnosis.engine.memory import give_back, share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.prediction_share import residual_bound
-from diagnosis.engine.remainder import Remainder, held_back, remainder
+from diagnosis.engine.remainder import Remainder, held_back, least_left, remainder
 from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.substitutes import without_substitutes
-from diagnosis.engine.summary import Conclusions, further, summarised
+from diagnosis.engine.summary import ROLES, Conclusions, further, summarised
 from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import algebra_on_one_core, aside
 from diagnosis.engine.undecided import Undecided, undecided
-from diagnosis.engine.verdict import Judgement, final, judge
+from diagnosis.engine.verdict import Judgement, final, judge, without_surfaces
 from diagnosis.engine.wording import cause, laws, rivals, scores
 from diagnosis.finding import (
     Cause,
@@ -137,16 +141,19 @@ def _finding(
     checks: CheckFigures | None,
 ) -> Finding:
     """Compare both models and put everything that was concluded into the finding."""
+    role, runs = held_back(data)
+    judgement, after = _worthwhile(judgement, runs, config)
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
     base = _base_model(found, extended, named)
     watching = _panel_aside(base, config)
-    role, runs = held_back(data)
-    after = predict(extended, runs, fixed=True)
     floors = not_above(found.floors, extended, after)
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
-    verdict = verdict_on(final(judgement.verdict, left, len(alike)), data)
+    wrong = misfits(data.channels, _errors(role, extended, after), floors, config.alpha)
+    hums = humming(data, config.alpha)
+    verdict = verdict_on(final(judgement.verdict, left, len(alike)), data, wrong, hums)
+    differing = _differing(judgement.verdict, verdict, (best, extended), data, floors)
     reported = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     covariance = widened(named, judgement.screened.tests, residual_bound(data.of("select"), found.floors))
@@ -169,7 +176,7 @@ def _finding(
         models=models(best, extended, gain),
         ambiguous_with=others,
         suspects=near,
-        scores=scores(found),
+        scores=scores(found, beyond),
         gains=gain.gains,
         coverage=gain.coverage,
         not_seen=_not_seen(judgement, left, config),
@@ -179,15 +186,63 @@ def _finding(
         panel=watching(),
         confusability=confusability(screening),
         unknowns=list(judgement.unknowns),
-        remains=_remains(data, judgement, left),
+        remains=[
+            *([differing] if differing else []),
+            *_remains(data, judgement, left),
+            *(as_sentence(one, ROLES) for one in wrong),
+        ],
         traces=gain.traces,
-        doubts=[*data.doubts, *contradicted(extended)],
+        doubts=[*data.doubts, *hums, *contradicted(extended)],
         readings=list(data.readings),
         quality=list(data.quality),
         imitations=imitations(best, extended) if causes else [],
         checks=predicted,
     )
-    return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond)))
+    misfit = as_sentence(wrong[0], ROLES) if wrong and not (causes or near) else ""
+    return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond), misfit, differing))
+
+
+def _worthwhile(
+    judgement: Judgement, runs: Sequence[MeasuredRun], config: Config
+) -> tuple[Judgement, Prediction]:
+    """Return a judgement with what its model predicts of unseen runs; surfaces that make these worse are left out."""
+    after, named = predict(judgement.model, runs, fixed=True), judgement.screened.model
+    if judgement.model is named:
+        return judgement, after
+    without = predict(named, runs, after.linearisation, fixed=True)
+    floors = judgement.found.floors
+    if noise_ratio(after, floors) < noise_ratio(without, floors):
+        return judgement, after
+    return without_surfaces(judgement, config), without
+
+
+def _differing(
+    judged: Verdict, verdict: Verdict, models: tuple[FittedModel, FittedModel], data: Dataset, floors: Array
+) -> str:
+    """Return a sentence that says so where the report runs changed the verdict; "" where they did not."""
+    select = data.of("select")
+    if verdict is judged or not data.of("report") or not select:
+        return ""
+    before, after = (predict(model, select, fixed=True) for model in models)
+    ratios = noise_ratio(before, floors), noise_ratio(after, floors)
+    chosen = final(judged, Remainder("select", *ratios, least_left(before, after, floors)))
+    if chosen is verdict:
+        return ""
+    return (
+        f"The report runs changed the verdict: by the select runs it would be {chosen.value}, with an error of "
+        f"{ratios[1]:.3g} times the noise."
+    )
+
+
+def _errors(
+    role: Role, model: FittedModel, after: Prediction
+) -> list[tuple[Role, list[tuple[MeasuredRun, Array]]]]:
+    """Return what a model leaves of the runs that it was fitted to, and of those of a prediction."""
+    there = {"fit": (model.replay.runs, model.predictions), role: (after.replay.runs, after.outputs)}
+    return [
+        (one, [(run, run.outputs - outputs) for run, outputs in zip(runs, predicted, strict=True)])
+        for one, (runs, predicted) in there.items()
+    ]
 
 
 def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRow]]:
@@ -205,10 +260,18 @@ def _not_seen(judgement: Judgement, left: Remainder, config: Config) -> list[Uns
     return unseen(screened.screening, screened.model.linearisation, company, [one.effect for one in accepted])
 
 
-def verdict_on(verdict: Verdict, data: Dataset) -> Verdict:
-    """Return the verdict that data in doubt allow: that nothing was found shows nothing in them."""
-    doubtful = any(row.doubt for row in data.quality)
-    return Verdict.DOUBTFUL if doubtful and verdict is Verdict.NO_EFFECT else verdict
+def verdict_on(
+    verdict: Verdict, data: Dataset, wrong: Sequence[Misfit] = (), hums: Sequence[str] = ()
+) -> Verdict:
+    """Return the verdict that the data allow.
+
+    That nothing was found shows nothing in data that are in doubt, and is contradicted by errors above the noise.
+    """
+    if verdict is not Verdict.NO_EFFECT:
+        return verdict
+    if wrong:
+        return Verdict.UNRESOLVED
+    return Verdict.DOUBTFUL if hums or any(row.doubt for row in data.quality) else verdict
 
 
 def _causes(

@@ -133,9 +133,10 @@ def _sums(before: Array, after: Array) -> Array:
 
 
 def _fraction(total: Array, floor: float) -> Array:
-    """(RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3)."""
+    """(RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3), at most 1: less than the noise is left by chance only."""
     left = total[..., 0] - floor**2 * total[..., 2]
-    return np.divide(total[..., 0] - total[..., 1], left, out=np.full_like(left, np.nan), where=left > 0.0)
+    gone = np.minimum(total[..., 0] - total[..., 1], left)
+    return np.divide(gone, left, out=np.full_like(left, np.nan), where=left > 0.0)
 
 
 def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:

@@ -166,7 +166,7 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
-        quiet = [_straightened(run.outputs[part, i]) for run in runs for part in _rests(run, i)]
+        quiet = [_straightened(run.outputs[part, i]) for run in runs for part in rests(run, i)]
         if quiet:
             left = sum(float(values @ values) for values in quiet)
             floors.append(math.sqrt(left / sum(_left_by_a_line(seen, len(values)) for values in quiet)))
@@ -192,7 +192,7 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
     return floors
 
 
-def _rests(run: MeasuredRun, channel: int) -> list[slice]:
+def rests(run: MeasuredRun, channel: int) -> list[slice]:
     """Return the stretches at rest of one channel that are long enough; what is at rest may stand elsewhere later."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)

@@ -55,7 +55,8 @@ class Remainder:
     def gained(self, cause: str) -> float:
         """Return the part of the explainable squared error that is gone with a cause; NaN where there is none."""
         square = self.without[cause] ** 2
-        return (square - self.after**2) / (square - 1.0) if square > EXPLAINABLE**2 else float("nan")
+        left = max(self.after, 1.0) ** 2
+        return (square - left) / (square - 1.0) if square > EXPLAINABLE**2 else float("nan")
 
 
 def held_back(data: Dataset) -> tuple[Role, tuple[MeasuredRun, ...]]:

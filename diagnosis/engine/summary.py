@@ -10,7 +10,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from diagnosis.contracts import Hypothesis
+from diagnosis.contracts import Hypothesis, Role
 from diagnosis.engine.config import GAINS_LITTLE
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
@@ -61,7 +61,7 @@ WHERE: Final = MappingProxyType(
         "rig": "frame, supports and actuators: mounting and alignment",
     }
 )
-ROLES: Final = MappingProxyType(
+ROLES: Final[Mapping[Role, str]] = MappingProxyType(
     {
         "report": "On unseen runs",
         "select": "On the runs used for selection",
@@ -77,13 +77,16 @@ class Conclusions:
     """What a summary says together with its finding.
 
     ``accepted`` holds all accepted effects, also those that are candidates only since nothing is named; ``also`` is
-    what may be there together with them.
+    what may be there together with them, ``misfit`` the clearest error above the noise where nothing comes near, and
+    ``differing`` how the report runs changed the verdict.
     """
 
     accepted: Sequence[Cause]
     left: Remainder
     hypotheses: Mapping[str, Hypothesis] = field(default_factory=dict)
     also: str = ""
+    misfit: str = ""
+    differing: str = ""
 
 
 def summarised(finding: Finding, beside: Conclusions) -> Finding:
@@ -158,7 +161,7 @@ def _prior(one: Imitation) -> str:
 
 def _sure(found: Finding, beside: Conclusions) -> list[str]:
     if found.verdict is Verdict.UNRESOLVED:
-        return [_nearest(beside.accepted, found.suspects)]
+        return [_nearest(beside.accepted, found.suspects), beside.misfit, beside.differing]
     causes = found.causes
     if not causes:
         return [CAUSELESS[found.verdict]]
@@ -169,6 +172,7 @@ def _sure(found: Finding, beside: Conclusions) -> list[str]:
         _late_together(causes),
         *(_worth(one) for one in causes if one.status == NAMED),
         beside.also,
+        beside.differing,
     ]
 
 
@@ -246,6 +250,8 @@ def _worth(one: Cause) -> str:
     """Say of a cause that it explains little of the error on unseen runs; "" if it explains more."""
     if one.gained is None or one.gained >= GAINS_LITTLE:
         return ""
+    if one.gained <= 0.0:
+        return f"{_begun(one.title)} does not improve the prediction of unseen runs."
     return f"{_begun(one.title)} explains only {100.0 * one.gained:.2g} % of the error on unseen runs."
 
 
@@ -254,7 +260,9 @@ def _error(left: Remainder, found: Finding) -> str:
     if not left.after > 0.0:
         return ""
     change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
-    if left.after > 0.995 * left.before:
+    if left.after > 1.005 * left.before and (found.causes or found.unknowns):
+        change = f"the error rises from {left.before:.3g} to {left.after:.3g} times the noise"
+    elif left.after > 0.995 * left.before:
         verb = "stays at" if found.causes or found.unknowns else "is"
         change = f"the error {verb} {left.after:.3g} times the noise"
     return f"{ROLES[left.role]}, {change}{': not every cause of it was found' if left.large else ''}."

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun, Surface
@@ -91,6 +92,12 @@ def explain(
         figure=_map(test.surface, fitted.point.values()[places], deviations),
     )
     return (fitted if kept else model), unknown
+
+
+def dropped(unknown: Unknown) -> Unknown:
+    """Return a surface that was kept as one that is not, since it predicts the report runs no better."""
+    why = "not kept, because it does not predict the report runs better"
+    return msgspec.structs.replace(unknown, kept=False, sentence=f"{unknown.sentence.rstrip('.')}; {why}.")
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:

@@ -29,7 +29,7 @@ that nothing was fitted to choose among rivals (`undecided.py`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from diagnosis.contracts import MeasuredRun
@@ -48,7 +48,7 @@ from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.suspects import Dismissed
-from diagnosis.engine.unknown import clear_surfaces, explain
+from diagnosis.engine.unknown import clear_surfaces, dropped, explain
 from diagnosis.finding import Unknown, Verdict
 
 #: Why a cause leaves that the form of the model may have made.
@@ -93,6 +93,13 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
         unknowns = (unknown,) if unknown.kept or clear[0].p < UNKEPT_SURFACE_P else ()
     verdict = _verdict(found, screened.screening, unknowns, problem.config)
     return Judgement(verdict, found.without_footprints(), screened, model, unknowns, tuple(left))
+
+
+def without_surfaces(judgement: Judgement, config: Config) -> Judgement:
+    """Return a judgement without its surfaces, which predict unseen runs no better; what is clear is still told."""
+    unknowns = tuple(dropped(one) for one in judgement.unknowns if (one.p or 0.0) < UNKEPT_SURFACE_P)
+    verdict = _verdict(judgement.found, judgement.screened.screening, unknowns, config)
+    return replace(judgement, verdict=verdict, model=judgement.screened.model, unknowns=unknowns)
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:

@@ -12,6 +12,7 @@ from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.engine.undecided import Undecided
 from diagnosis.estimates import estimate, number
@@ -114,8 +115,11 @@ def rivals(
     ]
 
 
-def scores(found: SearchResult) -> list[Score]:
-    """Return the score of every effect against the base model, and what became of it."""
+def scores(found: SearchResult, beside: Screening) -> list[Score]:
+    """Return the score of every effect against the base model, and what became of it.
+
+    ``beside`` are the scores against the final model.
+    """
     first = found.steps[0].screening
     gates = {trial.effect: trial.failed for step in reversed(found.steps) for trial in step.trials}
     accepted = [a.effect for a in found.accepted]
@@ -128,7 +132,7 @@ def scores(found: SearchResult) -> list[Score]:
         elif reason := found.state.left.get(name) or gates.get(name):
             outcome = reason
         elif first.z[i] > first.threshold:
-            outcome = "another candidate explains it better"
+            outcome = _still_scores(name, beside)
         else:
             outcome = "below the threshold"
         rows.append(
@@ -146,6 +150,16 @@ def scores(found: SearchResult) -> list[Score]:
             )
         )
     return sorted(rows, key=lambda score: -(score.score or 0.0))
+
+
+def _still_scores(name: str, beside: Screening) -> str:
+    """Return what the final model leaves of a score that exceeded the threshold against the base model."""
+    if all(candidate.effect.name != name for candidate in beside.candidates):
+        return "a cause in its place explains more"
+    score = float(beside.z[beside.best(name)])
+    if score <= beside.threshold:
+        return "the final model explains it"
+    return f"its score is still {score:.1f} in the final model: it may be there as well"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

@@ -1,0 +1,190 @@
+"""Step 9, goodness of fit: does what a model leaves of each channel agree with the noise of that channel?
+
+Theory of operation
+-------------------
+Scores compare causes, and the noise under which they do so is taken from what no candidate explains. An error that no
+candidate resembles, such as a sine or a random walk, is then part of that noise. So each channel is compared with a
+noise that no model has made: that of its rests, else that of its data sheet (`gates.noise_floors`).
+
+* Size: the mean square exceeds that noise (χ² test of a variance). Errors with memory count for fewer samples,
+  n/(1 + 2 Σ ρ_k²) (Bartlett). The excess must be what a report would mention, `NOISE_RATIO_SHOWN`.
+* Memory: white noise that is louder than its data sheet is no error of the model. Ljung and Box's test must reject
+  whiteness.
+* What it is: a line (F test of an ordinate of the periodogram against its neighbours), a walk (the variance ratio of
+  means of long and of short blocks), or neither.
+
+Over all channels and roles, Benjamini and Hochberg's procedure bounds the part of false ones. A misfit contradicts a
+verdict of no effect.
+
+Rests are tested before any model: a line there is in the sensor or in its supply. It makes the data doubtful, and the
+noise that rests show is not that of the data sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, f, false_discovery_control
+
+from diagnosis.contracts import Array, Channel, Dataset, MeasuredRun, Role
+from diagnosis.engine.config import FLOOR_SLACK, LEAST_OF_A_HOLD, LJUNG_BOX_LAGS, NOISE_RATIO_SHOWN
+from diagnosis.engine.gates import rests
+from diagnosis.engine.p_values import bonferroni
+
+#: Blocks of a run whose means scatter where an error walks.
+BLOCKS: Final = 12
+#: Ordinates of the periodogram on each side of a line that are its background, beyond those next to it.
+NEIGHBOURS: Final = 24
+#: A line, or a walk, is told as such from this part of the excess on.
+MOST: Final = 0.8
+
+
+class Misfit(NamedTuple):
+    """A channel whose error is more than its noise: ``ratio`` times as large, on runs of a ``role``."""
+
+    channel: str
+    role: Role
+    ratio: float
+    p: float
+    kind: str  #: what the error looks like; "" if neither a line nor a walk
+
+
+class Line(NamedTuple):
+    """A sine in a series: its frequency, its power over that of the series, and the chance of one as clear."""
+
+    frequency: float
+    part: float
+    p: float
+
+
+def misfits(
+    channels: Sequence[Channel],
+    errors: Sequence[tuple[Role, Sequence[tuple[MeasuredRun, Array]]]],
+    floors: Array,
+    alpha: float,
+) -> list[Misfit]:
+    """Return the channels with an error that their noise ``floors`` (c,) do not explain, the largest first.
+
+    ``errors`` has for each role the runs with what a model leaves of them (n, c).
+    """
+    found = [
+        one
+        for role, runs in errors
+        for i, channel in enumerate(channels)
+        if (one := _misfit(channel.name, role, [_series(run, left, i) for run, left in runs], floors[i]))
+    ]
+    if not found:
+        return []
+    q = false_discovery_control([one.p for one in found])
+    significant = (one for one, value in zip(found, q, strict=True) if value < alpha and one.kind)
+    large = [one for one in significant if one.ratio > NOISE_RATIO_SHOWN]
+    return sorted(large, key=lambda one: -one.ratio)
+
+
+def _misfit(channel: str, role: Role, series: Sequence[tuple[Array, float]], floor: float) -> Misfit | None:
+    """Compare the errors of one channel, each with its sampling interval, with its noise."""
+    series = [(values, step) for values, step in series if len(values) >= 2 * LJUNG_BOX_LAGS]
+    if not series or not floor > 0.0:
+        return None
+    n = sum(len(values) for values, _ in series)
+    square = sum(float(values @ values) for values, _ in series) / n
+    independent = sum(len(values) / (1.0 + 2.0 * np.sum(_correlations(values) ** 2)) for values, _ in series)
+    p = float(chi2.sf(independent * square / (FLOOR_SLACK * floor**2), independent))
+    ratio = float(np.sqrt(square)) / floor
+    return Misfit(channel, role, ratio, p, _kind(series, floor, ratio))
+
+
+def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> str:
+    """Return what the errors of a channel look like: a line, a walk, an error with memory; "" if they are white."""
+    values, step = max(series, key=lambda one: float(np.mean(one[0] ** 2)))
+    excess = 1.0 - 1.0 / max(ratio, 1.0) ** 2
+    line = strongest_line(values, step)
+    if line.p < 1e-3 and line.part > MOST * excess:
+        return f"a sine of {line.frequency:.3g} Hz"
+    if _block_means(values, BLOCKS).var() > 0.5 * MOST * (ratio**2 - 1.0) * floor**2:
+        return "a slow walk"
+    white = min(ljung_box(values) for values, _ in series) * len(series)
+    return "an error with memory" if white < 1e-3 else ""
+
+
+def ljung_box(values: Array) -> float:
+    """Return the p-value of Ljung and Box's test of whiteness."""
+    n, lags = len(values), np.arange(1, LJUNG_BOX_LAGS + 1)
+    return float(chi2.sf(n * (n + 2.0) * np.sum(_correlations(values) ** 2 / (n - lags)), len(lags)))
+
+
+def _correlations(values: Array) -> Array:
+    """Return the autocorrelations of a series at the lags of Ljung and Box's test."""
+    e = values - values.mean()
+    return np.array([e[:-k] @ e[k:] for k in range(1, LJUNG_BOX_LAGS + 1)]) / (e @ e)
+
+
+def strongest_line(values: Array, step: float) -> Line:
+    """Return the clearest sine in a series (n,), by F tests of its periodogram; slow drift is taken out first."""
+    time = np.linspace(-1.0, 1.0, len(values))
+    left = values - np.polynomial.Polynomial.fit(time, values, 2)(time)
+    power = np.abs(np.fft.rfft(left))[1:-1] ** 2
+    kernel = np.ones(2 * NEIGHBOURS + 5)
+    kernel[NEIGHBOURS : NEIGHBOURS + 5] = 0.0
+    around = np.convolve(power, kernel, "same") / np.convolve(np.ones_like(power), kernel, "same")
+    ratio = power[2:] / around[2:]  # what is slower than three periods is a drift
+    best = int(np.argmax(ratio)) + 2
+    p = bonferroni(float(f.sf(ratio[best - 2], 2, 4 * NEIGHBOURS)), len(ratio))
+    inside = power[max(best - 2, 0) : best + 3].sum()
+    return Line((best + 1) / (len(values) * step), float(inside / power.sum()), p)
+
+
+def _lasts(values: Array, step: float, frequency: float) -> bool:
+    """Return whether a sine is as strong in the second half of a series as in the first: vibrations die away."""
+    half = len(values) // 2
+    phase = np.exp(-2j * np.pi * frequency * step * np.arange(half))
+    first, second = (abs(phase @ (part - part.mean())) for part in (values[:half], values[half : 2 * half]))
+    return bool(min(first, second) > MOST * max(first, second))
+
+
+def humming(data: Dataset, alpha: float) -> list[str]:
+    """Return sentences on channels that show a sine at rest, with its amplitude."""
+    sentences = []
+    for i, channel in enumerate(data.channels):
+        parts = list(_rests(data.runs, i))
+        lines = [(strongest_line(values, step), values, step) for values, step in parts]
+        clear = [
+            (line, values.std())
+            for line, values, step in lines
+            if bonferroni(line.p, len(parts) * len(data.channels)) < alpha
+            and line.part > 0.5
+            and _lasts(values, step, line.frequency)
+        ]
+        if clear:
+            line, deviation = max(clear, key=lambda one: one[0].part * one[1] ** 2)
+            size = deviation * np.sqrt(2.0 * line.part) / channel.scale
+            unit = channel.display or channel.unit
+            sentences.append(
+                f"{channel.name} shows a sine of {size:.3g} {unit} and {line.frequency:.3g} Hz while the rig is at "
+                "rest: check the sensor, its supply and its cable"
+            )
+    return sentences
+
+
+def as_sentence(one: Misfit, roles: Mapping[Role, str]) -> str:
+    """Return a misfit as a sentence."""
+    return f"{roles[one.role]}, the error of {one.channel} is {one.ratio:.3g} times its noise: {one.kind}."
+
+
+def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, float]]:
+    for run in runs:
+        for part in rests(run, channel):
+            if part.stop - part.start >= LEAST_OF_A_HOLD:
+                yield run.outputs[part, channel], run.experiment.step
+
+
+def _series(run: MeasuredRun, left: Array, channel: int) -> tuple[Array, float]:
+    """Return what is counted of an error, in its order, and the sampling interval."""
+    return left[run.counted[:, channel], channel], run.experiment.step
+
+
+def _block_means(values: Array, blocks: int) -> Array:
+    starts = (np.arange(blocks) * len(values)) // blocks
+    return np.add.reduceat(values, starts) / np.diff(np.append(starts, len(values)))

@@ -1,0 +1,141 @@
+"""Each channel is compared with its own noise: what no candidate resembles is not taken for noise."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from astb_studies.oscillator import Laboratory
+from diagnosis.contracts import Channel, Dataset, Experiment, MeasuredRun
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.engine.goodness import humming, ljung_box, misfits, strongest_line
+from diagnosis.finding import Verdict
+
+SAMPLES = 2000
+
+
+def series(seed, kind, size):
+    """White noise of variance 1 with a sine, a walk or AR(1) noise of so large a root mean square added."""
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal(SAMPLES)
+    more = {
+        "sine": lambda: np.sin(0.31 * np.arange(SAMPLES) + seed),
+        "walk": lambda: np.cumsum(rng.standard_normal(SAMPLES)),
+        "white": lambda: rng.standard_normal(SAMPLES),
+    }[kind]()
+    more = more - more.mean()
+    return noise + size * more / np.sqrt(np.mean(more**2))
+
+
+def measured(values, *, rest=False):
+    time = 0.01 * np.arange(len(values))
+    everywhere = np.ones(len(values), bool)
+    return MeasuredRun(
+        Experiment("run", time, {}), values[:, None], everywhere, everywhere if rest else ~everywhere
+    )
+
+
+def found(values, alpha=0.003):
+    return misfits(
+        (Channel("force", "N", 1.0),), [("report", [(measured(values), values[:, None])])], np.ones(1), alpha
+    )
+
+
+@pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "a slow walk")])
+@pytest.mark.parametrize("size", [1.5, 4.4])
+def test_a_sine_and_a_walk_above_the_noise_are_found_and_told_apart(kind, told, size):
+    for seed in range(5):
+        (one,) = found(series(seed, kind, size))
+        assert one.kind.startswith(told)
+        assert one.ratio == pytest.approx(np.hypot(1.0, size), rel=0.1)
+
+
+def test_sound_errors_are_found_at_the_stated_rate(ar1):
+    """AR(1) noise of the size of the data sheet is sound; so is white noise that is louder."""
+    seeds = range(100)
+    assert not any(found(series(seed, "sine", 0.0)) for seed in seeds)
+    for colour in (0.6, 0.9):
+        errors = [ar1(np.random.default_rng(seed), SAMPLES, colour) for seed in seeds]
+        assert sum(bool(found(one)) for one in errors) <= 1
+    assert sum(bool(found(series(seed, "white", 1.0))) for seed in seeds) <= 1
+
+
+def test_p_values_of_line_and_whiteness_are_uniform_in_white_noise():
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((300, 1000))
+    lines = np.array([strongest_line(one, 0.01).p for one in noise])
+    memory = np.array([ljung_box(one) for one in noise])
+    for p in (lines, memory):
+        assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.03)
+
+
+def test_a_sensor_that_hums_at_rest_is_in_doubt():
+    rng = np.random.default_rng(1)
+    noise = 20.0 * rng.standard_normal(1200)
+    hum = 120.0 * np.sin(2.0 * np.pi * 11.0 * 0.01 * np.arange(1200))
+    cell, other = Channel("load_cell.3", "N", 20.0), Channel("load_cell.4", "N", 20.0)
+    run = measured(noise, rest=True)
+    both = replace(run, outputs=np.column_stack((noise + hum, noise)))
+    (doubt,) = humming(Dataset((cell, other), (both,)), 0.003)
+    size, frequency = (float(one) for one in re.findall(r" ([\d.]+) (?:N|Hz)", doubt))
+    assert doubt.startswith("load_cell.3")
+    assert size == pytest.approx(120.0, rel=0.05) and frequency == pytest.approx(11.0, abs=0.1)
+    assert not humming(Dataset((cell,), (run,)), 0.003)
+
+
+def with_force(data, added):
+    """Data whose force has ``added(time, number of the run)`` in it."""
+    runs = []
+    for number, run in enumerate(data.runs):
+        outputs = run.outputs.copy()
+        outputs[:, 1] += added(run.experiment.time, number)
+        runs.append(replace(run, outputs=outputs))
+    return replace(data, runs=tuple(runs))
+
+
+def sine(time, number):
+    return 3.0 * np.sin(2.0 * np.pi * 3.1 * time + number)
+
+
+def walk(time, number):
+    steps = np.cumsum(np.random.default_rng(100 + number).standard_normal(len(time)))
+    return 4.5 * (steps - steps.mean()) / steps.std()
+
+
+@pytest.mark.parametrize("added", [sine, walk])
+def test_an_error_above_the_noise_is_never_no_effect(laboratory, added):
+    lab = laboratory(samples=700)
+    data = lab.measure(5)
+    assert diagnose(data, lab.simulator, Config(workers=1)).verdict is Verdict.NO_EFFECT
+    finding = diagnose(with_force(data, added), lab.simulator, Config(workers=1))
+    assert finding.verdict is Verdict.UNRESOLVED
+    assert any("error of force" in one for one in finding.remains)
+
+
+class Resting(Laboratory):
+    """Every run begins with four seconds at rest."""
+
+    def experiments(self):
+        """Return the experiments with no drive at first."""
+        return [
+            replace(one, inputs={"drive": np.where(one.time < 4.0, 0.0, one.inputs["drive"])})
+            for one in super().experiments()
+        ]
+
+
+def test_a_hum_at_rest_makes_no_effect_doubtful():
+    """The rests that hum say that the noise is as large as the hum."""
+    lab = Resting(samples=1500)
+    data = lab.measure(5)
+    still = np.arange(1500) < 400
+    quiet = tuple(replace(run, rest=still) for run in data.runs)
+    assert diagnose(replace(data, runs=quiet), lab.simulator, Config(workers=1)).verdict is Verdict.NO_EFFECT
+
+    def hum(time, _):
+        return 6.0 * np.sin(2.0 * np.pi * 11.0 * time)
+
+    finding = diagnose(with_force(replace(data, runs=quiet), hum), lab.simulator, Config(workers=1))
+    assert finding.verdict in {Verdict.DOUBTFUL, Verdict.UNRESOLVED}
+    assert any(one.startswith("force shows a sine of 6") for one in finding.doubts)
