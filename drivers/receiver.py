@@ -13,10 +13,11 @@ from typing import Final, Self
 
 import numpy as np
 
+from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS
 from drivers.errors import Misuse, Stale
-from drivers.wiring.contract import Floats, Ints, Wiring, refuse_absent
+from drivers.wiring.contract import Wiring, refuse_absent
 
 #: Called with three arrays of equal length: times (ns), table rows, SI values.
 Sink = Callable[[Ints, Ints, Floats], object]

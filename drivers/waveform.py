@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from bench_protocol.arrays import Floats
 from bench_protocol.units import NS, s
 from drivers.commander import CYCLE
 from drivers.declarations import Device
 from drivers.errors import Misuse, NotAvailable
 from drivers.link import STREAM_CYCLES
-
-Floats = npt.NDArray[np.float64]
 
 #: The wind on a car in the loop, which is a load and needs no axis.
 WIND: Final = "car.wind"

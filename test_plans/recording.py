@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.arrays import Floats
 from bench_protocol.clock import VirtualClock
 from bench_protocol.signals import MEASURED, Kind
 from bench_protocol.units import FACTORS, NS, ms
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 Instants = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 Samples = tuple[Instants, Rows, Floats]
 
 #: How long samples are held (ns): ten cycles, a fifth of what the record promises to lose at most.

@@ -6,10 +6,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.arrays import Ints
 from bench_protocol.units import NS, hours, minutes, ms
 
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
+Floats32 = npt.NDArray[np.float32]
 
 #: How finely and how long is kept: every sample of 200 Hz for two minutes, then as much as a picture has columns.
 LEVELS: Final = ((5 * ms, 2 * minutes), (100 * ms, 1 * hours))
@@ -26,7 +26,7 @@ class Level:
         self._low = np.full((rows, self._slots), np.nan, np.float32)
         self._high = np.full((rows, self._slots), np.nan, np.float32)
 
-    def take(self, times: Ints, rows: Ints, values: Floats) -> None:
+    def take(self, times: Ints, rows: Ints, values: Floats32) -> None:
         """Take samples at ``times`` (ns); those that are older than what is kept are left out."""
         slots = times // self._width
         newest = int(slots.max())
@@ -40,7 +40,7 @@ class Level:
         np.fmin.at(self._low, at, values[kept])
         np.fmax.at(self._high, at, values[kept])
 
-    def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats, Floats]:
+    def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats32, Floats32]:
         """Return lows and highs of ``count`` stretches from ``first`` on, ``together`` of ours in each."""
         slots = np.arange(first * together, (first + count) * together)
         known = (slots > self.head - self._slots) & (slots <= self.head) & (slots >= 0)
@@ -58,7 +58,7 @@ class Envelope:
         self._levels = [Level(rows, width, span) for width, span in LEVELS]
         self._lock = threading.Lock()
 
-    def take(self, times: Ints, rows: Ints, values: Floats) -> None:
+    def take(self, times: Ints, rows: Ints, values: Floats32) -> None:
         """Take samples at ``times`` (ns) in the order of arrival."""
         if times.size:
             with self._lock:
@@ -85,7 +85,7 @@ class Scale:
         """The number of the newest stretch, which may still fill; -1 before the first sample."""
         return self._level.head // self._together
 
-    def read(self, rows: Ints, first: int) -> tuple[Floats, Floats]:
+    def read(self, rows: Ints, first: int) -> tuple[Floats32, Floats32]:
         """Return lows and highs from stretch ``first`` to the newest: arrays of len(rows) × stretches."""
         with self._lock:
             return self._level.read(rows, first, max(0, self.head + 1 - first), self._together)

@@ -11,11 +11,12 @@ import numpy as np
 
 from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
-from astb.panel.envelope import Envelope, Ints
+from astb.panel.envelope import Envelope
 from astb.panel.signals import Shown, shown_signals
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import dimensions_of, open_wiring, wiring_of
+from bench_protocol.arrays import Ints
 from bench_protocol.clock import RealClock
 from bench_protocol.runtime import LINUX
 from bench_protocol.signals import Kind
@@ -27,7 +28,7 @@ from drivers.reading import Quality, Readings
 from drivers.settings import UNKNOWN
 
 if TYPE_CHECKING:
-    from drivers.wiring.contract import Floats
+    from bench_protocol.arrays import Floats
 from bench_records.layout import RecordError
 from bench_records.twin import TWIN, read_twin
 

@@ -24,7 +24,7 @@ from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.kernels import add_rows, block_products, quotients, weighted_sum
 from diagnosis.engine.memory import first_rows, room
 
-Floats = NDArray[np.floating]
+AnyFloats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
@@ -51,7 +51,7 @@ class Packing:
         """Return where the samples of one channel lie."""
         return slice(self.bounds[c], self.bounds[c + 1])
 
-    def pack(self, values: Floats) -> Floats:
+    def pack(self, values: AnyFloats) -> AnyFloats:
         """Return the samples that count (N,) of (n, c)."""
         return values.ravel()[self.places]
 
@@ -99,7 +99,7 @@ class Trace:
     """
 
     rows: Places
-    values: Floats
+    values: AnyFloats
     scale: float = 1.0
     products: Products = field(default_factory=Products)
 
@@ -293,7 +293,7 @@ class ColumnsInWork:
         return Columns(self._size, traces)
 
 
-def columns_of(packing: Packing, values: Floats) -> Columns:
+def columns_of(packing: Packing, values: AnyFloats) -> Columns:
     """Return columns (k, n, c) packed."""
     work = ColumnsInWork(packing, len(values))
     for k, row in enumerate(values):
@@ -307,7 +307,7 @@ def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
     return Columns(parts[0].size, [_mixed(channel, weights, room) for channel in channels])
 
 
-def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., Floats]) -> Trace:
+def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., AnyFloats]) -> Trace:
     """Return one channel of such a sum, in an array from ``zeros``."""
     moved = [np.flatnonzero(weight[trace.rows] != 0.0) for trace, weight in zip(parts, weights, strict=True)]
     places = [trace.rows[mine] for trace, mine in zip(parts, moved, strict=True)]

@@ -18,7 +18,16 @@ from typing import Any
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.columns import Columns, Floats, JoinedColumns, Mask, Packing, Places, Trace, packing_of
+from diagnosis.engine.columns import (
+    AnyFloats,
+    Columns,
+    JoinedColumns,
+    Mask,
+    Packing,
+    Places,
+    Trace,
+    packing_of,
+)
 from diagnosis.engine.config import BRIDGED_GAP
 from diagnosis.engine.kernels import filter_rows
 from diagnosis.engine.memory import room
@@ -43,7 +52,7 @@ class ChannelFilter:
         """The standard deviation by which white noise is divided; 0 where predecessors count."""
         return 0.0 if self.weights.shape != (1, 1) else 1.0 / float(self.weights[0, 0])
 
-    def __call__(self, values: Floats, out: Any) -> None:
+    def __call__(self, values: AnyFloats, out: Any) -> None:
         """Whiten rows of packed samples (m, N) into ``out`` (m, N)."""
         filter_rows(values, self.starts, self.which, self.weights, self.reach, out)
 
@@ -55,7 +64,7 @@ class Filter:
     packing: Packing
     channels: tuple[ChannelFilter, ...]
 
-    def __call__(self, values: Floats) -> Array:
+    def __call__(self, values: AnyFloats) -> Array:
         """Whiten samples (n, c) and return those that count, packed (N,)."""
         packed = self.packing.pack(values)[np.newaxis]
         white = np.empty(packed.shape)
@@ -64,7 +73,7 @@ class Filter:
             channel(packed[:, inside], white[:, inside])
         return white[0]
 
-    def spread(self, values: Floats) -> Array:
+    def spread(self, values: AnyFloats) -> Array:
         """Whiten samples (n, c) and leave them in their places; what does not count becomes 0."""
         return self.packing.spread(self(values))
 

@@ -18,9 +18,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import Clock, Task
 from bench_protocol.runtime.mutex import Mutex
 from bench_protocol.wires import Table
@@ -30,8 +28,6 @@ from drivers.errors import BenchError, LinkLost, NotAvailable
 if TYPE_CHECKING:
     from drivers.setpoints import Setpoints
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 #: Called with three arrays of equal length in order of arrival: times (ns), table rows, values (SI). The fourth
 #: argument is the time from which the age counts (ns, of each sample or of all).

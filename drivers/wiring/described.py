@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import Clock
 from bench_protocol.modbus import DEVICE_FAILURE
 from bench_protocol.signals import Kind
@@ -22,8 +23,6 @@ from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, W
 from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.contract import (
     Capabilities,
-    Floats,
-    Ints,
     OnLost,
     OnSamples,
     Order,

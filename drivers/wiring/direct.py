@@ -6,9 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import NoReturn, Protocol
 
+from bench_protocol.arrays import Ints
 from bench_protocol.clock import Clock
 from drivers.errors import BenchError, NotAvailable
-from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples, Outlet
+from drivers.wiring.contract import Capabilities, OnLost, OnSamples, Outlet
 
 
 class Direct(Protocol):

@@ -12,9 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from bench_protocol.arrays import Floats
 from bench_protocol.modbus import DEVICE_FAILURE
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
@@ -23,8 +21,6 @@ from bench_protocol.wires import Table
 from bench_protocol.words import AXES, CONTROL_MODES, STEEPEST, WAVES, WAVES_AT_ONCE, Program
 from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
-
-Floats = npt.NDArray[np.float64]
 
 #: How long the axis of a stopped program takes to come back.
 RETURN: Final = 1 * s

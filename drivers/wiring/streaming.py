@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from bench_protocol.arrays import Floats
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, Misuse, Refused
-from drivers.wiring.contract import Floats, Transport
+from drivers.wiring.contract import Transport
 from drivers.wiring.lines import Description
 
 #: Time for which an active rig may refuse set-points, because single ones may get lost during a change of state.

@@ -21,8 +21,8 @@ from math import hypot, inf, sqrt, tau
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from bench_protocol.arrays import Floats
 from bench_protocol.dimensions import DIMENSIONS, LOAD_CELLS, NAMES, across, direction, lag, place
 from bench_protocol.units import ms
 from bench_protocol.words import SIDES
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from bench_protocol.dimensions import Dimension
     from test_plans.instruments import Instruments
 
-Floats = npt.NDArray[np.float64]
 Values = Mapping[str, float]
 
 FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)

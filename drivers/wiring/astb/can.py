@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import RealClock, Task, hurry
 from bench_protocol.frames import Block
 from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
 from drivers.stamps import StampClock
-from drivers.wiring.contract import CyclicStream, Floats, Ints, OnSamples, Outlet
+from drivers.wiring.contract import CyclicStream, OnSamples, Outlet
 
 if TYPE_CHECKING:
     from bench_protocol.clock import Clock

@@ -18,6 +18,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from bench_protocol.arrays import Ints
 from bench_protocol.clock import Clock, VirtualClock
 from bench_protocol.messages import HIDDEN_TOKEN, TOKEN
 from bench_protocol.rates import PACE
@@ -27,7 +28,7 @@ from drivers.stamps import StampClock
 from drivers.wiring.astb.can import AstbListener, AstbOutlet, stale_limits
 from drivers.wiring.astb.keys import AstbKeys
 from drivers.wiring.astb.modbus import AstbRegisters, other_map
-from drivers.wiring.contract import Capabilities, Ints, OnLost, OnSamples
+from drivers.wiring.contract import Capabilities, OnLost, OnSamples
 from drivers.wiring.keys import convert
 
 if TYPE_CHECKING:

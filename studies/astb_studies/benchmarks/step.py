@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from astb_studies.benchmarks.measure import Effort, Section, compare, cpu, interleaved
+from bench_protocol.arrays import Floats
 from bench_protocol.runtime.binding import bind
 from bench_protocol.units import Hz, mm, ms, s
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
@@ -29,8 +29,6 @@ SINE = ImposedMotion(VERTICAL, 5 * mm, 1 * Hz)
 FRICTIONLESS = {"friction_vertical": 0.0, "friction_lateral": 0.0, "friction_lateral_slope": 0.0}
 #: The imposed states are no integrator's work.
 IMPOSED = range(State.BOLSTER_LATERAL, State.PLATFORM_LATERAL)
-
-Floats = NDArray[np.float64]
 
 
 @compiled_entry

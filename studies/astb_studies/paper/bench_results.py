@@ -15,6 +15,7 @@ from astb.run import connected, describe
 from astb.session import build_rig, virtual_session
 from astb_studies.paper import combined
 from astb_studies.paper.sweeps.frequency import ALL_FREQUENCIES, DAMPING_FROM
+from bench_protocol.arrays import Floats
 from bench_protocol.units import mm, ms
 from bench_protocol.words import SIDES
 from bench_records.record import read
@@ -29,7 +30,6 @@ from test_plans.steps.waves import COUNT_LATE, LEAD
 if TYPE_CHECKING:
     from bench_records.record import Record
 
-Floats = npt.NDArray[np.float64]
 
 #: The plans of figures 6 to 11, the longest first, and the one that moves the platform as a track would (figure 5).
 PLANS: Final = (

@@ -5,18 +5,16 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb.diagnose import BENCH, read_data
 from astb.identify import identify_springs, write_springs
+from bench_protocol.arrays import Floats
 from bench_protocol.words import SIDES
 from bench_sim.parameters import load
 from diagnosis.engine.identify import Identification
 from diagnosis.estimates import Z95
 from diagnosis.systems.air_spring.identified import ASKED, names_of_shape, quantity, shape
 from diagnosis.systems.air_spring.simulator import AirSpring
-
-Floats = npt.NDArray[np.float64]
 
 #: The parameters of area and volume, in the order of `shape`.
 SHAPE: Final = tuple(quantity(name) for name in names_of_shape("left"))

@@ -3,14 +3,12 @@
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.bench_results import BenchResults
 from astb_studies.paper.closed_form import combined, diaphragm_stiffness, layered_stiffness
 from astb_studies.paper.subject import LOADS, Subject
+from bench_protocol.arrays import Floats
 from bench_protocol.units import mm
-
-Floats = npt.NDArray[np.float64]
 
 #: Pressure ratio at which (18) is linearised where an orifice should hardly damp.
 SMALL_LOSS: Final = 0.9995

@@ -15,10 +15,10 @@ from astb_studies.paper.sweeps.frequency import SMALL_FREQUENCIES
 from astb_studies.paper.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
 from astb_studies.paper.sweeps.pressure import AMPLITUDES
 from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.arrays import Floats
 from bench_protocol.units import Hz, mm
 from test_plans.steps.rolled import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 
-Floats = npt.NDArray[np.float64]
 Curves = dict[str, npt.NDArray[Any]]
 
 #: The frequency sweeps of the bench: direction, and what stands between bellows and auxiliary chamber.

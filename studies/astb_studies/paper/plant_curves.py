@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from astb_studies.paper.subject import Subject
 from astb_studies.paper.sweeps.frequency import PIPE_PLATE
+from bench_protocol.arrays import Floats
 from bench_protocol.units import Hz, m, ms, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -22,7 +23,6 @@ from bench_sim.model.experiments import (
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
 
-Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
 #: Fitted on the bench where a curve says "pipe".

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import qmc, sobol_indices
 
 from astb_studies.paper.closed_form import (
@@ -20,10 +19,9 @@ from astb_studies.paper.closed_form import (
     orifice_damping,
 )
 from astb_studies.paper.subject import Subject
+from bench_protocol.arrays import Floats
 from bench_protocol.units import Hz, mm
 from bench_sim.model.experiments import LATERAL, dynamic_stiffness
-
-Floats = npt.NDArray[np.float64]
 
 SPREAD: Final = 0.1
 LOAD: Final = "AW0"

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper import combined, sensitivity
 from astb_studies.paper.bench_results import (
@@ -26,8 +25,7 @@ from astb_studies.paper.identified import Identified, identify_rig
 from astb_studies.paper.model_jobs import Curves, confusable, model_jobs
 from astb_studies.paper.sensitivity import Indices
 from astb_studies.paper.subject import Subject
-
-Floats = npt.NDArray[np.float64]
+from bench_protocol.arrays import Floats
 
 #: Called with a kind of work, how many parts of it are ready, and how many there are.
 Progress = Callable[[str, int, int], None]

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.claims import CLAIMS, Claim
 from astb_studies.paper.study import Study
-
-Floats = npt.NDArray[np.float64]
+from bench_protocol.arrays import Floats
 
 MINUS: Final = "\u2212"
 

@@ -3,17 +3,14 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.claims import BenchOutcome, Claim
 from astb_studies.paper.closed_form import unilateral_cosine
 from astb_studies.paper.study import Study
 from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
 from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.arrays import Floats
 from bench_protocol.units import mm, ms
-
-Floats = npt.NDArray[np.float64]
-
 
 TRACK: Final = Claim(
     "",

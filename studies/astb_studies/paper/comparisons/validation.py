@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.claims import BenchOutcome, Claim
 from astb_studies.paper.closed_form import amplitude_damping
@@ -16,9 +15,8 @@ from astb_studies.paper.subject import LOADS, Subject
 from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
 from astb_studies.paper.sweeps.pressure import AMPLITUDES
 from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.arrays import Floats
 from bench_protocol.units import mm
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.bench_results import Points
 from astb_studies.paper.closed_form import equivalent_volume, lateral_area
@@ -23,14 +22,13 @@ from astb_studies.paper.figures.style import (
 from astb_studies.paper.identified import SHAPE, Identified, changes
 from astb_studies.paper.study import Study
 from astb_studies.paper.subject import LOADS, Subject
+from bench_protocol.arrays import Floats
 from bench_protocol.units import litre, mm
 from bench_records.plots import INK, PALETTE, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.bench_results import Points
 from astb_studies.paper.figures.bench_curves import damping_points, lateral_points
@@ -27,6 +26,7 @@ from astb_studies.paper.plans.damping_ratio import PLATES
 from astb_studies.paper.study import Study
 from astb_studies.paper.subject import LOADS
 from astb_studies.paper.sweeps.ratio import NATURAL
+from bench_protocol.arrays import Floats
 from bench_protocol.units import bar, mm
 from bench_records.plots import INK, PALETTE, SOFT
 from test_plans.steps.fittings import PLATE
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = npt.NDArray[np.float64]
 
 #: What would make the bench's damping larger than that of the orifice, in the key's order.
 LOOKALIKES: Final = (

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.closed_form import amplitude_damping, dynamic_stiffness
 from astb_studies.paper.combined import DAMPING
@@ -29,14 +28,13 @@ from astb_studies.paper.model_jobs import SWEEPS
 from astb_studies.paper.study import Study
 from astb_studies.paper.subject import LOADS, Subject
 from astb_studies.paper.sweeps.frequency import SWEEP_AMPLITUDE
+from bench_protocol.arrays import Floats
 from bench_protocol.units import mm
 from bench_records.plots import PALETTE, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Floats = npt.NDArray[np.float64]
 
 
 def figure_11(study: Study) -> "Figure":

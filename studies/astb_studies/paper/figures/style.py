@@ -3,19 +3,17 @@
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, NullLocator
 
 from astb_studies.paper.bench_results import Points
+from bench_protocol.arrays import Floats
 from bench_records.plots import INK, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Floats = npt.NDArray[np.float64]
 
 
 COLOUR: Final = {"AW0": PALETTE[0], "AW3": PALETTE[1]}

@@ -9,10 +9,10 @@ from math import copysign, hypot
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.hybrid.car import STEP, Ride
 from astb_studies.paper.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
+from bench_protocol.arrays import Floats
 from bench_protocol.places import Springs
 from bench_protocol.units import ms
 from test_plans.analysis import HEIGHTS
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig
     from test_plans.instruments import Instruments
 
-Floats = npt.NDArray[np.float64]
 #: The three ways in which springs are moved, in the order of a `Place`, with the readings that tell of each.
 SIDEWAYS, UP, ROLLED = "sideways", "up and down", "in roll"
 WAYS: Final = {SIDEWAYS: ("lateral.displacement",), UP: HEIGHTS, ROLLED: HEIGHTS}

@@ -8,10 +8,10 @@ from math import isfinite
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.hybrid.car import STEP, Ride
 from astb_studies.paper.hybrid.loop import Path
+from bench_protocol.arrays import Floats
 from bench_protocol.places import STILL, Place, Springs, setpoints_of
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, TICK
 from bench_protocol.units import NS, ms, s
@@ -33,7 +33,6 @@ from test_plans.description import lag_of, lags
 if TYPE_CHECKING:
     from test_plans.run import Run
 
-Floats = npt.NDArray[np.float64]
 
 #: The car's step, at which forces come.
 HOST_STEP: Final = 1.0 / FAST_RATE

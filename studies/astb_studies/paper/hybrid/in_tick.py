@@ -7,12 +7,12 @@ from math import ceil
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.hybrid.agreement import ROLLED, UP, WAYS, followed
 from astb_studies.paper.hybrid.car import Car
 from astb_studies.paper.hybrid.coupling import FORCES, POSES, Delay, rows_of, standing
 from astb_studies.paper.hybrid.shaking import FREQUENCY, SIZES
+from bench_protocol.arrays import Floats
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.units import s
 from drivers.errors import LinkLost
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig
     from test_plans.run import Run
 
-Floats = npt.NDArray[np.float64]
 
 #: So often the rig reports of its car.
 STEP: Final = 1.0 / COMMAND_RATE

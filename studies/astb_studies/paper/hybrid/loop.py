@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.arrays import Floats
 from bench_protocol.units import Hz
 
 Complex = npt.NDArray[np.complex128]
-Floats = npt.NDArray[np.float64]
 
 #: Where the loop is looked at: from below all modes of a car to what a stream of set-points carries.
 FREQUENCIES: Final[Floats] = np.geomspace(0.1 * Hz, 25 * Hz, 2000)

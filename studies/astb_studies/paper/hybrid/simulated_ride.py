@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from astb_studies.paper.hybrid.car import STEP, Car
+from bench_protocol.arrays import Floats
 from bench_sim.model.car import Ride, RideChannel
 from bench_sim.model.layout import State
 from bench_sim.model.vehicle import Vehicle
@@ -18,8 +18,6 @@ from bench_sim.parameters.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig
-
-Floats = npt.NDArray[np.float64]
 
 
 class NoModel(Exception):
