@@ -127,12 +127,12 @@ def _turn(
 ) -> AbstractContextManager[None]:
     """Take a place in the queue of the rig, and wait for the turn if ``keeping`` asks for it."""
 
-    def tell(before: list[Ticket]) -> None:
+    def report(before: list[Ticket]) -> None:
         say(f"waits for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
 
     lasts = sum(plan.lasts for plan in plans)
     return queued(
-        path, [plan.name for plan in plans], lasts, keeping.operator, tell if keeping.wait else None
+        path, [plan.name for plan in plans], lasts, keeping.operator, report if keeping.wait else None
     )
 
 

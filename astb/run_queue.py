@@ -59,7 +59,7 @@ def queued(
         own_directory(folder.parent)
         own_directory(folder)
         # The lock of the folder prevents that another process sees the ticket before it is locked and complete.
-        with _alone(folder):
+        with _locked(folder):
             file = mine.open("xb")
             hold(file)
             mine.write_bytes(msgspec.json.encode(ticket))
@@ -75,7 +75,7 @@ def queued(
                 if now != before:
                     told(before := now)
                 clock.sleep_until(clock.now() + int(_LOOK * NS))
-            with _alone(folder):
+            with _locked(folder):
                 mine.write_bytes(msgspec.json.encode(replace(ticket, since=datetime.now(UTC))))
             yield
         finally:
@@ -85,7 +85,7 @@ def queued(
 def _before(folder: Path, mine: Path) -> list[Ticket]:
     """Return the valid tickets before ``mine``, the first with the rig; remove void ones."""
     found = []
-    with _alone(folder):
+    with _locked(folder):
         for path in sorted(one for one in folder.glob("[0-9]*") if one.name < mine.name):
             with path.open("rb") as file:
                 if hold(file):
@@ -96,7 +96,7 @@ def _before(folder: Path, mine: Path) -> list[Ticket]:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     with (folder / ".lock").open("w") as guard:
         hold(guard, wait=True)
         yield

@@ -60,7 +60,7 @@ class Session:
     virtual: bool
     parameters: "Parameters | None"  #: of the simulation, None for a real rig
     seed: int | None
-    wiring: "Description | None" = None  #: of a rig that does not use as ours do
+    wiring: "Description | None" = None  #: of a rig that does not use our protocol
     listen: "Callable[[], CanPort] | None" = (
         None  #: opens another port of the CAN bus, which hears all the others
     )

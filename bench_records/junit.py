@@ -88,7 +88,7 @@ def _given(result: Result) -> str:
 
 
 def _times(result: Result) -> list[float]:
-    """How long each check took, and the run after the last of them (s); nothing for what has no time itself."""
+    """How long each check took, and the run after the last of them (s); nothing for what has no time."""
     ends = [0.0]
     for one in result.checks:
         ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))

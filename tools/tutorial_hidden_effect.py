@@ -21,7 +21,7 @@ from bench_records.twin import PARTS
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "tutorials" / "find-a-hidden-effect.md"
 
-#: The JSON files that the commands leave, by the name under which `FIGURES` uses of them.
+#: The JSON files that the commands leave, by their name in `FIGURES`.
 RESULTS = {
     "screen": "runs/hunt/screening/result.json",
     "found": "runs/found/finding.json",

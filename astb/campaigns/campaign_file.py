@@ -115,7 +115,7 @@ def _base(rig: str, home: Path) -> Simulation:
 
 
 def _path(name: str, home: Path) -> str:
-    """Return a path for workers, which may are in another directory; names are left as they are."""
+    """Return a path for workers, which may be in another directory; names are left as they are."""
     return str((home / name).resolve()) if name.endswith(".toml") else name
 
 

@@ -30,7 +30,7 @@ class KeptRows:
     """Rows by their ``key``, in a directory that one campaign at a time writes to.
 
     A part gets its name when it is complete and on the disk. Parts are joined from time to time; if that is cut short,
-    a row may are in two of them, which `read_rows` and the next opening see to.
+    a row may be in two of them, which `read_rows` and the next opening see to.
     """
 
     def __init__(self, directory: Path, *, without_errors: bool = False) -> None:

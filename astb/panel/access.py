@@ -1,7 +1,7 @@
-"""Who may do what: anybody who reaches the panel sees, whoever has the token may command, and one page at a time does.
+"""Access rights of the panel: everyone may look, a client with the token may command, one page at a time.
 
-The token is printed on the terminal as part of an address; the page exchanges it for a cookie that no script reads. A
-name that leads to this machine by another user's DNS, and a page of another user's, are refused.
+The token is printed on the terminal as part of an address; the page exchanges it for a cookie that scripts cannot read.
+Requests with an unknown host name (DNS rebinding) and requests from pages of other origins are refused.
 """
 
 import ipaddress

@@ -1,4 +1,4 @@
-"""What a view is answered: a page that represents itself, or JSON, computed in a thread."""
+"""What a view is answered: a page, or JSON, computed in a thread."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,10 +3,10 @@
     V(ζ,y) = V₀ + A₀ζ + ½A₁ζ² − ½(κ₀+κ₁ζ) Y(y),   Y = y²/(1+(y/y_s)²)
     F_z = p_g ∂V/∂ζ − rubber,   F_y = p_g ∂V/∂y − rubber
 
-so that the membrane does no work itself and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear
+so that the membrane does no work and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear
 stack without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y, undeformed at the preload P of the
 load case. This is solved for the bellows' share (ζ_b, y_b) by Newton's method, and differentiated for its speed.
-A bellows that stretches, V + C_V (p − p_ref), does no work itself either, and its force is the same function of
+A bellows that stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of
 the pressure; p_ref is that of the load case. Below ``contact_height`` the top plate also sits on the emergency spring.
 Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
 """

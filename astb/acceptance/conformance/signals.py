@@ -1,4 +1,4 @@
-"""What can be asked of a rig that uses otherwise: by its signals, through its wiring."""
+"""What can be asked of a rig that uses other messages: by its signals, through its wiring."""
 
 import math
 from collections.abc import Callable, Iterator

@@ -44,7 +44,7 @@ def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> l
 
 
 def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
-    """Return what can be found of a rig that uses otherwise, by the signals of a connected ``bench``."""
+    """Return what can be found of a rig that uses other messages, by the signals of a connected ``bench``."""
     return _findings(bench, (*signals.AT_REST, *(signals.MOVING if motion else ())), motion, say)
 
 
