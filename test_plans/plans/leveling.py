@@ -111,7 +111,7 @@ def _refuse_limits_that_pass_anything(limits: Limits) -> None:
 def leveling(
     run: Run,
     *,
-    step: Annotated[float, Range(14 * mm, 25 * mm, "mm")] = 15 * mm,
+    step: Annotated[float, Range(14 * mm, 17 * mm, "mm")] = 15 * mm,
     within: Annotated[float, Range(20 * s, 10 * minutes, "s")] = 60 * s,
 ) -> None:
     """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
