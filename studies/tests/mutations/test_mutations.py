@@ -111,9 +111,10 @@ def test_every_fault_that_no_plan_catches_is_explained_and_no_other():
 
 
 def test_every_plan_of_the_matrix_detects_some_effect():
+    """But for `track_record`, which judges how the platform follows its track and not the springs."""
     cells = read_cells()
     tried = {cell.plan for cell in cells}
-    assert tried == {cell.plan for cell in cells if cell.found == "caught"}
+    assert tried - {cell.plan for cell in cells if cell.found == "caught"} == {"track_record"}
     assert tried <= plans().keys(), "a plan that there is no more"
 
 
