@@ -41,6 +41,7 @@ def test_with_a_leak_it_is_the_same_before_and_another_afterwards(kept, tmp_path
     assert now[1][now[0] < 60.0][-1] < before[1][before[0] < 60.0][-1] - 1000.0
 
 
+@pytest.mark.slow
 def test_an_effect_that_begins_there_is_the_fault_of_its_name_to_the_bit(kept, tmp_path):
     for name, change in (
         ("fault", ("--fault", "leak side=left area=0.5mm2")),
@@ -69,6 +70,7 @@ def test_a_parameter_is_another_one_from_there_on_and_a_volume_keeps_its_gas(kep
         assert abs(found[again > 40.1][0] - was[times > 40.1][0]) > 1000.0
 
 
+@pytest.mark.slow
 def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
     run = ["run", "leak_down", "--virtual", "--seed=5", "--effect", "maxwell=0.31, time=0.7 s"]
     CliRunner().invoke(commands, [*run, f"--out={tmp_path}"])

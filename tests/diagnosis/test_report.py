@@ -51,7 +51,7 @@ def found(laboratory, force_surface):
 
 @pytest.fixture(scope="module")
 def no_finding(laboratory):
-    lab = laboratory()
+    lab = laboratory(samples=600)
     return diagnose(lab.measure(4), lab.simulator)
 
 

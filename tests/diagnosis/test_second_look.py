@@ -79,7 +79,8 @@ def test_no_second_search_at_the_noise_level(laboratory, oscillator, monkeypatch
     assert [cause.effect for cause in finding.causes] == list(hidden)
 
 
-@pytest.mark.parametrize("end", ["nan", pytest.param("raise", marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("end", ["nan", "raise"])
 def test_what_diverges_at_a_finite_amplitude_is_left_out(laboratory, oscillator, end):
     """A candidate that has no finite outputs at 1 or 5 times its size, or none that is tried, hides no other one."""
     ripe = Hypothesis("ripe", "loss", "ripe", Parameter("amplitude", "N", 0.0, 1.0, low=0.0))

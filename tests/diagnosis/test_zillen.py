@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,7 @@ def row_of(seal: str) -> list[str]:
     return [cell.strip().removesuffix(" N") for cell in row.split("|")]
 
 
+@cache
 def actuator(seal: str) -> tuple[Simulator, Dataset]:
     return read_mapped(
         sorted((DEMOS / "piston").glob(f"friction__{seal}_*bar.csv")), DEMOS / "piston" / "piston.toml"
