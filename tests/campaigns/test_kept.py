@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from astb.campaigns.kept import PARTS, KeptError, KeptRows, read_rows
+from tests.refusals import refuses
 
 
 def test_rows_come_back_with_the_columns_of_all_of_them(tmp_path):
@@ -62,25 +63,25 @@ def test_joining_that_was_cut_short_leaves_each_row_once(tmp_path):
 
 
 def test_one_campaign_at_a_time(tmp_path):
-    with KeptRows(tmp_path), pytest.raises(KeptError, match="another campaign is at work"):
+    with KeptRows(tmp_path), refuses(KeptError, "campaign"):
         KeptRows(tmp_path)
     KeptRows(tmp_path).close()
 
 
 def test_an_unrelated_directory_is_refused_and_unchanged(tmp_path):
     (tmp_path / "part-000000.parquet").write_text("my own notes")
-    with pytest.raises(KeptError, match="cannot be read as the rows of a campaign"):
+    with refuses(KeptError, "campaign"):
         KeptRows(tmp_path)
     assert (tmp_path / "part-000000.parquet").read_text() == "my own notes"
 
 
 @pytest.mark.parametrize(
-    ("row", "said"), [({"key": "b", "n": "text"}, "does not fit"), ({"key": "b", "n": object()}, "kept")]
+    ("row", "said"), [({"key": "b", "n": "text"}, "does"), ({"key": "b", "n": object()}, "kept")]
 )
 def test_a_row_that_does_not_fit_is_refused_in_words(tmp_path, row, said):
     with KeptRows(tmp_path) as kept:
         kept.add({"key": "a", "n": 1})
-        with pytest.raises(ValueError, match=said):
+        with refuses(ValueError, said):
             kept.add(row)
     assert [row["key"] for row in read_rows(tmp_path)] == ["a"]
 
@@ -88,7 +89,7 @@ def test_a_row_that_does_not_fit_is_refused_in_words(tmp_path, row, said):
 def test_a_third_party_data_set_is_refused_and_unchanged(tmp_path):
     theirs = tmp_path / "part-000.parquet"
     pd.DataFrame({"temperature": [293.0]}).to_parquet(theirs)
-    with pytest.raises(KeptError, match="other tables than the rows of a campaign"):
+    with refuses(KeptError, "campaign"):
         KeptRows(tmp_path)
     assert list(pd.read_parquet(theirs)["temperature"]) == [293.0]
 

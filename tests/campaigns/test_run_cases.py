@@ -9,6 +9,7 @@ from astb.campaigns.kept import read_rows
 from astb.campaigns.run import Standing, run_cases
 from astb.campaigns.workers import ClusterError, cluster
 from tests.campaigns import questions
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_what_cannot_be_sent_is_an_error_of_its_case(client):
 def test_an_unknown_scheduler_is_reported(monkeypatch):
     monkeypatch.setattr("astb.campaigns.workers.CONNECT", 0.5)
     with (
-        pytest.raises(ClusterError, match=r"no scheduler answers at tcp://127.0.0.1:9"),
+        refuses(ClusterError, "tcp://127.0.0.1:9"),
         cluster("tcp://127.0.0.1:9"),
     ):
         pass

@@ -24,6 +24,7 @@ from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.air_spring.surfaces import TERMS
 from diagnosis.systems.records import read_records
 from test_plans.programmes.motions import RestPose, Stretch, Wave
+from tests.refusals import refuses
 
 MEDLEY = (
     Stretch(
@@ -410,10 +411,10 @@ def test_what_is_missing_is_named(made):
     lone = Experiment(
         "lone", made.experiment.time, {"left.height": made.experiment.inputs["left.height"]}, {}
     )
-    with pytest.raises(DiagnosisError, match=r"run lone has no input right\.height"):
+    with refuses(DiagnosisError, "right.height"):
         made.simulator.run(lone, {}, {})
     dry = Experiment("dry", made.experiment.time, made.experiment.inputs, {})
-    with pytest.raises(DiagnosisError, match=r"run dry: the setting left\.bellows_pressure is missing"):
+    with refuses(DiagnosisError, "left.bellows_pressure"):
         made.simulator.run(dry, {}, {})
 
 

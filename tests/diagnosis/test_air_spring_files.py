@@ -20,6 +20,7 @@ from diagnosis.systems.air_spring.files import air_spring_system
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.mapping import read_mapped
 from test_plans.programmes.motions import Part, Programme, Stretch, Wave
+from tests.refusals import refuses
 
 STEP = 5e-3
 
@@ -78,7 +79,7 @@ def test_the_model_recognises_its_own_measurements(tmp_path: Path) -> None:
 
 def test_an_invalid_parameter_set_is_reported_with_the_map(tmp_path: Path) -> None:
     data, mapping = write(tmp_path, "nowhere.toml")
-    with pytest.raises(DiagnosisError, match=r"map\.toml: parameters: .*nowhere\.toml"):
+    with refuses(DiagnosisError, "map.toml"):
         read_mapped([data], mapping)
 
 
@@ -228,10 +229,10 @@ def test_the_springs_of_the_other_rig_are_identified_with_what_its_map_states(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('nominal_preload = "84 kN"', 'ambient_pressure = "1 bar"', r"ambient_pressure of air_spring is the same"),
-        ('nominal_preload = "84 kN"', 'colour = "1 m"', r"settings.colour is no setting of air_spring"),
-        ('effective_area = "0.235 m2"', 'effective_area = "2 m2"', r"my_rig.toml: change: effective_area.* 2"),
-        ('effective_area = "0.235 m2"', 'effective_aera = "0.2 m2"', r"my_rig.toml: change: .*effective_area"),
+        ('nominal_preload = "84 kN"', 'ambient_pressure = "1 bar"', "ambient_pressure air_spring"),
+        ('nominal_preload = "84 kN"', 'colour = "1 m"', "settings.colour air_spring"),
+        ('effective_area = "0.235 m2"', 'effective_area = "2 m2"', "my_rig.toml 2"),
+        ('effective_area = "0.235 m2"', 'effective_aera = "0.2 m2"', "my_rig.toml"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_the_map_of_another_rig_is_named(
@@ -241,7 +242,7 @@ def test_what_is_wrong_in_the_map_of_another_rig_is_named(
     text = (other_rig / "my_rig.toml").read_text(encoding="utf-8")
     assert old in text
     mapping.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         read_mapped([other_rig / "full_sweep.csv"], mapping)
 
 

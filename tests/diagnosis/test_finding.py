@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from diagnosis.contracts import DiagnosisError, Parameter
 from diagnosis.estimates import estimate, number, numbers
 from diagnosis.finding import Cause, Finding, Models, Provenance, Rival, Suspect, Verdict
+from tests.refusals import refuses
 
 LEAK = Parameter("conductance", "m³/(s Pa)", 0.0, 1e-12, display="l/min/bar", scale=1.667e-10)
 
@@ -71,16 +72,16 @@ def test_a_verdict_that_contradicts_its_evidence_is_refused(verdict, causes, riv
 def test_only_a_verdict_without_a_name_has_suspects():
     near = Suspect(effect="leak", title="", family="", parameters=[], strength=None, why="is too small")
     assert Finding.from_json(finding(Verdict.UNRESOLVED, 0, suspects=[near]).to_json()).suspects == [near]
-    with pytest.raises(DiagnosisError, match="'named', but suspects are given"):
+    with refuses(DiagnosisError, "'named'"):
         finding(suspects=[near])
 
 
 def test_what_is_no_finding_is_refused():
-    with pytest.raises(DiagnosisError, match="no finding"):
+    with refuses(DiagnosisError, "finding"):
         Finding.from_json(b'{"verdict": "guilty"}')
     broken = msgspec.json.decode(finding().to_json())
     broken["verdict"] = "named by chance"
-    with pytest.raises(DiagnosisError, match="named by chance"):
+    with refuses(DiagnosisError, "chance"):
         Finding.from_json(msgspec.json.encode(broken))
 
 

@@ -25,6 +25,7 @@ from diagnosis.engine.noise import white
 from diagnosis.estimates import estimate
 from diagnosis.finding import Verdict
 from diagnosis.systems.piston import PISTON
+from tests.refusals import refuses
 
 Z = 1.959963984540054
 
@@ -147,5 +148,5 @@ def test_a_length_without_a_measured_displacement_is_refused():
     effect, model = fitted(0.5e-3)
     bare = [replace(run, experiment=replace(run.experiment, inputs={})) for run in model.replay.runs]
     place = model.point.place(effect_coordinates(effect)[2])
-    with pytest.raises(DiagnosisError, match="'displacement', which is no input of stroke 0"):
+    with refuses(DiagnosisError, "'displacement' 0"):
         resolution(replace(model, replay=model.replay.of(bare)), place)

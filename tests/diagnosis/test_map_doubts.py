@@ -7,6 +7,7 @@ import pytest
 
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.mapping import read_mapped
+from tests.refusals import refuses
 
 DEMOS = Path(__file__).parents[2] / "astb" / "data" / "demos"
 MAPS = {name: (DEMOS / name / f"{name}.toml").read_text(encoding="utf-8") for name in ("piston", "chamber")}
@@ -69,7 +70,7 @@ def test_a_column_without_numbers_is_doubted_in_one_file_and_refused_in_all(tmp_
     assert dataset.doubts == (
         "columns.temperature has no number in b: the simulation is not compared with it there",
     )
-    with pytest.raises(DiagnosisError, match=r"columns.temperature holds no number in any run; leave it out"):
+    with refuses(DiagnosisError, "columns.temperature"):
         read_mapped(paths[1:], mapping)
 
 
@@ -101,7 +102,7 @@ def test_signs_at_a_constant_displacement_are_doubted_at_most_once(
     mapping.write_text(PRESSED, encoding="utf-8")
     time = np.arange(0.0, 10.0, 0.02)
     pressure = 3.0 + 2.0 * np.sin(0.8 * time)
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         paths = []
         for run in range(3):

@@ -15,6 +15,7 @@ from diagnosis.finding import Verdict
 from diagnosis.systems.cutting import pieces_by_length, pieces_by_reversals, resample, reversals
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.system import difference, quantity
+from tests.refusals import refuses
 
 TIME = np.arange(0.0, 12.0, 0.01)
 X = 17.0 + 20.0 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * TIME / 4.0 - np.pi / 2.0))  # mm
@@ -144,9 +145,7 @@ def test_without_asammdf_the_error_says_what_to_install(
 
     monkeypatch.setitem(sys.modules, "asammdf", None)
     (tmp_path / "a.mf4").write_bytes(b"MDF")
-    with pytest.raises(
-        DiagnosisError, match="need asammdf, which is not installed: pip install 'asammdf>=8,<9'"
-    ):
+    with refuses(DiagnosisError, "'asammdf>=8,<9'"):
         read_mapped([tmp_path / "a.mf4"], write_map(tmp_path))
 
 
@@ -239,7 +238,7 @@ def test_runs_of_what_does_not_forget_begin_with_their_file_and_share_its_start(
     scored = np.array([np.pad(run.scored, (0, 1200 - len(run.scored))) for run in dataset.runs[:4]])
     assert (scored.sum(axis=0) == 1).all()  # every sample counts once
     mapping.write_text(CHAMBER + 'lead = "2 s"', encoding="utf-8")
-    with pytest.raises(DiagnosisError, match=r"replayed from the start of its file.* leave runs.lead out"):
+    with refuses(DiagnosisError, "runs.lead"):
         read_mapped(paths, mapping)
 
 
@@ -254,63 +253,57 @@ def test_the_digest_sees_data_and_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "rest", "message"),
     [
-        (('system = "piston"', 'system = "pistn"'), "", r'map.toml: system = "pistn" .* air_spring, piston, chamber'),
-        (('column = "x"', 'column = "way"'), "", r'a.csv: displacement.column = "way": .* t, x, p, F'),
-        (('column = "x"', "column = 7"), "", r"displacement.column = 7: the file has the columns 1 to 4"),
-        (('unit = "mm"', 'unit = "bar"'), "", r'columns.displacement.unit: "bar" .* one of .*mm'),
-        ((', reading = "gauge"', ""), "", r'columns.pressure.reading = None; right would be "gauge" or "absolute"'),
-        (('unit = "N"', 'unit = "N", reading = "gauge"'), "", r"columns.force.reading = gauge; right would be none"),
-        (('"25 mm"', '"25 m"'), "", r"settings.bore = 25 m is outside of 0.001 to 1 m"),
-        (('"25 mm"', '"wide"'), "", r'settings.bore = "wide" begins with no number; .* "12.5 mm"'),
-        (('bore = "25 mm"', ""), "", r"settings.bore is missing: inner diameter, in m"),
-        (("", ""), 'colour = "1 m"', r"settings.colour is no setting of piston; it has bore"),
-        (("force =", "weight ="), "", r"columns.weight is no signal of piston; it has displacement, pressure, force"),
-        (('pressure = { column = "p", unit = "bar", reading = "gauge" }\n', ""), "", r"columns.pressure is missing"),
-        (('step = "10 ms"', 'stop = "10 ms"'), "", r"map.toml: time\.stop is no key here; did you mean 'step'"),
-        (('step = "10 ms"', 'step = "10 bar"'), "", r'time.step = "10 bar": "bar" is no unit'),
-        (('step = "10 ms"', 'start = "60 s"'), "", r"fewer than ten steps"),
-        (("", ""), '[runs]\ncut = "strokes"', r"needs runs.signal \(one of displacement, pressure\), runs.reversal"),
-        (("", ""), '[runs]\ncut = "time"', r"needs runs.length"),
-        (("", ""), "[runs]\nskip = 1", r"no run is left of 12 s; .* runs.skip = 1"),
-        (("", ""), '[[runs.role]]\nfiles = "b*"\nrole = "fit"', r"no \[\[runs.role\]\] matches run 1 of a.csv"),
+        (('system = "piston"', 'system = "pistn"'), "", 'map.toml system "pistn" air_spring'),
+        (('column = "x"', 'column = "way"'), "", 'a.csv displacement.column "way"'),
+        (('column = "x"', "column = 7"), "", "displacement.column 7 1 4"),
+        (('unit = "mm"', 'unit = "bar"'), "", 'columns.displacement.unit "bar"'),
+        ((', reading = "gauge"', ""), "", 'columns.pressure.reading None "gauge" "absolute"'),
+        (('unit = "N"', 'unit = "N", reading = "gauge"'), "", "columns.force.reading gauge"),
+        (('"25 mm"', '"25 m"'), "", "settings.bore 25 m 0.001 1 m"),
+        (('"25 mm"', '"wide"'), "", 'settings.bore "wide" "12.5 mm"'),
+        (('bore = "25 mm"', ""), "", "settings.bore"),
+        (("", ""), 'colour = "1 m"', "settings.colour"),
+        (("force =", "weight ="), "", "columns.weight"),
+        (('pressure = { column = "p", unit = "bar", reading = "gauge" }\n', ""), "", "columns.pressure"),
+        (('step = "10 ms"', 'stop = "10 ms"'), "", "map.toml time.stop 'step'"),
+        (('step = "10 ms"', 'step = "10 bar"'), "", 'time.step "10 bar" "bar"'),
+        (('step = "10 ms"', 'start = "60 s"'), "", "fewer"),
+        (("", ""), '[runs]\ncut = "strokes"', "runs.signal runs.reversal"),
+        (("", ""), '[runs]\ncut = "time"', "runs.length"),
+        (("", ""), "[runs]\nskip = 1", "left 12 s runs.skip 1"),
+        (("", ""), '[[runs.role]]\nfiles = "b*"\nrole = "fit"', "[[runs.role]] 1 a.csv"),
     ],
 )  # fmt: skip
 def test_errors_say_whose_fault_it_is(
     tmp_path: Path, change: tuple[str, str], rest: str, message: str
 ) -> None:
     path = write_csv(tmp_path / "a.csv")
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         read_mapped([path], write_map(tmp_path, rest=rest, change=change))
 
 
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (
-            lambda text: text.replace("17.000000000", "n/a?", 1),
-            r'a.csv: displacement: "n/a\?" in line \d+ is no number',
-        ),
-        (
-            lambda text: text.replace("\n20,", "\n5,", 1),
-            r"line 4 lies at 0.005 s, before it the clock was at 0.01 s",
-        ),
-        (lambda text: "t,x,p,F\n", r"rows are too few"),
-        (lambda text: "", r"a.csv is empty"),
+        (lambda text: text.replace("17.000000000", "n/a?", 1), 'a.csv "n/a?"'),
+        (lambda text: text.replace("\n20,", "\n5,", 1), "line 4 0.005 s 0.01 s"),
+        (lambda text: "t,x,p,F\n", "rows"),
+        (lambda text: "", "a.csv"),
     ],
 )
 def test_damaged_tables_are_refused(tmp_path: Path, damage, message: str) -> None:
     path = write_csv(tmp_path / "a.csv")
     path.write_text(damage(path.read_text(encoding="utf-8")), encoding="utf-8")
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         read_mapped([path], write_map(tmp_path))
 
 
 def test_missing_and_nameless_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DiagnosisError, match=r"none\.csv: no such file"):
+    with refuses(DiagnosisError, "none.csv"):
         read_mapped([tmp_path / "none.csv"], write_map(tmp_path))
-    with pytest.raises(DiagnosisError, match="no data files"):
+    with refuses(DiagnosisError, "files"):
         read_mapped([], write_map(tmp_path))
-    with pytest.raises(DiagnosisError, match=r'"\.xyz" says no format'):
+    with refuses(DiagnosisError, '".xyz"'):
         read_mapped([write_csv(tmp_path / "a.xyz")], write_map(tmp_path))
 
 
@@ -318,7 +311,7 @@ def test_quantities_have_units_and_zeros() -> None:
     assert quantity("20 degC", "K", "here") == pytest.approx(293.15)
     assert difference("20 degC", "K", "here") == pytest.approx(20.0)
     assert quantity("250 kPa", "Pa", "here") == pytest.approx(2.5e5)
-    with pytest.raises(DiagnosisError, match="no finite number"):
+    with refuses(DiagnosisError, "finite"):
         quantity("nan mm", "m", "here")
 
 
@@ -388,7 +381,7 @@ def test_a_unit_in_a_head_is_converted_noted_or_refused(
     assert old in text
     mapping.write_text(text.replace(old, f'force = {{ column = "{head}"{unit} }}'), encoding="utf-8")
     if not right:
-        with pytest.raises(DiagnosisError, match=r"columns\.force\.unit"):
+        with refuses(DiagnosisError, "columns.force.unit"):
             read_mapped([path], mapping)
         return
     _, dataset = read_mapped([path], mapping)

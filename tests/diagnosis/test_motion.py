@@ -23,6 +23,7 @@ from diagnosis.systems.motion import (
     with_lag,
     without_lag,
 )
+from tests.refusals import refuses
 
 STEP = 5e-3
 NOISE = 10e-6
@@ -94,7 +95,7 @@ def test_what_only_trembles_stands_still():
 
 
 def test_too_few_samples_are_refused():
-    with pytest.raises(DiagnosisError, match="at least 8"):
+    with refuses(DiagnosisError, "least 8"):
         smooth(np.array([0.0, *[np.nan] * 20, 1.0]), NOISE)
 
 

@@ -22,6 +22,7 @@ from diagnosis.systems.integration import integrate
 from diagnosis.systems.mapping import read_mapped
 from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.splines import SplineAxis, TensorSplines, spline_value
+from tests.refusals import refuses
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "how-to" / "diagnose-other-data.md"
@@ -122,7 +123,7 @@ def test_an_input_that_is_held_keeps_its_value_within_a_step() -> None:
     assert x == pytest.approx(exact, abs=1e-8)
     y = integrate(lambda x, u, p: (u[1],), (0.0,), both, 0.01, held=(True, False))[:, 0]
     assert y[1:] == pytest.approx(np.cumsum(0.005 * (straight[1:] + straight[:-1])), abs=1e-12)
-    with pytest.raises(DiagnosisError, match="one for each input"):
+    with refuses(DiagnosisError, "input"):
         integrate(lambda x, u, p: (u[1],), (0.0,), both, 0.01, held=(True,))
 
 
@@ -176,31 +177,31 @@ def test_what_keeps_the_contract_passes() -> None:
 @pytest.mark.parametrize(
     ("term", "low", "message"),
     [
-        (lambda a, s, u: a * u + 1e-9, -np.inf, r"odd at a = 0 V, s = 1 changes the outputs by up to 1e-09; .* absent"),
-        (lambda a, s, u: np.sqrt(a) * u, 0.0, r"effect odd at a = 0.01 V and a = 0.02 V, s = 1 is not proportional"),
-        (lambda a, s, u: a * a * u, -np.inf, r"effect odd .* is not proportional"),
-        (lambda a, s, u: abs(a) * u, -np.inf, r"effect odd at a = -0.02 V and a = 0.02 V, s = 1 has a kink at 0"),
-        (lambda a, s, u: u * np.exp(-1.0 / max(a, 1e-3)) * (a > 0.0), 0.0, r"= 0.02 V, s = 1 changes nothing, but at"),
-        (lambda a, s, u: a / (10.0 - s) * u, -np.inf, r"odd.a = 2 V, odd.s = 10 s, gain = 1 V/N: ZeroDivisionError"),
-        (lambda a, s, u: a * u * np.log(s - 0.5), -np.inf, r"y is nan at 0 s .* at odd.a = 2 V, odd.s = 0.1 s"),
-        (lambda a, s, u: a * u[:7], -np.inf, r"failed in the run pushed at odd.a = 0 V.*ValueError.*broadcast"),
-        (lambda a, s, u: a * np.random.default_rng().standard_normal(300), -np.inf, r"is not proportional"),
+        (lambda a, s, u: a * u + 1e-9, -np.inf, "a 0 V s 1 1e-09"),
+        (lambda a, s, u: np.sqrt(a) * u, 0.0, "effect a 0.01 V a 0.02 V s 1"),
+        (lambda a, s, u: a * a * u, -np.inf, "proportional"),
+        (lambda a, s, u: abs(a) * u, -np.inf, "effect a -0.02 V a 0.02 V s 1 0"),
+        (lambda a, s, u: u * np.exp(-1.0 / max(a, 1e-3)) * (a > 0.0), 0.0, "0.02 V s 1 changes"),
+        (lambda a, s, u: a / (10.0 - s) * u, -np.inf, "odd.a 2 V odd.s 10 s gain 1 V/N ZeroDivisionError"),
+        (lambda a, s, u: a * u * np.log(s - 0.5), -np.inf, "nan 0 s odd.a 2 V odd.s 0.1 s"),
+        (lambda a, s, u: a * u[:7], -np.inf, "odd.a 0"),
+        (lambda a, s, u: a * np.random.default_rng().standard_normal(300), -np.inf, "proportional"),
     ],
     ids=["present", "root", "square", "kink", "flat", "zero division", "nan", "shape", "chance"],
 )  # fmt: skip
 def test_what_breaks_the_contract_is_named_with_its_parameters(term, low: float, message: str) -> None:
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         check_contract(Scale(term, low), PUSHED)
 
 
 def test_a_base_model_that_fails_or_ignores_state_or_shape_is_refused() -> None:
     plain = Scale(lambda a, s, u: a * u)
-    with pytest.raises(DiagnosisError, match=r"y is inf at .*gain = 0 V/N"):
+    with refuses(DiagnosisError, "inf 0 V/N"):
         check_contract(_Changed(plain, lambda y, p: y / p["gain"], nuisance_low=0.0), PUSHED)
-    with pytest.raises(DiagnosisError, match="other outputs when it was run again"):
+    with refuses(DiagnosisError, "outputs"):
         calls = iter(range(1000))
         check_contract(_Changed(plain, lambda y, p: y + next(calls)), PUSHED)
-    with pytest.raises(DiagnosisError, match=r"shape \(300,\); right would be \(300, 1\)"):
+    with refuses(DiagnosisError, "shape (300,) 300 1"):
         check_contract(_Changed(plain, lambda y, p: y[:, 0]), PUSHED)
 
 
@@ -218,16 +219,16 @@ class _Changed:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"amplitude": Parameter("a", "V", 1.0, 1.0)}, r"amplitude a has the nominal value 1 .* right would be .* 0"),
-        ({"grid": ((),)}, r"the point \(\) of its grid has 0 values; right would be one for each of its shapes \(s\)"),
-        ({"name": "other"}, r"effect odd calls itself 'other'"),
-        ({"amplitude": Parameter("a", "V", 0.0, 0.0)}, r"a has spread 0 and step 0 V; at least one"),
+        ({"amplitude": Parameter("a", "V", 1.0, 1.0)}, "value 1 0"),
+        ({"grid": ((),)}, "grid 0"),
+        ({"name": "other"}, "'other'"),
+        ({"amplitude": Parameter("a", "V", 0.0, 0.0)}, "spread 0 0 V"),
     ],
 )  # fmt: skip
 def test_declarations_that_contradict_themselves_are_refused(change: dict, message: str) -> None:
     model = Scale(lambda a, s, u: a * u)
     model.catalogue = {"odd": replace(model.catalogue["odd"], **change)}
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         check_contract(model, PUSHED)
 
 
@@ -303,7 +304,7 @@ def test_an_input_is_held_as_the_simulator_or_the_map_says(
         OWN.replace("    inputs =", "    held = {'dive'}\n    inputs =")
     )
     sys.modules.pop("amplifier_of_mine")
-    with pytest.raises(DiagnosisError, match=r"held has dive; .* drive"):
+    with refuses(DiagnosisError, "drive"):
         load_system("amplifier_of_mine:Gain", own)
 
 
@@ -315,17 +316,15 @@ def test_a_map_may_name_a_simulator_in_its_folder(own: Path) -> None:
     mapping.write_text('simulator = "amplifier_of_mine:Gain"\n' + columns)
     _, dataset = read_mapped([own / "a.csv"], mapping)
     assert [channel.noise for channel in dataset.channels] == [0.2]
-    with pytest.raises(DiagnosisError, match="amplifier_of_mine:Gain and other:one is named"):
+    with refuses(DiagnosisError, "amplifier_of_mine:Gain"):
         read_mapped([own / "a.csv"], mapping, "other:one")
     mapping.write_text(columns)
-    with pytest.raises(
-        DiagnosisError, match=r"nothing is named to be diagnosed; .* air_spring, piston, chamber"
-    ):
+    with refuses(DiagnosisError, "air_spring"):
         read_mapped([own / "a.csv"], mapping)
     mapping.write_text(
         'simulator = "amplifier_of_mine:Gain"\n[columns]\ndrive = {column = "drive", unit = "V"}'
     )
-    with pytest.raises(DiagnosisError, match=r"no column holds what amplifier predicts; .* y, z"):
+    with refuses(DiagnosisError, "amplifier"):
         read_mapped([own / "a.csv"], mapping)
 
 
@@ -353,20 +352,14 @@ def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("amplifier_of_mine", "names no factory of a module; right would be such as"),
-        ("nothing_here:Gain", "there is no module nothing_here in "),
-        ("needs:Gain", "needs needs nowhere_to_be_found"),
-        ("amplifier_of_mine:Gian", "has no class or function Gian; did you mean 'Gain'"),
-        (
-            "amplifier_of_mine:broken",
-            r"ZeroDivisionError: division by zero \(amplifier_of_mine.py, line 15\)",
-        ),
-        (
-            "amplifier_of_mine:Silent",
-            "made a Silent without channels, nuisances, catalogue, surfaces, run, inputs",
-        ),
+        ("amplifier_of_mine", "factory"),
+        ("nothing_here:Gain", "nothing_here"),
+        ("needs:Gain", "nowhere_to_be_found"),
+        ("amplifier_of_mine:Gian", "'Gain'"),
+        ("amplifier_of_mine:broken", "ZeroDivisionError amplifier_of_mine.py 15"),
+        ("amplifier_of_mine:Silent", "nuisances"),
     ],
 )
 def test_a_factory_that_makes_no_simulator_is_refused(own: Path, name: str, message: str) -> None:
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         load_system(name, own)

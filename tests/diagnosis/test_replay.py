@@ -13,6 +13,7 @@ from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, Gas, Motion, ParameterChanges, between, replay
 from bench_sim.parameters import load
 from bench_sim.rig.turn import take
+from tests.refusals import refuses
 
 INTERVAL = 5e-3
 TURNED = 300
@@ -99,7 +100,7 @@ def test_accelerations_between_samples_go_along_a_spline():
 @pytest.mark.parametrize("acceleration", [np.zeros(199), np.array([*np.zeros(199), np.nan])])
 def test_an_acceleration_that_does_not_fit_its_motion_is_refused(acceleration):
     motion = Motion.through(np.zeros((200, DIRECTIONS)), INTERVAL)
-    with pytest.raises(ValueError, match=r"an acceleration has shape .*\(200,\) without gaps would fit"):
+    with refuses(ValueError, "acceleration"):
         motion.accelerated(0, acceleration)
 
 
@@ -275,13 +276,13 @@ def test_sensors_drift_from_when_the_bench_was_switched_on(free):
 
 
 def test_what_cannot_be_replayed_is_refused(free):
-    with pytest.raises(ValueError, match="at least 4 samples of 6"):
+    with refuses(ValueError, "least 4 6"):
         Motion.through(np.zeros((3, DIRECTIONS)), INTERVAL)
     holed = free.motion.displacement.copy()
     holed[7, 1] = np.nan
-    with pytest.raises(ValueError, match="gaps"):
+    with refuses(ValueError, "gaps"):
         Motion.through(holed, INTERVAL)
-    with pytest.raises(ValueError, match="do not fit 801 samples"):
+    with refuses(ValueError, "801 samples"):
         replay(free.record, free.motion, free.inputs[:-1], free.supply, free.gas)
-    with pytest.raises(ValueError, match=r"outside 0 to 2\.5 ms"):
+    with refuses(ValueError, "outside 0 2.5 ms"):
         again(free, step=3e-3)

@@ -15,6 +15,7 @@ from drivers.commander import CYCLE
 from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault, WiringError
 from drivers.wiring.contract import Capabilities, Order, Outlet, Sequences, Step
 from drivers.wiring.transports import open_transport
+from tests.refusals import refuses
 
 ABSENT = {
     "left.auxiliary_temperature": "no thermometer in the chamber",
@@ -155,7 +156,7 @@ def test_an_order_that_the_rig_never_acknowledges_is_named(tiny, bench):
 def test_a_fault_without_a_reason_is_reported_while_arming(tiny, bench):
     tiny.deaf = {3}
     tiny.clock.every(round(0.6 * NS), lambda: setattr(tiny, "state", "FAULT_HOLD"))
-    with pytest.raises(RigFault, match=r"did not reach ACTIVE: state FAULT_HOLD$"):
+    with refuses(RigFault, "ACTIVE FAULT_HOLD"):
         bench.arm()
 
 
@@ -195,20 +196,20 @@ def test_what_is_there_is_as_ever(tiny, bench):
     assert bench.lacks("rig.reason", "air.dpv", "rig.tripped", "left.height") == (
         "plant T has no rig.reason, rig.tripped: not told; plant T has no air.dpv: no differential pressure valve"
     )
-    with pytest.raises(KeyError, match="no signal"):
+    with refuses(KeyError, "signal"):
         bench.has("left.hieght")
 
 
 def test_a_silent_rig_is_noticed_by_its_own_limits(tiny, bench):
     bench.arm()
     tiny._telling.cancel()
-    with pytest.raises(LinkLost, match=r"silent: its state came .* and is stale after 0\.3 s"):
+    with refuses(LinkLost, "silent after 0.3 s"):
         bench.wait(5 * s)
 
 
 def test_what_fails_in_the_background_is_raised_as_it_is(tiny, bench):
     tiny.failure = Refused("plc.valve did not follow", 4)
-    with pytest.raises(Refused, match="did not follow"):
+    with refuses(Refused, "follow"):
         bench.wait(1 * s)
     with bench.despite_faults():
         bench.wait(1 * s)
@@ -248,7 +249,7 @@ def test_a_refused_order_does_not_block_the_others(tiny):
         assert tiny.state == "DISABLED"
         bench.arm()
         tiny.deaf = {0}
-        with pytest.raises(BenchTimeout, match="the bench at rest; key = 7 was refused: not reached"):
+        with refuses(BenchTimeout, "key 7"):
             bench.disarm(within=1 * s)
         tiny.deaf = set()
 
@@ -264,21 +265,18 @@ def test_an_unknown_state_is_not_reported_as_silence(tiny, bench):
 
     tiny.receiver = bench.receiver
     tiny._telling = tiny.clock.every(50_000_000, publish)
-    with pytest.raises(LinkLost, match="the rig reports no known state"):
+    with refuses(LinkLost, "reports"):
         bench.wait(5 * s)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (
-            "def make(name, table, where):\n    return table['hots']\n",
-            r"could not be made: KeyError\('hots'\)",
-        ),
-        ("def make(:\n", "cannot be imported: invalid syntax"),
+        ("def make(name, table, where):\n    return table['hots']\n", "KeyError('hots')"),
+        ("def make(:\n", "imported"),
     ],
 )
 def test_a_transport_of_somebodys_own_that_is_written_wrongly(tmp_path, text, words):
     (tmp_path / "mine.py").write_text(text)
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         open_transport("mine", {"kind": "mine.py:make", "host": "x"}, tmp_path)

@@ -16,6 +16,7 @@ from drivers.errors import (
     RigFault,
     Stale,
 )
+from tests.refusals import refuses
 
 # -- arming ------------------------------------------------------------------------------------------------------
 
@@ -44,7 +45,7 @@ def test_arming_stops_at_the_given_state_and_continues_from_there(bench):
     assert bench.rig.state == "HOLD"
     bench.arm()
     assert bench.rig.state == "ACTIVE"
-    with pytest.raises(Misuse, match=r"does not lead to ESTOP, it leads to DISABLED or .* or ACTIVE"):
+    with refuses(Misuse, "ESTOP DISABLED ACTIVE"):
         bench.arm(to="ESTOP")
 
 
@@ -63,7 +64,7 @@ def test_arming_takes_over_what_is_measured(world, bench):
 def test_arming_is_bounded(world, bench):
     world.peer.reset = lambda: None  # a rig that does not leave DISABLED
     before = bench.now
-    with pytest.raises(BenchTimeout, match=r"AIR_LOW or .*: not reached within .*rig\.state = DISABLED"):
+    with refuses(BenchTimeout, "AIR_LOW DISABLED"):
         bench.arm(within=2 * s)
     assert bench.now - before <= 2 * s + 2 * CYCLE / NS
 
@@ -82,9 +83,9 @@ def test_arming_resets_a_latched_fault_first(world, bench, state):
 def test_an_emergency_stop_is_not_reset_while_it_is_pressed(world, armed):
     world.peer.estop = True
     world.peer.fault("ESTOP", "emergency stop")
-    with pytest.raises(RigFault, match="emergency stop"):
+    with refuses(RigFault, "emergency"):
         armed.wait(1 * s)
-    with pytest.raises(RigFault, match="release the button"):
+    with refuses(RigFault, "release"):
         armed.arm()
     assert armed.rig.state == "ESTOP"
     world.peer.estop = False
@@ -109,7 +110,7 @@ def test_a_plan_that_fails_leaves_a_bench_at_rest(world):
 
 
 def test_connecting_twice_is_misuse(bench):
-    with pytest.raises(Misuse, match="connected already"):
+    with refuses(Misuse, "connected"):
         bench.connect()
     assert bench.rig.state != "unknown"
 
@@ -126,9 +127,9 @@ def test_waiting_takes_as_long_as_it_says(bench, duration):
 
 @pytest.mark.parametrize("duration", [-1, math.nan, math.inf, 1e9])
 def test_waits_are_bounded(bench, duration):
-    with pytest.raises(ValueError, match="is not a time to wait"):
+    with refuses(ValueError, "time"):
         bench.wait(duration)
-    with pytest.raises(ValueError, match="is not a time to wait"):
+    with refuses(ValueError, "time"):
         bench.wait_for(lambda: True, within=duration)
 
 
@@ -170,7 +171,7 @@ def test_an_unknown_value_satisfies_no_limit(world, bench):
     world.peer.silent_can = True
     world.pass_time(0.5)
     for condition in (lambda: bench.left.height > -1, lambda: bench.left.height < 1):
-        with pytest.raises(BenchTimeout, match=r"left\.height is stale for 0\.\d+ s"):
+        with refuses(BenchTimeout, "left.height"):
             bench.wait_for(condition, within=0.2 * s)
 
 
@@ -188,7 +189,7 @@ def test_an_unknown_value_satisfies_no_limit(world, bench):
 def test_every_wait_notices_a_fault_and_tells_the_rigs_reason(world, armed, act):
     when = armed.clock.now() + round(0.5 * NS)
     hit = armed.clock.every(round(0.5 * NS), lambda: world.peer.fault("FAULT_HOLD", "command late"))
-    with pytest.raises(RigFault, match="the rig left ACTIVE: state FAULT_HOLD, reason: command late"):
+    with refuses(RigFault, "ACTIVE FAULT_HOLD"):
         act(armed)
     hit.cancel()
     assert armed.clock.now() - when <= 3 * CYCLE
@@ -198,7 +199,7 @@ def test_the_limit_that_tripped_first_is_named(world, armed):
     world.peer.values["left.height"] = 140 * mm
     world.peer.values["rig.tripped"] = 1.0
     world.peer.fault("FAULT_HOLD", "limit tripped")
-    with pytest.raises(RigFault, match=r"reason: limit tripped, first limit: left\.height = 140 mm"):
+    with refuses(RigFault, "reason left.height 140 mm"):
         armed.wait(1 * s)
 
 
@@ -213,7 +214,7 @@ def test_tear_down_may_go_on_despite_a_fault(world, armed):
 def test_a_silent_rig_is_noticed(world, armed):
     world.peer.silent_can = True
     before = armed.now
-    with pytest.raises(LinkLost, match="the rig is silent: its state came"):
+    with refuses(LinkLost, "silent"):
         armed.wait(10 * s)
     assert armed.now - before < 1 * s
 
@@ -226,14 +227,14 @@ def test_the_watchdog_is_fed_while_waiting_and_tells_who_has_taken_the_bench(wor
     world.peer.foreign, world.peer.lease = True, 99
     world.peer.values |= {"rig.lease": 99.0, "rig.holder": 4711.0}
     before = armed.now
-    with pytest.raises(NotCommander, match=r"lost the bench: .* token 99, at TCP port 4711"):
+    with refuses(NotCommander, "99 TCP 4711"):
         armed.wait(60 * s)
     assert armed.now - before < 1
 
 
 def test_a_watchdog_that_cannot_be_fed_ends_the_plan_and_not_its_tear_down(world, armed):
     world.peer.silent_modbus = True
-    with pytest.raises(LinkLost, match="watchdog cannot be fed"):
+    with refuses(LinkLost, "watchdog"):
         armed.wait(1 * s)
     armed.disarm()
     assert world.peer.state == "DISABLED"
@@ -272,16 +273,14 @@ def test_third_party_programs_are_reported_with_the_bench(world, armed):
 def test_a_cut_bus_is_noticed_at_once(world, armed):
     world.can.lose("the server has gone")
     before = armed.now
-    with pytest.raises(LinkLost, match="the server has gone"):
+    with refuses(LinkLost, "server"):
         armed.wait(10 * s)
     assert armed.now - before <= 0.04
 
 
 def test_a_rig_that_never_speaks_on_can_is_not_connected_to(world):
     world.peer.silent_can = True
-    with pytest.raises(
-        LinkLost, match=r"first news of the rig's state: not reached within 2 s.*rig\.state is missing"
-    ):
+    with refuses(LinkLost, "within 2"):
         world.bench.connect()
     assert world.peer.lease == 0
 
@@ -291,7 +290,7 @@ def test_a_sink_that_fails_fails_the_plan(bench):
         raise OSError("no space left on device")
 
     bench.receiver.sink = full
-    with pytest.raises(NotRecorded, match="no space left"):
+    with refuses(NotRecorded, "space"):
         bench.wait(0.2 * s)
 
 
@@ -321,9 +320,7 @@ def test_an_average_is_the_mean_of_what_came(world, bench):
 def test_an_empty_window_has_no_average(world, bench):
     world.peer.values["left.height"] = math.nan
     bench.wait(0.1)
-    with pytest.raises(
-        Stale, match=r"no sample of left\.height came within 0\.5 s: left\.height is unavailable"
-    ):
+    with refuses(Stale, "left.height 0.5 s left.height"):
         bench.average("left.height", over=0.5 * s)
 
 
@@ -338,9 +335,7 @@ def test_settling(world, bench):
     )  # 10 % a second falls below 2 mm a second there, and twice more
     decay.cancel()
     bench.clock.every(5_000_000, lambda: world.peer.values.update({"left.height": 0.01 * bench.now}))
-    with pytest.raises(
-        BenchTimeout, match=r"not settled within 5 s.*left\.height moved from -?[\d.]+ mm to -?\d+\.\d\d mm$"
-    ):
+    with refuses(BenchTimeout, "within 5"):
         bench.settle("left.height", band=1 * mm, over=1 * s, within=5 * s)
 
 

@@ -13,6 +13,7 @@ from bench_protocol.wires import Table
 from bench_sim.rig.registers import RegisterBank
 from drivers.errors import LinkLost
 from drivers.wiring.astb.modbus import AstbRegisters
+from tests.refusals import refuses
 
 
 def grown(table: Table, count: int) -> Table:
@@ -78,7 +79,7 @@ def test_a_step_between_the_blocks_is_not_read_across():
     told = AstbRegisters(LARGE, rig).snapshot()
     assert len({told[name] - rig.base[LARGE.index[name]] for name in told}) == 1
     assert len(rig.asked) == 2 + 4
-    with pytest.raises(LinkLost, match="from input register 99 and 1099 on changed under 20 reads in a row"):
+    with refuses(LinkLost, "register 99 1099 20"):
         AstbRegisters(LARGE, Rig(LARGE, pace=1)).snapshot()
 
 

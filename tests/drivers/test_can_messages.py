@@ -18,6 +18,7 @@ from drivers.memory import InMemoryCan
 from drivers.wiring.can.transport import CanTransport
 from drivers.wiring.transports import open_transport
 from tests.drivers.can_stand import BUS, write_files
+from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
@@ -139,88 +140,55 @@ BITS = {"start": 0, "length": 8}
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"buss": "x"}, "transports.bus: there is no key 'buss' here; did you mean 'bus'"),
-        ({"dbc": "none.dbc"}, "dbc = 'none.dbc' cannot be read: No such file"),
-        ({"dbc": "own.py"}, "dbc = 'own.py' is no DBC: line 2, column"),
-        ({"node": "HOSTS"}, "node = 'HOSTS' sends nothing in the DBC; did you mean 'HOST'"),
-        ({"burst_begins": "Heights"}, "burst_begins needs how long a burst lasts"),
-        (
-            {"burst": "5 ms", "burst_begins": "Hights"},
-            "burst_begins = 'Hights' is no message; did you mean 'Heights'",
-        ),
-        ({"burst": "5 ms", "burst_begins": "Stream"}, "burst_begins = 'Stream' is sent by us"),
-        ({"burst": "5 ms", "burst_begins": "Set", "node": "HOST"}, "burst_begins = 'Set' is sent by us"),
-        ({"node": "RIG"}, "messages.Heart: every is for what RIG sends; HOST sends it"),
-        ({"stale": "soon"}, "stale = 'soon' is not a time"),
-        (messages(Height={}), "messages.Height: no message of this name in rig.dbc; did you mean 'Heights'"),
-        (messages(Set={"id": 5}), "messages.Set: id = 0x5, but the DBC describes Set already"),
-        (messages(Set={"every": "0 ms"}), "messages.Set: every = '0 ms' is not a time"),
-        (
-            messages(Set={"counter": "Alife"}),
-            "messages.Set: there is no signal 'Alife'; did you mean 'Alive'",
-        ),
-        (
-            messages(Set={"counter": "Alive", "counter_period": 17}),
-            "counter_period = 17 does not fit: Alive has 16",
-        ),
-        (messages(Set={"values": {"Mode": 300}}), "messages.Set: values: Mode = 300 does not fit"),
-        (
-            messages(Set={"checksum": {"signal": "Crc", "scheme": "crc"}}),
-            "scheme = 'crc' is none; there are .*e2e_p1",
-        ),
-        (
-            messages(Set={"checksum": {"signal": "CRC", "scheme": "xor8"}}),
-            "checksum: there is no signal 'CRC'",
-        ),
-        (messages(Set={"checksum": {"signal": "Alive", "scheme": "xor8"}}), "Alive has 4 bits, xor8 makes 8"),
-        (messages(Set={"checksum": {"signal": "Crc", "scheme": "e2e_p1"}}), "e2e_p1 needs its data_id"),
-        (
-            messages(Set={"checksum": {"signal": "Mode", "scheme": "e2e_p1", "data_id": 1}}),
-            "in byte 0; Mode is",
-        ),
-        (
-            messages(Set={"checksum": {"signal": "Crc", "scheme": "function:wait"}}),
-            "'wait' is no function of own.py",
-        ),
-        (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum: the key signal is missing"),
-        (
-            {"messages": {"*": {"counter": "Alife"}}},
-            r"""messages\."\*": no message has a signal 'Alife'; did you mean 'Alive'""",
-        ),
-        ({"messages": {"*": {"every": "1 s"}}}, r"""messages\."\*": there is no key 'every'"""),
-        ({"points": {"Heights": {"null": 1}}}, "Heights is no name; points of CAN are"),
-        ({"points": {"Heights.Lefft": {"null": 1}}}, "Heights has no signal 'Lefft'; did you mean 'Left'"),
-        ({"points": {"Heights.Left": {"scale": 2.0}}}, "Heights.Left: scale is said by the DBC already"),
-        (
-            {"points": {"Weights.Left": {"null": 1}}},
-            "no message 'Weights' in rig.dbc; did you mean 'Heights'",
-        ),
-        ({"dbc": None, "messages": {}, "points": {}}, "there are no messages"),
-        (
-            {"dbc": None, "messages": {"M": {}}, "points": {}},
-            "no message of this name.*Without a DBC it needs its id",
-        ),
-        (own({}), 'it has no points; "M.Signal" ='),
-        (own({"M.a": BITS}, id=0x800, extended=False), r"id = 0x800 is no 11-bit identifier \(0 to 0x7ff\)"),
-        (own({"M.a": BITS}, id=0x2000_0000), "id = 0x20000000 is no 29-bit identifier"),
-        (own({"M.a": BITS}, length=9), "length = 9 bytes is more than a CAN frame carries, 8"),
-        (own({"M.a": {"start": 60, "length": 8}}), "messages.M: the signal a does not fit in message M"),
-        (own({"M.a": BITS, "M.b": {"start": 7, "length": 2}}), "signals .* overlapping"),
-        (own({"M.a": {"start": 3}}), r"M\.a needs start and length"),
-        (own({"M.a": {**BITS, "float": True}}), r"M\.a: length = 8 is no float"),
-        (own({"M.a": {**BITS, "page": 2}}), r"M\.a: page = 2, but no point of M is its selector"),
-        (own({"M.a": {**BITS, "scale": 0}}), r"M\.a: scale = 0 maps everything"),
-        (
-            {"messages": {"M": {"id": 0x201}}, "points": {"M.a": BITS}},
-            "Air and M have the same identifier, 0x201",
-        ),
+        ({"buss": "x"}, "transports.bus 'buss' 'bus'"),
+        ({"dbc": "none.dbc"}, "dbc 'none.dbc'"),
+        ({"dbc": "own.py"}, "dbc 'own.py' DBC 2"),
+        ({"node": "HOSTS"}, "node 'HOSTS' DBC 'HOST'"),
+        ({"burst_begins": "Heights"}, "burst_begins"),
+        ({"burst": "5 ms", "burst_begins": "Hights"}, "burst_begins 'Hights' 'Heights'"),
+        ({"burst": "5 ms", "burst_begins": "Stream"}, "burst_begins 'Stream'"),
+        ({"burst": "5 ms", "burst_begins": "Set", "node": "HOST"}, "burst_begins 'Set'"),
+        ({"node": "RIG"}, "messages.Heart RIG HOST"),
+        ({"stale": "soon"}, "stale 'soon'"),
+        (messages(Height={}), "messages.Height rig.dbc 'Heights'"),
+        (messages(Set={"id": 5}), "messages.Set id 0x5 DBC"),
+        (messages(Set={"every": "0 ms"}), "messages.Set every '0 ms'"),
+        (messages(Set={"counter": "Alife"}), "messages.Set 'Alife' 'Alive'"),
+        (messages(Set={"counter": "Alive", "counter_period": 17}), "counter_period 17 16"),
+        (messages(Set={"values": {"Mode": 300}}), "messages.Set Mode 300"),
+        (messages(Set={"checksum": {"signal": "Crc", "scheme": "crc"}}), "scheme 'crc'"),
+        (messages(Set={"checksum": {"signal": "CRC", "scheme": "xor8"}}), "checksum 'CRC'"),
+        (messages(Set={"checksum": {"signal": "Alive", "scheme": "xor8"}}), "4 xor8 8"),
+        (messages(Set={"checksum": {"signal": "Crc", "scheme": "e2e_p1"}}), "e2e_p1 data_id"),
+        (messages(Set={"checksum": {"signal": "Mode", "scheme": "e2e_p1", "data_id": 1}}), "byte 0"),
+        (messages(Set={"checksum": {"signal": "Crc", "scheme": "function:wait"}}), "'wait' own.py"),
+        (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum"),
+        ({"messages": {"*": {"counter": "Alife"}}}, "messages.\"*\" 'Alife' 'Alive'"),
+        ({"messages": {"*": {"every": "1 s"}}}, "messages.\"*\" 'every'"),
+        ({"points": {"Heights": {"null": 1}}}, "CAN"),
+        ({"points": {"Heights.Lefft": {"null": 1}}}, "'Lefft' 'Left'"),
+        ({"points": {"Heights.Left": {"scale": 2.0}}}, "Heights.Left DBC"),
+        ({"points": {"Weights.Left": {"null": 1}}}, "'Weights' rig.dbc 'Heights'"),
+        ({"dbc": None, "messages": {}, "points": {}}, "messages"),
+        ({"dbc": None, "messages": {"M": {}}, "points": {}}, "DBC"),
+        (own({}), '"M.Signal"'),
+        (own({"M.a": BITS}, id=0x800, extended=False), "id 0x800 11-bit 0 0x7ff"),
+        (own({"M.a": BITS}, id=0x2000_0000), "id 0x20000000 29-bit"),
+        (own({"M.a": BITS}, length=9), "length 9 bytes CAN 8"),
+        (own({"M.a": {"start": 60, "length": 8}}), "messages.M"),
+        (own({"M.a": BITS, "M.b": {"start": 7, "length": 2}}), "overlapping"),
+        (own({"M.a": {"start": 3}}), "M.a needs"),
+        (own({"M.a": {**BITS, "float": True}}), "M.a length 8"),
+        (own({"M.a": {**BITS, "page": 2}}), "M.a page 2"),
+        (own({"M.a": {**BITS, "scale": 0}}), "M.a scale 0"),
+        ({"messages": {"M": {"id": 0x201}}, "points": {"M.a": BITS}}, "identifier 0x201"),
     ],
 )
 def test_a_description_that_cannot_be(changes: dict, words: str, where: Path) -> None:
     def never() -> InMemoryCan:
         raise AssertionError("the bus is not opened")
 
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         open_transport("bus", {**BUS, **changes}, where, functions=where / "own.py", port=never)
 
 
@@ -267,13 +235,9 @@ def test_of_a_dbc_only_what_is_used_is_judged(tmp_path: Path, charset: str) -> N
     ):
         with pytest.raises(WiringError, match=words):
             transport.require(point)
-    with pytest.raises(
-        WiringError, match=r"Faults.Pump cannot be sent: its signals Pump and Code share bits"
-    ):
+    with refuses(WiringError, "Faults.Pump"):
         transport.require("Faults.Pump", writable=True)
-    with pytest.raises(
-        WiringError, match=r"messages.Faults: its signals Pump and Code share bits, so it cannot"
-    ):
+    with refuses(WiringError, "messages.Faults"):
         CanTransport("bus", {**table, "messages": {"Faults": {"every": "10 ms"}}}, tmp_path)
     CanTransport("bus", {**table, "messages": {"Faults": {"stale": "1 s"}}}, tmp_path)
 
@@ -296,5 +260,5 @@ def test_the_charset_of_a_dbc_is_a_key(tmp_path: Path) -> None:
     (tmp_path / "rig.dbc").write_text(ODD.replace("°C", "č"), encoding="cp1250")
     table = {"kind": "can", "dbc": "rig.dbc", "answers": False, "charset": "cp1250"}
     CanTransport("bus", table, tmp_path).require("Heights.Left")
-    with pytest.raises(WiringError, match='charset = "klingon" is none; "utf-8"'):
+    with refuses(WiringError, 'charset "klingon" "utf-8"'):
         CanTransport("bus", {**table, "charset": "klingon"}, tmp_path)

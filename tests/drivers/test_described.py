@@ -19,6 +19,7 @@ from drivers.wiring.described import DescribedWiring
 from drivers.wiring.description import describe
 from drivers.wiring.lines import listening
 from tests.drivers.strange_rig import PointsInMemory
+from tests.refusals import refuses
 
 TEXT = """
 latency = "40 ms"
@@ -222,21 +223,21 @@ def test_a_function_of_the_users_own_that_fails_ends_the_run_in_words(wired):
 
 def test_no_server_is_reported(wired):
     wired.bus.refusing = True
-    with pytest.raises(LinkLost, match="nobody answers"):
+    with refuses(LinkLost, "answers"):
         wired.open()
     assert wired.plc.connections == 0  # all opened connections are closed
 
 
 def test_a_silent_rig_is_reported_in_bounded_time(wired):
     wired.bus.silent = True
-    with pytest.raises(LinkLost, match="hall is silent: nothing came on transport bus within 1 s"):
+    with refuses(LinkLost, "within 1 s"):
         wired.open(within=1 * s)
     assert wired.clock.now() <= 1.1e9
 
 
 def test_another_rig_than_the_one_described(wired):
     wired.plc.points["device"] = 12
-    with pytest.raises(MapMismatch, match=r"plc\.device reads 12, and identity in hall\.toml says 4711"):
+    with refuses(MapMismatch, "plc.device 12 hall.toml 4711"):
         wired.open()
 
 
@@ -291,21 +292,19 @@ def test_no_data_follow_close_and_a_loss_is_reported_once(wired):
 
 
 def test_points_that_a_transport_does_not_have(tmp_path):
-    with pytest.raises(
-        WiringError, match=r"signals\.\"left\.height\"\.from = 'plc\.hight': there is no point 'hight'"
-    ):
+    with refuses(WiringError, "signals.\"left.height\".from 'plc.hight' 'hight'"):
         WiredRig(tmp_path, TEXT.replace("plc.left_height", "plc.hight"))
 
 
 def test_a_state_that_has_to_be_asked_for(wired):
     wired.plc.asked.add("state")
-    with pytest.raises(WiringError, match=r"\"rig\.state\"\.from = plc\.state is read only when asked"):
+    with refuses(WiringError, '"rig.state".from plc.state'):
         DescribedWiring("hall", wired.description, {"plc": wired.plc, "bus": wired.bus})
 
 
 def test_points_that_cannot_be_written(tmp_path, wired):
     wired.plc.locked = {"mode"}
-    with pytest.raises(WiringError, match=r"\"air\.left_mode\"\.to = 'plc\.mode': mode can only be read"):
+    with refuses(WiringError, "\"air.left_mode\".to 'plc.mode'"):
         DescribedWiring("hall", wired.description, {"plc": wired.plc, "bus": wired.bus})
 
 
@@ -341,10 +340,7 @@ def test_settings_go_out_together_and_are_awaited(wired):
 def test_a_setting_that_is_never_acknowledged_is_refused_and_taken_back(wired):
     wired.open()
     wired.deaf = True
-    with pytest.raises(
-        Refused,
-        match=r"hall never acknowledged air\.left_mode = fill: plc\.mode_active still says hold after 1 s",
-    ):
+    with refuses(Refused, "air.left_mode fill plc.mode_active 1 s"):
         wired.wiring.write({"air.left_mode": 2, "air.left_target": 5 * bar})
     assert wired.plc.points["mode"] == 0
 
@@ -358,7 +354,7 @@ def test_a_mode_must_not_change_under_a_program(wired):
     )
     wired.wiring.act("action.program_run")
     wired.wiring.write({"vertical.control": 1})  # as it is
-    with pytest.raises(Refused, match=r"vertical\.control must not change while a program runs"):
+    with refuses(Refused, "vertical.control"):
         wired.wiring.write({"vertical.control": 2})
     crest = [-one["Left"] for one in wired.cycle(100, **setpoints)]
     assert [min(crest), max(crest)] == pytest.approx([18, 22], abs=0.1)
@@ -380,7 +376,7 @@ def test_what_cannot_be_taken_back_hides_no_refusal(wired):
         write(points)
 
     wired.plc.write = once
-    with pytest.raises(Refused, match="hall never acknowledged"):
+    with refuses(Refused, "acknowledged"):
         wired.wiring.write({"air.left_mode": 2})
 
 
@@ -393,11 +389,9 @@ def test_a_number_that_a_rig_rounds_is_acknowledged(wired):
 
 def test_a_choice_that_the_rig_does_not_have(wired):
     wired.open()
-    with pytest.raises(NotAvailable, match=r"hall has no air\.left_mode = level: its wiring gives"):
+    with refuses(NotAvailable, "air.left_mode level"):
         wired.wiring.write({"air.left_target": 5 * bar, "air.left_mode": 1})
-    with pytest.raises(
-        NotAvailable, match=r"hall has no lateral\.control = force: it is always displacement"
-    ):
+    with refuses(NotAvailable, "lateral.control force"):
         wired.wiring.write({"lateral.control": 1})
     assert wired.plc.writes == []  # all or none
 

@@ -14,6 +14,7 @@ from drivers.errors import WiringError
 from drivers.wiring.contract import Order
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe, read_description
+from tests.refusals import refuses
 
 GOOD = """
 description = "A stranger's rig"
@@ -105,9 +106,9 @@ def test_a_file_of_version_0_1_calls_the_sequences_conduct(good):
     earlier = GOOD.replace("sequences", "conduct")
     assert described(earlier).sequences == good.sequences
     assert described(earlier).digest == good.digest
-    with pytest.raises(WiringError, match=r"hall\.toml: conduct is the earlier name of sequences"):
+    with refuses(WiringError, "hall.toml"):
         described(f"{earlier}\n[sequences]\n")
-    with pytest.raises(WiringError, match=r"conduct\.at_rest: the rig never reports OFF"):
+    with refuses(WiringError, "conduct.at_rest OFF"):
         described(earlier.replace('"DISABLED", "ESTOP"', '"OFF"'))
 
 
@@ -359,15 +360,15 @@ def test_the_example_of_the_reference_page_is_a_wiring_whose_points_are_there():
 
 
 def test_what_stands_under_a_key_of_a_rig_file_says_so():
-    with pytest.raises(WiringError, match=r'rig\.toml: wiring\.signals\."left\.hight" is no signal'):
+    with refuses(WiringError, 'rig.toml wiring.signals."left.hight"'):
         describe(tomllib.loads(SIGNAL + '"left.hight" = {}'), Path("rig.toml"), TABLE, "wiring")
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(WiringError, match="cannot be read: No such file"):
+    with refuses(WiringError):
         read_description(tmp_path / "none.toml", TABLE)
     (tmp_path / "bad.toml").write_text("a = \n")
-    with pytest.raises(WiringError, match=r"bad\.toml is not TOML"):
+    with refuses(WiringError, "bad.toml TOML"):
         read_description(tmp_path / "bad.toml", TABLE)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from bench_protocol.units import Hz, bar, kN, mbar, mm, mrad, ms, s
 from drivers.errors import BenchTimeout, Misuse, RigFault
+from tests.refusals import refuses
 
 # -- moving ------------------------------------------------------------------------------------------------------
 
@@ -78,19 +79,15 @@ def test_moving_the_platform_leaves_other_axes_where_they_are(armed):
 
 def test_an_actuator_that_does_not_follow_is_a_time_out_with_values(world, armed):
     world.peer.sluggish = True
-    with pytest.raises(
-        BenchTimeout, match=r"lateral\.force at 4 kN: not reached within .* lateral\.force = 0 kN"
-    ):
+    with refuses(BenchTimeout, "lateral.force 4 kN lateral.force 0 kN"):
         armed.lateral.push(4 * kN, 8 * kN / s)
 
 
 def test_a_force_beyond_the_wire_is_refused_before_anything_moves(world, armed):
-    with pytest.raises(
-        ValueError, match=r"lateral\.force_setpoint = 70 kN does not fit on the wire.*-60 to 60 kN"
-    ):
+    with refuses(ValueError, "lateral.force_setpoint 70 kN 60 kN"):
         armed.lateral.push(70 * kN)
     assert armed.lateral.force_setpoint == pytest.approx(0)
-    with pytest.raises(ValueError, match=r"lateral\.control = 'speed' is not one of off"):
+    with refuses(ValueError, "lateral.control 'speed'"):
         armed.lateral.control = "speed"
 
 
@@ -131,7 +128,7 @@ def test_a_bellows_that_is_shut_off_is_neither_filled_nor_vented(world, armed):
     """All its air goes through the auxiliary chamber, whose pressure the rig controls."""
     armed.settings.write({"air.left_reservoir": "off"})
     for order in (armed.air.fill, armed.air.vent):
-        with pytest.raises(Misuse, match=r"left bellows is shut off .* air\.connect_reservoirs\(\) first"):
+        with refuses(Misuse, "air.connect_reservoirs()"):
             order(to=1 * bar)
     assert armed.air.left_mode == "hold"
     armed.air.fill(right=1 * bar, within=5 * s)
@@ -140,19 +137,17 @@ def test_a_bellows_that_is_shut_off_is_neither_filled_nor_vented(world, armed):
 
 
 def test_filling_needs_one_clear_target(armed):
-    with pytest.raises(Misuse, match="not both"):
+    with refuses(Misuse, "both"):
         armed.air.fill(to=2 * bar, left=1 * bar)
-    with pytest.raises(Misuse, match="no pressure was given"):
+    with refuses(Misuse, "pressure"):
         armed.air.fill()
-    with pytest.raises(ValueError, match="20 bar does not fit"):
+    with refuses(ValueError, "20 bar"):
         armed.air.fill(to=20 * bar)
     assert armed.air.left_mode == "hold"
 
 
 def test_filling_too_slowly_is_a_time_out(armed):
-    with pytest.raises(
-        BenchTimeout, match=r"filled to 5 bar.*not reached within 1 s; now left\.bellows_pressure = 1"
-    ):
+    with refuses(BenchTimeout, "filled 5 1 s left.bellows_pressure 1"):
         armed.air.fill(to=5 * bar, within=1 * s)
 
 
@@ -168,9 +163,7 @@ def test_a_settled_pressure_differs_from_a_falling_one(world, armed, starts, wit
     world.peer._step = never_below_half_a_bar
     values["left.bellows_pressure"] = starts * bar
     armed.wait(100 * ms)
-    with pytest.raises(
-        BenchTimeout, match=r"left vented to 0 bar.*not reached within .* s; now left"
-    ) as late:
+    with refuses(BenchTimeout, "vented 0") as late:
         armed.air.vent(within=within * s)
     since = within - (starts - 0.5)  # it falls by 1 bar/s
     words = f"left.bellows_pressure has not fallen for {since:.0f} s: the zero of its transducer may be off"
@@ -215,36 +208,31 @@ def test_a_program_that_ends_early_is_a_fault_of_the_rig(world, armed):
     armed.generator.start("vertical", amplitude=5 * mm, frequency=1 * Hz, cycles=5)
     armed.wait(1.5 * s)
     armed.generator.stop()
-    with pytest.raises(RigFault, match="ended after 1 of 5 cycles"):
+    with refuses(RigFault, "after 1 5"):
         armed.generator.wait_done(within=1 * s)
 
 
 def test_a_program_that_never_ends_is_a_time_out(world, armed):
     armed.vertical.control = "displacement"
     armed.generator.start("vertical", amplitude=5 * mm, frequency=1 * Hz, cycles=100)
-    with pytest.raises(BenchTimeout, match=r"end of the generator's program.*rig\.program = RUN"):
+    with refuses(BenchTimeout, "RUN"):
         armed.generator.wait_done(within=2 * s)
 
 
 @pytest.mark.parametrize(
     ("axis", "control", "amplitudes", "words"),
     [
-        ("vertical", "force", {"amplitude": 5 * mm}, "needs force_amplitude.*given: amplitude"),
-        ("vertical", "displacement", {}, "needs amplitude.*given: none"),
-        (
-            "vertical",
-            "displacement",
-            {"amplitude": 1 * mm, "force_amplitude": 1 * kN},
-            "given: amplitude, force",
-        ),
-        ("roll", "force", {"roll_amplitude": 1 * mrad}, "needs force_amplitude.*given: roll_amplitude"),
-        ("platform_roll", "force", {"amplitude": 1 * mm}, "needs roll_amplitude"),
-        ("vertical", "off", {"amplitude": 1 * mm}, "control mode 'off'"),
+        ("vertical", "force", {"amplitude": 5 * mm}, "amplitude"),
+        ("vertical", "displacement", {}, "needs"),
+        ("vertical", "displacement", {"amplitude": 1 * mm, "force_amplitude": 1 * kN}, "given"),
+        ("roll", "force", {"roll_amplitude": 1 * mrad}, "roll_amplitude"),
+        ("platform_roll", "force", {"amplitude": 1 * mm}, "roll_amplitude"),
+        ("vertical", "off", {"amplitude": 1 * mm}, "'off'"),
     ],
 )
 def test_the_generator_wants_the_amplitude_that_fits_the_axis(world, armed, axis, control, amplitudes, words):
     armed.vertical.control = control
     count = len(world.peer.actions)
-    with pytest.raises(Misuse, match=words):
+    with refuses(Misuse, words):
         armed.generator.run(axis, frequency=1 * Hz, cycles=3, **amplitudes)
     assert len(world.peer.actions) == count

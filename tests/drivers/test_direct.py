@@ -20,6 +20,7 @@ from drivers.wiring.described import DescribedWiring, open_described
 from drivers.wiring.description import describe, read_description
 from drivers.wiring.own import own_description
 from tests.drivers.strange_rig import PointsInMemory
+from tests.refusals import refuses
 
 FILE = named_files("wirings")["local"]
 RIG = {"kind": "astb"}
@@ -65,7 +66,7 @@ def test_signals_with_a_line_go_their_way_and_all_others_that_of_the_table():
         assert set(capture.values("left.height")) == {12.5 * mm}
         assert capture.values("left.height").size == pytest.approx(20, abs=2)
         assert capture.values("right.height").size == pytest.approx(200, abs=5)
-        with pytest.raises(NotAvailable, match="no thermometer"):
+        with refuses(NotAvailable, "thermometer"):
             bench.settings.reading("left.bellows_temperature")
         bench.settings.write({"air.right_target": 4 * bar, "air.left_target": 3 * bar})
         assert beside.box.points["target"] == 4.0
@@ -82,12 +83,12 @@ def test_settings_of_both_ways_are_taken_over_together_or_not_at_all():
     with Bench(beside.wiring, beside.memory.clock) as bench:
         before = bench.settings.readings("air.right_target", "air.left_target")
         beside.refuses = True
-        with pytest.raises(Refused, match=r"never acknowledged air\.right_target"):
+        with refuses(Refused, "air.right_target"):
             bench.settings.write({"air.right_target": 4 * bar, "air.left_target": 3 * bar})
         assert bench.settings.readings("air.right_target", "air.left_target") == before
         beside.refuses = False
         bench.arm()
-        with pytest.raises(Refused, match="shims are changed when nothing holds the bolster"):
+        with refuses(Refused, "changed"):
             bench.settings.write({"air.right_target": 4 * bar, "rig.nominal_preload": 50_000.0})
         assert beside.box.points["target"] == 2.0
 
@@ -134,38 +135,38 @@ def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
 @pytest.mark.parametrize(
     ("lines", "transports", "words"),
     [
-        ({}, {"second": RIG}, r"rig and second are of kind astb; a rig has one table"),
-        ({"left.height": {"from": "rig.left.height", "unit": "m"}}, {}, r"carries signals instead of points"),
+        ({}, {"second": RIG}, "second"),
+        ({"left.height": {"from": "rig.left.height", "unit": "m"}}, {}, "carries"),
     ],
 )
 def test_keys_that_exclude_a_table_are_reported(lines, transports, words):
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         described(lines, **transports)
 
 
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"can": {"port": 70_000}}, r"transports\.rig: .*port.*70000"),
-        ({"kan": {}}, r"transports\.rig: there is no key .kan. here; did you mean .can."),
-        ({"modbus": {"unit": 300}}, r"transports\.rig: .*unit.*300"),
+        ({"can": {"port": 70_000}}, "transports.rig"),
+        ({"kan": {}}, "transports.rig"),
+        ({"modbus": {"unit": 300}}, "transports.rig"),
     ],
 )
 def test_keys_of_the_transport_that_cannot_be(keys, words):
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         open_described("the rig", described({}, rig=RIG | keys))
 
 
 @pytest.mark.parametrize(
     ("air", "words"),
     [
-        ({"ACTIVE": "let of"}, r"sequences\.air\.ACTIVE = 'let of' is none of it; did you mean .let off."),
-        ({"AKTIVE": "let off"}, r"sequences\.air: 'AKTIVE' is no state of a bench"),
+        ({"ACTIVE": "let of"}, "sequences.air.ACTIVE 'let of'"),
+        ({"AKTIVE": "let off"}, "sequences.air 'AKTIVE'"),
     ],
 )
 def test_what_becomes_of_the_air_is_one_of_three_things(air, words):
     keys = read_toml(FILE)
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         describe(keys | {"sequences": {"air": air}}, FILE, TABLE)
 
 

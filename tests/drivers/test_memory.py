@@ -9,6 +9,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm, s
 from drivers.errors import LinkLost
 from drivers.memory import Faults, FaultyCan, InMemoryCan
+from tests.refusals import refuses
 
 BAD = Faults(lose=0.05, double=0.05, echo=0.2)
 
@@ -126,5 +127,5 @@ def test_a_bus_that_is_cut_says_so_once(world):
     world.can.lose("cable pulled again")
     world.can.on_lost(reasons.append)
     assert reasons == ["cable pulled", "cable pulled"]
-    with pytest.raises(LinkLost, match="cable pulled"):
+    with refuses(LinkLost, "pulled"):
         world.can.send(counted(1))

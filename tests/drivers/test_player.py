@@ -17,6 +17,7 @@ from bench_sim.rig.tick import _generate
 from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
 from drivers.wiring.player import Player
+from tests.refusals import refuses
 
 CYCLE = 20_000_000
 TICKS = round(CYCLE / 1e9 / TICK)
@@ -160,16 +161,16 @@ def test_what_a_generator_refuses(settings, mode, message):
 def test_states_without_an_action():
     player = _player()
     for act in (player.hold, player.stop):
-        with pytest.raises(Refused, match="no program runs"):
+        with refuses(Refused, "program"):
             act()
-    with pytest.raises(Refused, match="not ACTIVE"):
+    with refuses(Refused, "ACTIVE"):
         player.run({}, np.zeros(len(TABLE.signals)), active=False)
-    with pytest.raises(Refused, match="has no value to ride on"):
+    with refuses(Refused, "value"):
         _run(player, "displacement", base=math.nan)
-    with pytest.raises(NotAvailable, match=r"hall has no lateral\.force_setpoint, .*: no force control"):
+    with refuses(NotAvailable, "lateral.force_setpoint"):
         _run(_player(**{"generator.axis": AXES.index("lateral")}), "force")
     _run(player, "displacement")
-    with pytest.raises(Refused, match="runs already"):
+    with refuses(Refused):
         _run(player, "displacement")
 
 
@@ -238,10 +239,10 @@ def test_waves_that_are_too_fast_together_are_refused_and_the_first_stays():
     player = _player(**{"generator.amplitude": 45 * mm, "generator.frequency": 1.5})
     setpoints, modes = np.zeros(len(TABLE.signals)), {"vertical.control": MODES["displacement"]}
     player.add(modes, setpoints, active=True)
-    with pytest.raises(Refused, match=r"0\.848 m/s in these waves together, and the wiring"):
+    with refuses(Refused, "0.848 m/s these"):
         player.add(modes, setpoints, active=True)
-    with pytest.raises(Refused, match="the bench is not ACTIVE"):
+    with refuses(Refused, "ACTIVE"):
         player.add(modes, setpoints, active=False)
     player.stop()
-    with pytest.raises(Refused, match="no program runs"):
+    with refuses(Refused, "program"):
         player.stop()

@@ -12,6 +12,7 @@ from drivers.declarations import Action, Bit, Contact, Declaration, Reading, Set
 from drivers.devices import Spring
 from drivers.reading import Quality
 from drivers.settings import UNKNOWN
+from tests.refusals import refuses
 
 
 def test_every_row_of_the_table_stands_in_exactly_one_device(world):
@@ -43,7 +44,7 @@ def test_a_declaration_of_the_wrong_kind_is_refused_when_the_device_is_made(worl
         __slots__ = ()
         height = Setting()
 
-    with pytest.raises(TypeError, match=r"left\.height is a measurement, declared as Setting"):
+    with refuses(TypeError, "left.height"):
         Wrong(world.bench, "left")
 
 
@@ -120,13 +121,13 @@ def test_event_messages_do_not_grow_stale(world):
 
 
 def test_a_typing_error_is_an_error(bench):
-    with pytest.raises(AttributeError, match=r"left has no 'hieght' to set; did you mean 'height'\?"):
+    with refuses(AttributeError, "'hieght' 'height'"):
         bench.left.hieght = 3
     with pytest.raises(AttributeError):
         bench.left.hieght  # noqa: B018
     with pytest.raises(AttributeError):
         bench.lefft = 3
-    with pytest.raises(AttributeError, match=r"left\.height is read from the rig and cannot be set"):
+    with refuses(AttributeError, "left.height"):
         bench.left.height = 3 * mm
     with pytest.raises(AttributeError):
         bench.left.signals = 3
@@ -148,7 +149,7 @@ def test_set_points_settings_and_actions_are_attributes(world, bench):
 
 @pytest.mark.parametrize("cell", [0, 9, -1])
 def test_there_are_eight_load_cells_at_most(bench, cell):
-    with pytest.raises(Exception, match="the cells are 1 to 8"):
+    with refuses(Exception, "cells 1 8"):
         bench.load_cell[cell]
 
 

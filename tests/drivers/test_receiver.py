@@ -19,6 +19,7 @@ from drivers.receiver import Capture, Receiver
 from drivers.stamps import StampClock
 from drivers.wiring.astb.can import AstbListener
 from drivers.wiring.own import own_wiring
+from tests.refusals import refuses
 
 HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]
 MS = 1_000_000
@@ -153,7 +154,7 @@ def test_a_capture_that_is_full_says_so(monkeypatch):
     receiver = WiredReceiver(VirtualClock())
     capture = Capture(receiver, ["left.height"])
     fill(capture, receiver, [5 * MS * k for k in range(3)], [1.0 * mm] * 3)
-    with pytest.raises(Misuse, match="a capture holds 5 samples of all signals"):
+    with refuses(Misuse, "holds 5"):
         capture.values("left.height")
 
 
@@ -172,19 +173,17 @@ def test_a_capture_holds_exactly_what_came_meanwhile():
     assert capture.values("left.bellows_pressure") == pytest.approx([1 * bar, 2 * bar])
 
 
-@pytest.mark.parametrize(
-    ("name", "words"), [("rig.lateness_50us", "does not come by itself"), ("left.hieght", "no signal")]
-)
+@pytest.mark.parametrize(("name", "words"), [("rig.lateness_50us", "itself"), ("left.hieght", "signal")])
 def test_a_capture_refuses_what_it_could_never_fill(name, words):
-    with pytest.raises((Misuse, KeyError), match=words):
+    with refuses((Misuse, KeyError), words):
         Capture(WiredReceiver(VirtualClock()), [name])
 
 
 def test_a_capture_answers_only_for_its_own_signals():
     capture = Capture(WiredReceiver(VirtualClock()), ["left.height"])
-    with pytest.raises(Misuse, match=r"right\.height is not in this capture, which has left\.height"):
+    with refuses(Misuse, "right.height left.height"):
         capture.values("right.height")
-    with pytest.raises(Misuse, match="no samples"):
+    with refuses(Misuse, "samples"):
         capture.aligned()
 
 
@@ -192,7 +191,7 @@ def test_a_missing_signal_is_not_a_failure_of_the_plan():
     receiver = WiredReceiver(VirtualClock())
     capture = Capture(receiver, ["left.height", "load_cell.1"])
     fill(capture, receiver, [5 * MS * k for k in range(10)], [0.0] * 10)
-    with pytest.raises(Stale, match=r"^load_cell\.1: no samples"):
+    with refuses(Stale, "load_cell.1"):
         capture.aligned()
 
 

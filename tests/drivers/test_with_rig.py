@@ -11,6 +11,7 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.errors import Misuse, Refused, RigFault
 from drivers.generator import Wave
+from tests.refusals import refuses
 
 #: The frame with the rig's state and that of its program.
 STATE = 0x282
@@ -89,17 +90,17 @@ def test_axes_move_at_once_or_not_at_all(pair):
     assert bench.rig.generator_cycle == 4, "of the one that ends last, in whatever order they are given"
     assert all(float(np.ptp(capture.values(name))) > 7 * mm for name in names)
     steep = Wave("platform_roll", roll_amplitude=0.1, frequency=2 * Hz, cycles=9)
-    with pytest.raises(Refused, match="too fast"):
+    with refuses(Refused, "fast"):
         bench.generator.run_together(slow, steep)
     with bench.capture("lateral.displacement") as capture:
         bench.generator.run("platform_vertical", amplitude=8 * mm, frequency=1 * Hz, cycles=3)
     assert float(np.ptp(capture.values("lateral.displacement"))) < 1 * mm, (
         "what was added before is forgotten"
     )
-    with pytest.raises(Misuse, match="generator on roll: it needs roll_amplitude"):
+    with refuses(Misuse, "roll_amplitude"):
         bench.generator.run_together(slow, Wave("roll", amplitude=1 * mm, frequency=1 * Hz, cycles=3))
     assert not rig.generator._added
-    with pytest.raises(Misuse, match="one wave at least"):
+    with refuses(Misuse, "least"):
         bench.generator.run_together()
 
 
@@ -120,10 +121,10 @@ def test_plates_and_pipes_are_changed_on_an_empty_bench_only(pair):
     bench.rig.orifice_diameter = 20 * mm
     bench.rig.pipe = "on"
     bench.arm()
-    with pytest.raises(Refused, match=r"rig\.orifice_diameter = 16 mm") as refused:
+    with refuses(Refused, "rig.orifice_diameter 16 mm") as refused:
         bench.rig.orifice_diameter = 16 * mm
     assert refused.value.code == 4
-    with pytest.raises(Refused, match=r"rig\.pipe = off"):
+    with refuses(Refused, "rig.pipe off"):
         bench.rig.pipe = "off"
     assert bench.rig.orifice_diameter == pytest.approx(20 * mm)
     assert bench.rig.pipe == "on"
@@ -136,10 +137,10 @@ def test_the_emergency_stop_of_the_rig_reaches_the_plan_in_words(pair):
     rig, bench = pair
     bench.arm()
     rig.press_estop()
-    with pytest.raises(RigFault, match="state ESTOP, reason: emergency stop"):
+    with refuses(RigFault, "ESTOP"):
         bench.wait(1 * s)
     assert bench.interlock.estop
-    with pytest.raises(RigFault, match="release the button"):
+    with refuses(RigFault, "release"):
         bench.arm()
     rig.release_estop()
     bench.arm()

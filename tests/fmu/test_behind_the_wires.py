@@ -14,6 +14,7 @@ from bench_sim.fmu.description import FmuError
 from bench_sim.model.layout import SENSORS, State
 from tests.fmu.asked import build
 from tests.fmu.strange_spring import MAP, strange_spring
+from tests.refusals import refuses
 
 pytestmark = pytest.mark.slow
 
@@ -187,7 +188,7 @@ def test_one_for_another_system_is_refused(strange, tmp_path):
     with zipfile.ZipFile(strange) as here, zipfile.ZipFile(other, "w") as there:
         for name in here.namelist():
             there.writestr(name.replace("linux64", "win64"), here.read(name))
-    with pytest.raises(FmuError, match=r"no library for this system, .*; it has win64"):
+    with refuses(FmuError, "win64"):
         build_rig(read(rig_file(tmp_path / "rig.toml", other, MAP)).simulation)
 
 
@@ -196,7 +197,7 @@ def test_an_immediate_crash_is_reported_before_the_rig_starts(tmp_path):
     path = rig_file(tmp_path / "rig.toml", fmu, MAP.replace('"travel"', '"travel"'))
     text = path.read_text().replace("[simulation.spring_map.inputs]", SLOW, 1)
     path.write_text(text)
-    with pytest.raises(FmuError, match=r"bad.fmu crashed \(SIGSEGV\) in doStep .* trial"):
+    with refuses(FmuError, "bad.fmu (SIGSEGV) doStep"):
         build_rig(read(path).simulation)
 
 

@@ -27,6 +27,7 @@ from diagnosis.systems.system import conversion
 from tests.fmu.asked import HERE, save
 from tests.fmu.measured import ROLES
 from tests.fmu.strange_spring import build_c
+from tests.refusals import refuses
 
 UNITS = {
     "l/s": '<BaseUnit m="3" s="-1" factor="0.001"/>',
@@ -255,22 +256,18 @@ def test_a_unit_that_is_refused_leaves_a_choice(si: str, unit: str) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
-        ('unit = "l/s"', 'unit = "l/tick"', r'columns.flow.unit: "l/tick" is no .*l/s.*m3/s'),
-        ('unit = "l/s"', 'unit = "bar"', r'columns.flow.unit: "bar" is no unit .*l/s'),
-        ('"0.5 l/(s.m)" }\nlower', '"0.5 l/s" }\nlower', r'upper_hole.low = "0.5 l/s": .*l/\(s.m\)'),
-        ('"1 mm" }\nlower', '"1 mm", hold = true }\nlower', r"columns.upper.hold: upper is an output"),
-        (
-            "[fmu.base]",
-            '[fmu]\nmeasured.flow.causes = ["lag"]\n[fmu.base]',
-            r"fmu.measured.flow.causes has lag, but flow is held",
-        ),
+        ('unit = "l/s"', 'unit = "l/tick"', 'columns.flow.unit "l/tick"'),
+        ('unit = "l/s"', 'unit = "bar"', 'columns.flow.unit "bar"'),
+        ('"0.5 l/(s.m)" }\nlower', '"0.5 l/s" }\nlower', 'upper_hole.low "0.5 l/s"'),
+        ('"1 mm" }\nlower', '"1 mm", hold = true }\nlower', "columns.upper.hold"),
+        ("[fmu.base]", '[fmu]\nmeasured.flow.causes = ["lag"]\n[fmu.base]', "fmu.measured.flow.causes"),
     ],
 )
 def test_errors_of_a_map_are_reported(tanks: dict[str, Path], before: str, after: str, told: str) -> None:
     folder = tanks["discrete"].parent
     assert before in MAP
     (folder / "map.toml").write_text(MAP.replace(before, after))
-    with pytest.raises(DiagnosisError, match=told):
+    with refuses(DiagnosisError, told):
         read_mapped(measured(folder, 0.0), folder / "map.toml")
 
 
@@ -337,5 +334,5 @@ upper_start = { spread = "20 mm", per_run = true }
 def test_a_parameter_without_a_prior_is_refused(tanks: dict[str, Path]) -> None:
     folder = tanks["discrete"].parent
     (folder / "map.toml").write_text(MAP.replace('spread = "10 %", low = "0.01 m2"', 'low = "0.01 m2"'))
-    with pytest.raises(DiagnosisError, match=r"fmu.base.upper_area.spread is missing: .* or low and high"):
+    with refuses(DiagnosisError, "fmu.base.upper_area.spread"):
         read_mapped(measured(folder, 0.0), folder / "map.toml")

@@ -20,6 +20,7 @@ from diagnosis.finding import Finding
 from diagnosis.systems.fmu.simulator import FmuSimulator
 from diagnosis.systems.mapping import read_mapped
 from tests.fmu.asked import HERE, altered, build, page_files, save
+from tests.refusals import refuses
 
 ROOT = HERE.parents[1]
 TIME = np.arange(0.0, 0.5, 0.01)
@@ -100,9 +101,9 @@ def test_a_description_that_cannot_be_used_is_refused_with_what_would_be_right(
 
 def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
     (tmp_path / "no.fmu").write_text("nothing")
-    with pytest.raises(FmuError, match="is no zip archive"):
+    with refuses(FmuError, "archive"):
         read_fmu(tmp_path / "no.fmu")
-    with pytest.raises(FmuError, match=r"gone.fmu cannot be read: No such file"):
+    with refuses(FmuError, "gone.fmu"):
         read_fmu(tmp_path / "gone.fmu")
 
 
@@ -126,40 +127,43 @@ def test_a_small_file_that_unpacks_to_much_is_refused(
 
 def test_missing_fmpy_names_the_package_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fmpy", None)
-    with pytest.raises(FmuError, match=r"FMUs need fmpy, which is not installed: pip install 'fmpy"):
+    with refuses(FmuError, "FMUs 'fmpy"):
         read_fmu(tmp_path / "any.fmu")
 
 
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("drive =", "drvie =", r"columns.drvie: ShakenMass.fmu has no variable drvie; did you mean 'drive'"),
-        ('unit = "kN"', 'unit = "bar"', r'columns.drive.unit: "bar" is no unit of this quantity; .* N, .*kN'),
-        ('drive = { column = "F", unit = "kN" }\n', "", r"settings.drive is missing: .* a column or a value"),
-        ("mass =", "maas =", r"fmu.base.maas: ShakenMass.fmu has no variable maas; did you mean 'mass'"),
-        ("mass =", "displacement =", r"base.displacement: displacement is output .* use a real parameter"),
-        ('"0.1 kg"', '"0.1 N"', r'fmu.base.mass.spread = "0.1 N": "N" is no unit of this quantity'),
-        ('"0.1 kg"', '"0 kg"', r'fmu.base.mass.spread = "0 kg" is not positive'),
-        ('"0.1 kg"', '"0.1 kg", low = "11 kg"', r"the value 10 kg is outside of 11 to inf kg"),
-        ("[fmu.base]", '[fmu.effects.e]\nvariable = "cubic"\ntypical = "1 N/m3"\nlow = "1 N/m3"\n[fmu.base]',
-         r"effects.e: off = 0 N/m3 is outside of 1 to inf"),
-        ("[fmu.base]", '[fmu]\ngauge = ["drive"]\n[fmu.base]', r"fmu.gauge: drive is no pressure"),
-        ("[fmu.base]", '[fmu.measured.mass]\n[fmu.base]', r"fmu.measured.mass is no signal with a column"),
+        ("drive =", "drvie =", "columns.drvie ShakenMass.fmu 'drive'"),
+        ('unit = "kN"', 'unit = "bar"', 'columns.drive.unit "bar"'),
+        ('drive = { column = "F", unit = "kN" }\n', "", "settings.drive"),
+        ("mass =", "maas =", "fmu.base.maas ShakenMass.fmu 'mass'"),
+        ("mass =", "displacement =", "base.displacement"),
+        ('"0.1 kg"', '"0.1 N"', 'fmu.base.mass.spread "0.1 N" "N"'),
+        ('"0.1 kg"', '"0 kg"', 'fmu.base.mass.spread "0 kg"'),
+        ('"0.1 kg"', '"0.1 kg", low = "11 kg"', "10 kg 11 inf"),
+        (
+            "[fmu.base]",
+            '[fmu.effects.e]\nvariable = "cubic"\ntypical = "1 N/m3"\nlow = "1 N/m3"\n[fmu.base]',
+            "effects.e off 0 N/m3 1 inf",
+        ),
+        ("[fmu.base]", '[fmu]\ngauge = ["drive"]\n[fmu.base]', "fmu.gauge"),
+        ("[fmu.base]", '[fmu.measured.mass]\n[fmu.base]', "fmu.measured.mass"),
     ],
 )  # fmt: skip
 def test_a_map_that_does_not_suit_the_fmu_is_refused(
     folder: Path, before: str, after: str, message: str
 ) -> None:
     assert before in MASS
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         mapped(folder, "mass.csv", MASS.replace(before, after), "ShakenMass.fmu")
 
 
 def test_an_fmu_needs_a_map_and_its_keys_need_an_fmu(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(DiagnosisError, match=r"an FMU needs --map MAP"):
+    with refuses(DiagnosisError, "FMU --map MAP"):
         read_mapped([folder / "mass.csv"], None, str(folder / "ShakenMass.fmu"))
     (tmp_path / "map.toml").write_text('system = "piston"\n' + MASS)
-    with pytest.raises(DiagnosisError, match=r"fmu: piston is no FMU; right would be such as simulator"):
+    with refuses(DiagnosisError, "fmu FMU"):
         read_mapped([folder / "mass.csv"], tmp_path / "map.toml")
 
 
@@ -175,7 +179,7 @@ def test_a_parameter_set_takes_the_place_of_the_fmus_own_values(folder: Path) ->
     with pytest.raises(DiagnosisError, match=r'set.ssv (has friction in "kN", but the FMU in "N"|is no)'):
         mapped(folder, "mass.csv", text, "ShakenMass.fmu")
     (folder / "set.ssv").write_text("<no/>")
-    with pytest.raises(DiagnosisError, match=r"fmu.parameters: .*set.ssv is no readable parameter set"):
+    with refuses(DiagnosisError, "fmu.parameters"):
         mapped(folder, "mass.csv", text, "ShakenMass.fmu")
 
 
@@ -186,15 +190,15 @@ def test_a_parameter_set_takes_the_place_of_the_fmus_own_values(folder: Path) ->
 @pytest.mark.parametrize(
     ("mood", "message"),
     [
-        (1, r"crashed \(SIGSEGV\) in doStep at 0.15 s. It ran in a separate process"),
-        (2, r"made no progress for 2 s in doStep at 0.15 s"),
-        (3, r"Bomb.fmu failed in doStep at 0.15 s: fmi2DoStep failed with status"),
-        (4, r"gave other outputs when it was simulated again with the same inputs, by up to"),
-        (5, r"y is nan at 0.16 s of the run bomb, at gain"),
+        (1, "(SIGSEGV) doStep 0.15 s"),
+        (2, "2 s doStep 0.15 s"),
+        (3, "Bomb.fmu doStep 0.15 s fmi2DoStep"),
+        (4, "simulated"),
+        (5, "nan 0.16 s"),
     ],
 )  # fmt: skip
 def test_a_faulty_fmu_is_reported_and_other_results_are_kept(folder: Path, mood: int, message: str) -> None:
-    with pytest.raises(DiagnosisError, match=message):
+    with refuses(DiagnosisError, message):
         mapped(folder, "bomb.csv", BOMB.replace('"0"', f'"{mood}"'), "Bomb.fmu")
     mapped(folder, "bomb.csv", BOMB, "Bomb.fmu")
 
@@ -206,10 +210,10 @@ def test_a_fixed_step_is_kept(folder: Path, tmp_path: Path) -> None:
         "<ModelVariables>": '<DefaultExperiment stepSize="0.004"/><ModelVariables>',
     }
     altered(folder / "Bomb.fmu", folder / "Fixed.fmu", words)
-    with pytest.raises(DiagnosisError, match=r"fixed step of 0.004 s, and .* 0.01 s is no whole multiple"):
+    with refuses(DiagnosisError, "step 0.004 s 0.01 s whole"):
         mapped(folder, "bomb.csv", BOMB, "Fixed.fmu")
     mapped(folder, "bomb.csv", BOMB.replace("[fmu]", '[time]\nstep = "8 ms"\n[fmu]'), "Fixed.fmu")
-    with pytest.raises(DiagnosisError, match=r"step of 0.003 s does not divide the step of the grid, 0.01 s"):
+    with refuses(DiagnosisError, "step 0.003 s 0.01 s"):
         mapped(folder, "bomb.csv", BOMB.replace("[fmu]", '[fmu]\nstep = "3 ms"'), "Bomb.fmu")
 
 

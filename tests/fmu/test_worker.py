@@ -8,6 +8,7 @@ import pytest
 
 from bench_sim.fmu.description import FmuError
 from bench_sim.fmu.process import Worker
+from tests.refusals import refuses
 
 
 @pytest.fixture
@@ -34,19 +35,19 @@ def test_a_worker_answers_until_it_is_closed(worker: Worker) -> None:
 @pytest.mark.parametrize(
     ("what", "value", "message"),
     [
-        ("refuse", "status 3", r"^some.fmu failed in doStep at 2 s: status 3$"),
-        ("crash", None, r"^some.fmu crashed \(SIGSEGV\) in doStep at 2 s\. "),
-        ("exit", 7, r"^some.fmu ended its process \(exit code 7\) in doStep at 2 s\. "),
+        ("refuse", "status 3", "some.fmu doStep 2 s 3"),
+        ("crash", None, "some.fmu (SIGSEGV) doStep 2 s"),
+        ("exit", 7, "some.fmu 7 doStep 2 s"),
     ],
 )
 def test_a_failure_is_reported_with_its_call(worker: Worker, what: str, value: object, message: str) -> None:
-    with pytest.raises(FmuError, match=message):
+    with refuses(FmuError, message):
         ask(worker, what, value)
 
 
 def test_a_worker_without_progress_is_killed(worker: Worker) -> None:
     ask(worker, "echo", 1)
-    with pytest.raises(FmuError, match=r"made no progress for 0.2 s in doStep"):
+    with refuses(FmuError, "0.2 s doStep"):
         ask(worker, "hang", timeout=0.2)
 
 
@@ -56,7 +57,7 @@ def test_progress_extends_the_timeout(worker: Worker) -> None:
     def progress() -> bytes:
         return bytes([min(next(steps), 5)])
 
-    with pytest.raises(FmuError, match=r"made no progress for 0.1 s"):
+    with refuses(FmuError, "progress 0.1 s"):
         ask(worker, "hang", timeout=0.1, progress=progress)
     assert next(steps) > 6
 

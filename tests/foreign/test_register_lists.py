@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from astb.acceptance.skeleton.register_list import read_register_list
 from astb.cli import commands
 from drivers.errors import WiringError
+from tests.refusals import refuses
 
 HEADS = {
     "english": "Tag{d}Area{d}Address{d}Data type{d}Factor{d}Unit",
@@ -102,27 +103,24 @@ def test_unread_lines_of_a_list_are_reported(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        (
-            "x,input,30011,,\ny,holding,12,,",
-            "30011 in row 2 looks like a Modicon number .* 12 in row 3 does not",
-        ),
-        ("x,coil,00010,,", "00010 in row 2 may be a Modicon number of a coil: --addresses"),
-        ("x,input,1,FLOAT32 XYZ,", "row 2, column type: 'FLOAT32 XYZ' is none of"),
-        ('x,input,1,,"1,000"', "scale = '1,000' may be a thousand or have three decimals"),
-        ('x,input,1,,"0,5"\ny,input,2,,1.000', "row 3: scale = '1.000': other rows have decimal commas"),
-        ("x,input,1,,0", "scale = '0' must be a number"),
-        ("x,input,1.25,,", "address = '1.25' is no bit of a register; 0 .the lowest. to 15"),
-        ("x,coil,1.5,,", "row 2: bit 5 of a coil: bits are of one register"),
-        ("x,input,1.5,float32,", "row 2: bit 5 of a float32"),
-        ("x,input,70000,,", "on the wire 0 to 65535"),
-        ("x,input,1,,1,7", "row 2: there are 6 cells, and the head has 5"),
-        ("", "there is no row below the head"),
+        ("x,input,30011,,\ny,holding,12,,", "30011 2 looks 12 3 does"),
+        ("x,coil,00010,,", "00010 2 --addresses"),
+        ("x,input,1,FLOAT32 XYZ,", "2 'FLOAT32 XYZ'"),
+        ('x,input,1,,"1,000"', "scale '1,000'"),
+        ('x,input,1,,"0,5"\ny,input,2,,1.000', "3 scale '1.000'"),
+        ("x,input,1,,0", "scale '0'"),
+        ("x,input,1.25,,", "address '1.25' 0 15"),
+        ("x,coil,1.5,,", "2 5 coil"),
+        ("x,input,1.5,float32,", "2 5 float32"),
+        ("x,input,70000,,", "wire 0 65535"),
+        ("x,input,1,,1,7", "2 6 5"),
+        ("", "there"),
     ],
 )
 def test_what_may_be_two_things_or_none_is_refused(tmp_path, rows, told):
     path = tmp_path / "list.csv"
     path.write_text("name,table,address,type,scale\n" + rows + "\n")
-    with pytest.raises(WiringError, match=told):
+    with refuses(WiringError, told):
         read_register_list(path)
 
 
@@ -152,20 +150,20 @@ def test_divisors_bits_orders_and_functions_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("head", "cell", "told"),
     [
-        ("Gain", "10", "the column Gain, such as 10, is not read: it may multiply or divide"),
-        ("offset", "-40", "the column offset, such as -40, is not read"),
-        ("Nachkommastellen", "1", "the column Nachkommastellen, such as 1, is not read: .* a column scale"),
-        ("word order", "middle", "column type: 'int16 middle' is none of"),
-        ("divisor", "0", "divisor = '0' must be a number"),
+        ("Gain", "10", "such 10"),
+        ("offset", "-40", "such -40"),
+        ("Nachkommastellen", "1", "such 1"),
+        ("word order", "middle", "'int16 middle'"),
+        ("divisor", "0", "divisor '0'"),
     ],
 )
 def test_a_column_that_makes_numbers_others_is_never_passed_over(tmp_path, head, cell, told):
     path = tmp_path / "list.csv"
     path.write_text(f"name;table;address;type;{head}\nx;input;1;int16;{cell}\n")
-    with pytest.raises(WiringError, match=told):
+    with refuses(WiringError, told):
         read_register_list(path)
     path.write_text("name;table;address;slave id\nx;input;1;1\ny;input;2;2\n")
-    with pytest.raises(WiringError, match="the column slave id has 1, 2: a list for each device"):
+    with refuses(WiringError, "slave 1 2"):
         read_register_list(path)
 
 
@@ -197,13 +195,13 @@ def test_who_reads_and_writes_what_is_read(tmp_path, head, read, write, both):
 def test_access_that_cannot_be_is_refused(tmp_path):
     path = tmp_path / "list.csv"
     path.write_text("name,table,address,access\nx,holding,1,maybe\n")
-    with pytest.raises(WiringError, match="row 2, column access: 'maybe' is none of R, W and R/W"):
+    with refuses(WiringError, "2 'maybe' R/W"):
         read_register_list(path)
     path.write_text("name,table,address,access\nx,input,1,RW\n")
-    with pytest.raises(WiringError, match="row 2, column access: 'RW', and the table input can only be read"):
+    with refuses(WiringError, "2 'RW' table"):
         read_register_list(path)
     path.write_text("name,table,address,scale,unit\nx,input,1,0.1,0.01 mm\n")
-    with pytest.raises(WiringError, match=r"the scale is 0\.1, and the unit '0\.01 mm' has one too"):
+    with refuses(WiringError, "scale 0.1 '0.01 mm'"):
         read_register_list(path)
 
 

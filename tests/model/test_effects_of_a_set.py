@@ -13,6 +13,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.effects import parse_effect, with_effects
 from bench_sim.parameters.values import read_value
+from tests.refusals import refuses
 
 BASE = load("astb")
 NAMES = [
@@ -43,9 +44,7 @@ def test_all_effects_fit_into_one_bench_which_runs_on():
 
 def test_rubber_that_finds_no_room_is_refused():
     full = BASE.with_values(extra_friction=10.0)
-    with pytest.raises(
-        ParameterError, match=r"friction does not fit any more: extra friction elements: . of . are"
-    ):
+    with refuses(ParameterError, "friction"):
         with_effects(full, {"friction": {"force": 100.0}})
 
 
@@ -79,38 +78,38 @@ def test_shapes_follow_the_amplitude_and_spaces_do_not_matter():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", r"effect '' has no amplitude: NAME\[.PLACE\]=AMPLITUDE"),
-        ("leak.left", "effect 'leak.left' has no amplitude"),
-        ("leek.left=1mm2", "leek.left is no effect; did you mean 'leak."),
-        ("xyzzy=1", "xyzzy is no effect; `astb list effects` lists them"),
-        ("leak=1mm2", "leak is no effect; did you mean 'leak."),
-        ("leak.top=1mm2", "leak.top is no effect; did you mean 'leak."),
-        ("heat.left=10%", "heat.left is no effect; did you mean 'heat'?"),
-        ("leak.left=1", "leak.left: area = '1' is not in m2 or mm2 or cm2"),
-        ("leak.left=1 mm", "leak.left: area = '1 mm' is not in m2 or mm2 or cm2"),
-        ("leak.left=wide", r"leak.left: area = 'wide' is not a number with its unit \(m2 or mm2 or cm2\)"),
-        ("leak.left=", "leak.left: area = '' is not a number"),
-        ("leak.left=-1mm2", "leak.left: area = -1 mm2 is outside 0 mm2 to 20 mm2"),
-        ("leak.left=300mm2", "leak.left: area = 300 mm2 is outside 0 mm2 to 20 mm2"),
-        ("leak.left=nan mm2", "leak.left: area = nan mm2 is outside"),
-        ("leak.left=inf mm2", "leak.left: area = 'inf mm2' is not finite"),
-        ("leak.left=1mm2,2mm2", r"leak.left = '1mm2,2mm2' is not understood: NAME\[.PLACE\]"),
-        ("leak.left=1mm2,area=2mm2", "is not understood"),
-        ("maxwell=0.1,tmie=1s", "tmie is no parameter of maxwell; did you mean 'time'?"),
-        ("maxwell=0.1,time=1000s", "maxwell: time = 1000 s is outside 0.005 s to 30 s"),
+        ("", "'' NAME[.PLACE]=AMPLITUDE"),
+        ("leak.left", "'leak.left'"),
+        ("leek.left=1mm2", "leek.left 'leak"),
+        ("xyzzy=1", "effect"),
+        ("leak=1mm2", "'leak"),
+        ("leak.top=1mm2", "leak.top 'leak"),
+        ("heat.left=10%", "heat.left 'heat'"),
+        ("leak.left=1", "leak.left area '1' m2 mm2 cm2"),
+        ("leak.left=1 mm", "leak.left area '1 mm' m2 mm2 cm2"),
+        ("leak.left=wide", "leak.left area 'wide' m2 mm2 cm2"),
+        ("leak.left=", "leak.left area ''"),
+        ("leak.left=-1mm2", "leak.left area -1 mm2 0 mm2 20 mm2"),
+        ("leak.left=300mm2", "leak.left area 300 mm2 0 mm2 20 mm2"),
+        ("leak.left=nan mm2", "leak.left area nan mm2"),
+        ("leak.left=inf mm2", "leak.left area 'inf mm2'"),
+        ("leak.left=1mm2,2mm2", "leak.left '1mm2,2mm2' NAME[.PLACE]"),
+        ("leak.left=1mm2,area=2mm2", "understood"),
+        ("maxwell=0.1,tmie=1s", "'time'"),
+        ("maxwell=0.1,time=1000s", "maxwell time 1000 s 0.005 s 30 s"),
     ],
 )
 def test_what_does_not_fit_is_refused(text, reason):
-    with pytest.raises(ParameterError, match=reason):
+    with refuses(ParameterError, reason):
         name, values = parse_effect(text)
         with_effects(BASE, {name: values})
 
 
 def test_an_effect_needs_its_amplitude_and_is_given_once():
-    with pytest.raises(ParameterError, match="maxwell has no ratio: its amplitude is needed"):
+    with refuses(ParameterError, "amplitude"):
         with_effects(BASE, {"maxwell": {"time": 1.0}})
     once = with_effects(BASE, {"heat": {"change": 0.1}})
-    with pytest.raises(ParameterError, match="heat is given already, by astb"):
+    with refuses(ParameterError):
         with_effects(once, {"heat": {"change": 0.1}})
     both = with_effects(once, {"crosstalk": {"share": 0.01}})
     assert list(both.effects) == ["heat", "crosstalk"]
@@ -118,10 +117,7 @@ def test_an_effect_needs_its_amplitude_and_is_given_once():
 
 def test_together_effects_and_values_stay_within_the_ranges_of_the_parameters():
     near = BASE.with_values(sensor_bias={Sensor.LEFT_BELLOWS_PRESSURE: 4.9e5})
-    with pytest.raises(
-        ParameterError,
-        match=r"pressure_offset.left is too much: sensor_bias\[left_bellows_pressure\] = 590000 Pa is outside",
-    ):
+    with refuses(ParameterError, "pressure_offset.left sensor_bias[left_bellows_pressure] 590000 Pa"):
         with_effects(near, {"pressure_offset.left": {"offset": 1e5}})
 
 

@@ -12,6 +12,7 @@ from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS, QUANTITIES
 from bench_sim.parameters import PROVENANCES, ParameterError, load
+from tests.refusals import refuses
 
 TEXT = (files("bench_sim.parameters") / "astb.toml").read_text(encoding="utf-8")
 BASE = load("astb")
@@ -119,9 +120,9 @@ def test_a_table_of_sensors_changes_only_its_own_entries(written):
 
 
 def test_unknown_set_and_load_case():
-    with pytest.raises(ParameterError, match=r"no parameter set 'nowhere'.* there is astb"):
+    with refuses(ParameterError, "parameter"):
         load("nowhere")
-    with pytest.raises(ParameterError, match="AW7 is no load case"):
+    with refuses(ParameterError, "AW7 load"):
         load("astb", "AW7")
 
 
@@ -138,11 +139,9 @@ def test_changed_copies():
         == BASE.digest()
     )
     assert BASE.under("AW3").digest() != BASE.digest()
-    with pytest.raises(ParameterError, match=r"sensor_bias\[left_height\] = 1 m is outside -0.1 to 0.1 m"):
+    with refuses(ParameterError, "sensor_bias[left_height] 1 m -0.1 0.1 m"):
         BASE.with_values(sensor_bias={Sensor.LEFT_HEIGHT: 1.0})
-    with pytest.raises(
-        ParameterError, match="orifice_diamter is no parameter; did you mean 'orifice_diameter'"
-    ):
+    with refuses(ParameterError, "orifice_diamter 'orifice_diameter'"):
         BASE.with_values(orifice_diamter=0.014)
 
 

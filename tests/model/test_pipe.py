@@ -12,6 +12,7 @@ from bench_sim.model.layout import STATES, Input, State
 from bench_sim.model.orifice import nozzle_flow
 from bench_sim.model.pipe import expansion, pipe_acceleration
 from bench_sim.parameters import ParameterError
+from tests.refusals import refuses
 
 A, A_1, V_B, V_A, KAPPA, R, P_ATM, T = 0.26, -0.20, 30 * litre, 70 * litre, 1.4, 287.05, 101325.0, 293.15
 LOADS = {"AW0": 53.5e3, "AW3": 145e3}
@@ -211,7 +212,7 @@ def test_a_short_pipe_is_no_pipe(resting, frequency, diameter):
 
 
 def test_a_pipe_is_longer_than_it_is_wide_or_there_is_none(parameters):
-    with pytest.raises(ParameterError, match=r"pipe_length = 0.02 m is less than pipe_diameter = 0.05 m"):
+    with refuses(ParameterError, "pipe_length 0.02 m pipe_diameter 0.05 m"):
         parameters(pipe_length=[1.5, 0.02])
     assert parameters(pipe_length=[1.5, 0]).record.pipe_length.tolist() == [1.5, 0.0]
 

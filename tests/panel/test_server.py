@@ -21,6 +21,7 @@ from astb.panel.watch import BLIND, Status, first_out
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
+from tests.refusals import refuses
 
 
 def test_everybody_sees_and_only_the_token_commands(client, door):
@@ -140,7 +141,7 @@ def test_a_token_outlives_its_server_and_is_private(tmp_path, monkeypatch):
     (path,) = (file for file in (tmp_path / "astb").iterdir() if file.read_text() == first)
     path.write_text("")  # a server that was killed in the midst of writing it
     assert len(kept_token(tmp_path / "rig.toml")) >= 32, "an empty one would be everybody's"
-    with pytest.raises(ValueError, match="everybody would command"):
+    with refuses(ValueError, "everybody"):
         Access("", 1, VirtualClock())
     files = list((tmp_path / "astb").iterdir())
     assert files

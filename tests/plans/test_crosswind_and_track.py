@@ -23,6 +23,7 @@ from test_plans.specimen import ordinary as ordinary_specimen
 from test_plans.steps.wind import CAR
 from tests.foreign.plc_rig import BUILT
 from tests.foreign.virtual import VirtualPlc
+from tests.refusals import refuses
 
 slow = pytest.mark.slow
 EMPTY, FULL = "crosswind_and_track_aw0", "crosswind_and_track_aw3"
@@ -201,7 +202,7 @@ def test_the_rehearsal_foresees_all_axes(tmp_path, by):
 
 
 def test_a_refusal_lists_the_accepted_values():
-    with pytest.raises(ParameterRefused, match="amplitude = 40 mm is outside 5 to 25 mm"):
+    with refuses(ParameterRefused, "amplitude 40 mm 5 25 mm"):
         plans()[FULL].given({"amplitude": "40 mm"})
-    with pytest.raises(ParameterRefused, match="has no parameter load"):
+    with refuses(ParameterRefused, "parameter"):
         plans()[FULL].given({"load": "AW0"})

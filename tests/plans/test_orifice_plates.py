@@ -17,6 +17,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import Script
 from test_plans.plans.orifice_plates import leave_as_found
+from tests.refusals import refuses
 
 PLATES = (10, 13, 16, 18)
 
@@ -87,6 +88,6 @@ def test_opening_unvented_springs_is_not_requested(monkeypatch):
     asked = []
     bench = SimpleNamespace(has=lambda *names: False)
     monkeypatch.setattr(steps, "make_safe", stuck)
-    with pytest.raises(RigFault, match="keep their air"):
+    with refuses(RigFault):
         leave_as_found(SimpleNamespace(bench=bench, confirm=lambda *what: asked.append(what)))
     assert not asked

@@ -18,6 +18,7 @@ from test_plans.execution import execute
 from test_plans.new import _TEXT, write_new
 from test_plans.proofreading import mistakes
 from test_plans.run import PlanError, Run
+from tests.refusals import refuses
 
 
 def astb(*words):
@@ -97,20 +98,17 @@ def test_a_broken_file_costs_its_own_plans_only(tmp_path, monkeypatch, name):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (None, r"wrong\.py is no file; `astb plans new wrong` writes one"),
-        ("def f(:\n", r"wrong\.py, line 1: SyntaxError: invalid syntax"),
-        ("\nimport nothing_of_this_name\n", r"wrong\.py, line 2: ModuleNotFoundError: No module named"),
-        (
-            "from test_plans.plans.under_load import aw0\n",
-            r"wrong\.py declares no plan: a function with @plan above",
-        ),
+        (None, "wrong.py"),
+        ("def f(:\n", "wrong.py 1 SyntaxError"),
+        ("\nimport nothing_of_this_name\n", "wrong.py 2 ModuleNotFoundError"),
+        ("from test_plans.plans.under_load import aw0\n", "wrong.py"),
     ],
 )
 def test_an_invalid_plan_file_is_reported_with_its_line(tmp_path, text, told):
     path = tmp_path / "wrong.py"
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(PlanError, match=told):
+    with refuses(PlanError, told):
         in_file(path)
 
 

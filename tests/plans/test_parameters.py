@@ -17,6 +17,7 @@ from test_plans.execution import execute
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.run import PlanError, Run
+from tests.refusals import refuses
 
 
 def take_up(run: Run, load: str) -> None:
@@ -129,16 +130,16 @@ def test_a_set_up_with_an_unknown_plan_parameter_is_reported():
     def idle(run: Run) -> None:
         """Nothing to set."""
 
-    with pytest.raises(PlanError, match="plan idle has no parameter load, which take_up asks for"):
+    with refuses(PlanError, "take_up"):
         plan(setup=take_up)(idle)
 
 
 @pytest.mark.parametrize(
     ("ends", "told"),
-    [((2, 1, "mm"), "nothing lies from 2 to 1"), ((1, 2, "furlong"), "unit 'furlong' is not one of")],
+    [((2, 1, "mm"), "from 2 1"), ((1, 2, "furlong"), "'furlong'")],
 )
 def test_an_empty_range_is_refused(ends, told):
-    with pytest.raises(ValueError, match=told):
+    with refuses(ValueError, told):
         Range(*ends)
 
 

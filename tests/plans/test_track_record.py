@@ -20,6 +20,7 @@ from test_plans.plans.track_record import DRAWN, WAVES, WAYS, drawn, excitation
 from test_plans.steps.wind import RISE, side_force
 from test_plans.track_file import BASE, NoTrack, TrackRecord, read_track
 from tests.foreign.virtual import VirtualPlc, VirtualYard
+from tests.refusals import refuses
 
 slow = pytest.mark.slow
 HEAD = "distance [m],vertical [mm],lateral [mm],cant [mm],gauge [mm]"
@@ -113,11 +114,9 @@ def test_an_invalid_track_is_reported_with_line_value_and_fix(tmp_path, spoilt, 
 
 
 def test_few_rows_and_no_ways_are_no_track(tmp_path):
-    with pytest.raises(NoTrack, match="7 rows; 8 or more"):
+    with refuses(NoTrack, "7 8 more"):
         read_track(written(tmp_path, rows(7)))
-    with pytest.raises(
-        NoTrack, match="none of the columns vertical, lateral, cant, roll; it has distance, gauge"
-    ):
+    with refuses(NoTrack, "vertical"):
         read_track(written(tmp_path, rows(9, "distance [m],gauge [mm]", lambda k: f"{k},1435")))
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.units import NS
+from tests.refusals import refuses
 
 MS = NS // 1000
 
@@ -74,5 +75,5 @@ def test_a_scaled_clock_runs_at_its_pace() -> None:
 
 
 def test_a_pace_that_cannot_be_kept_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"scale = 1e\+06 is not a pace"):
+    with refuses(ValueError, "scale 1e+06"):
         RealClock(scale=1e6)

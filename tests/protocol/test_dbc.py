@@ -14,6 +14,7 @@ from bench_protocol.dbc import DbcError, Described, read_dbc
 from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.frames import payload
 from bench_protocol.table import TABLE
+from tests.refusals import refuses
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
 GAS = (
@@ -47,10 +48,10 @@ def test_units_are_read_whatever_the_charset(tmp_path, charset: str) -> None:
 def test_another_charset_is_given_by_name_or_named_in_the_error(tmp_path) -> None:
     path = written(tmp_path, GAS.replace("°C", "č"), "cp1250")
     assert read_dbc(path, "cp1250").messages["Gas"].coding.signals[0].unit == "č"
-    with pytest.raises(DbcError, match=r'charset = "klingon" is none; "utf-8"'):
+    with refuses(DbcError, 'charset "klingon" "utf-8"'):
         read_dbc(path, "klingon")
     path.write_bytes(GAS.encode("cp1252").replace(b"\xb5", b"\x81"))
-    with pytest.raises(DbcError, match=r"line 7 is not in utf-8 or cp1252"):
+    with refuses(DbcError, "7 utf-8 cp1252"):
         read_dbc(path)
 
 
@@ -68,7 +69,7 @@ def test_one_identifier_of_two_messages_is_refused_when_it_is_asked_for(tmp_path
     text = GAS + 'BO_ 256 Air: 8 PLC\n SG_ P : 0|16@1- (1,0) [0|0] "" BENCH\nBO_ 257 Fine: 8 PLC\n'
     dbc = read_dbc(written(tmp_path, text))
     assert dbc.of(0x101, False).name == "Fine"
-    with pytest.raises(DbcError, match="describes 0x100 twice, as Gas and Air"):
+    with refuses(DbcError, "describes 0x100"):
         dbc.of(0x100, False)
 
 
@@ -109,16 +110,16 @@ def test_pages_with_shared_bits_decode_like_single_pages(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (HEAD + "BO_ 256 Gas 8 PLC\n", r"is no DBC: line 5, column 13 is not understood: '8 PLC'"),
-        (HEAD + "BO_ 256 Gas:", r"breaks off in line 5: 'BO_ 256 Gas'"),
-        (GAS[:-20], r"breaks off in line 7: 'SG_ Way'"),
-        ("<xml/>", r"is no DBC: line 1, column 1 is not understood: '<xml/>'"),
+        (HEAD + "BO_ 256 Gas 8 PLC\n", "DBC 5 13 '8 PLC'"),
+        (HEAD + "BO_ 256 Gas:", "5 'BO_ 256 Gas'"),
+        (GAS[:-20], "7 'SG_ Way'"),
+        ("<xml/>", "DBC 1 1 '<xml/>'"),
     ],
 )
 def test_an_invalid_dbc_is_reported_with_its_line(tmp_path, text: str, said: str) -> None:
-    with pytest.raises(DbcError, match=said):
+    with refuses(DbcError, said):
         read_dbc(written(tmp_path, text))
-    with pytest.raises(DbcError, match="No such file"):
+    with refuses(DbcError):
         read_dbc(tmp_path / "gone.dbc")
 
 

@@ -30,6 +30,7 @@ from bench_protocol.input_limits import (
     read_toml,
     size,
 )
+from tests.refusals import refuses
 
 
 @pytest.fixture
@@ -44,13 +45,13 @@ def file(tmp_path: Path):
 
 def test_as_many_bytes_as_are_allowed_are_read_and_not_one_more(file):
     assert read_bounded(file(b"x" * 100), 100) == b"x" * 100
-    with pytest.raises(Unfit, match="has 101 bytes; at most 100 bytes are read"):
+    with refuses(Unfit, "101 bytes 100 bytes"):
         read_bounded(file(b"x" * 101), 100)
 
 
 def test_what_never_ends_or_is_no_file_is_not_read(tmp_path):
     for path in (Path("/dev/zero"), tmp_path):
-        with pytest.raises(Unfit, match="is no ordinary file"):
+        with refuses(Unfit, "ordinary"):
             read_bounded(path)
     with pytest.raises(FileNotFoundError):
         read_bounded(tmp_path / "none")
@@ -66,24 +67,24 @@ def test_a_size_in_words_is_the_number(count):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"a = " + b"[" * 20_000, "nested too deep"),
-        (b"a = " + b"[" * (DEPTH) + b"]" * (DEPTH), "nested too deep in a.1.1"),
-        (b"a." * 40 + b"b = 1", "nested too deep in a.a.a"),
-        (b"[a" + b' . "a"' * 40 + b"]", "nested too deep in a"),
-        (b"a = [{" + b"a." * 40 + b"b = 1}]", "nested too deep in a"),
-        (b"a." * 400_000, "nested too deep in a"),
-        (b"".join(b"[%x%s]\n" % (k, b".a" * 30) for k in range(7000)), "names 210000 tables"),
-        (b"a = " + b"1" * 5000, "is not TOML"),
-        (b"a = " + b"1" * 30, "more than 64 bits"),
-        (b"[a]\nb = [1.0, inf]", r"says a.b.2 = inf; a finite number"),
-        (b"a = nan", "says a = nan"),
-        (b"a = 1e999", "says a = inf"),
-        (b"x = 1\n# \xff\n", "is not in UTF-8: line 2"),
-        (b"a", "is not TOML"),
+        (b"a = " + b"[" * 20_000, "nested"),
+        (b"a = " + b"[" * (DEPTH) + b"]" * (DEPTH), "deep a.1.1"),
+        (b"a." * 40 + b"b = 1", "deep a.a.a"),
+        (b"[a" + b' . "a"' * 40 + b"]", "nested"),
+        (b"a = [{" + b"a." * 40 + b"b = 1}]", "nested"),
+        (b"a." * 400_000, "nested"),
+        (b"".join(b"[%x%s]\n" % (k, b".a" * 30) for k in range(7000)), "names 210000"),
+        (b"a = " + b"1" * 5000, "TOML"),
+        (b"a = " + b"1" * 30, "than 64"),
+        (b"[a]\nb = [1.0, inf]", "a.b.2 inf"),
+        (b"a = nan", "a nan"),
+        (b"a = 1e999", "a inf"),
+        (b"x = 1\n# \xff\n", "UTF-8 2"),
+        (b"a", "TOML"),
     ],
 )
 def test_implausible_toml_is_refused(content, told):
-    with pytest.raises(Unfit, match=told):
+    with refuses(Unfit, told):
         parse_toml(content)
 
 
@@ -107,7 +108,7 @@ def test_toml_as_people_write_it_is_read(file):
 def test_the_longest_text_of_a_dbc_is_bounded(file, end):
     head = b'VERSION "1"\nCM_ "'
     check_dbc(file(head + b"x" * (QUOTED_BYTES - 1) + end))
-    with pytest.raises(Unfit, match="a text of 64 KiB in line 2"):
+    with refuses(Unfit, "64 KiB 2"):
         check_dbc(file(head + b"x" * QUOTED_BYTES + end))
     check_dbc(file(b"SIG_VALTYPE_ 1 a : 1;\n" * 10_000))  # outside of quotation marks there is no text
 
@@ -119,23 +120,23 @@ def table(columns: int, rows: int) -> bytes:
 def test_columns_of_a_table_are_counted_in_every_line(file):
     check_text_table(file(table(COLUMNS, 2)), ",")
     for content in (table(COLUMNS + 1, 1), table(3, 1) + table(COLUMNS + 1, 1)):
-        with pytest.raises(Unfit, match="has 10001 columns in line"):
+        with refuses(Unfit, "10001 columns"):
             check_text_table(file(content), ",")
     check_text_table(file(b'length 5"\n' + table(3, 40 * COLUMNS)), ",")  # an unclosed mark is one
 
 
 def test_a_line_without_an_end_is_no_line(file):
     check_text_table(file((b"x" * (LINE_BYTES - 1) + b"\n") * 2))
-    with pytest.raises(Unfit, match="more than 1 MiB in line 2"):
+    with refuses(Unfit, "1 MiB 2"):
         check_text_table(file(b"x\n" + b"x" * (LINE_BYTES + 1)))
 
 
 def test_cells_are_counted_over_all_lines(file, monkeypatch):
     monkeypatch.setattr(input_limits, "CELLS", 30)
     check_text_table(file(table(3, 10)), ",")
-    with pytest.raises(Unfit, match="has 33 cells; at most 30 are read"):
+    with refuses(Unfit, "33 30 read"):
         check_text_table(file(table(3, 11)), ",")
-    with pytest.raises(Unfit, match="has 33 cells"):
+    with refuses(Unfit, "33 cells"):
         check_shape(11, 3)
 
 
@@ -146,13 +147,13 @@ def test_a_time_passes_if_nanoseconds_hold_it(seconds):
         check_times(times)
         assert abs(int(np.rint(times * 1e9).astype(np.int64)[1]) - seconds * 1e9) <= 1024  # no wrap
     else:
-        with pytest.raises(Unfit, match="in row 2"):
+        with refuses(Unfit, "2"):
             check_times(times)
 
 
 def test_numbers_are_finite_and_gaps_are_gaps():
     check_finite(np.array([1.0, np.nan]), "height")
-    with pytest.raises(Unfit, match="has height = -inf in row 3; a finite number"):
+    with refuses(Unfit, "height -inf 3"):
         check_finite(np.array([1.0, np.nan, -np.inf]), "height")
 
 

@@ -18,6 +18,7 @@ from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_protocol.wires import Table, moved
+from tests.refusals import refuses
 from tools.generate import files as generate
 from tools.generate.files import kept_places
 
@@ -59,7 +60,7 @@ def test_a_table_that_overloads_the_bus_is_refused() -> None:
         Message(f"M{k}", 0x100 + k, 1000.0, True, (Field("left.height", 16),), Protection.COUNTER, "")
         for k in range(2)
     )
-    with pytest.raises(ValueError, match=r"57\.0% of the bus; at most 50%"):
+    with refuses(ValueError, "57.0% 50%"):
         Table((signal(),), greedy, ())
 
 
@@ -192,18 +193,18 @@ def test_rig_tripped_returns_a_reading_or_none() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: signal(unit="inch"), "unit 'inch' is not one of"),
-        (lambda: signal(low=0.3), "range 0.3 to 0.3 is empty"),
-        (lambda: signal(step=0.0), "step = 0 must be positive"),
-        (lambda: signal(kind=Kind.SETTING, group=None, default=1.0), "default 1 is outside"),
-        (lambda: Table((signal(), signal()), (), ()), "signal left.height stands in the table 2 times"),
+        (lambda: signal(unit="inch"), "'inch'"),
+        (lambda: signal(low=0.3), "range 0.3 0.3"),
+        (lambda: signal(step=0.0), "step 0"),
+        (lambda: signal(kind=Kind.SETTING, group=None, default=1.0), "default 1"),
+        (lambda: Table((signal(), signal()), (), ()), "left.height 2"),
         (
             lambda: Table(
                 (signal(),),
                 (Message("M", 1, 1.0, True, (Field("left.height", 12),), Protection.COUNTER, ""),),
                 (),
             ),
-            "too much for 12 bits",
+            "much 12",
         ),
         (
             lambda: Table(
@@ -211,7 +212,7 @@ def test_rig_tripped_returns_a_reading_or_none() -> None:
                 (Message("M", 1, 1.0, True, (Field("left.height", 16),) * 4, Protection.COUNTER, ""),),
                 (),
             ),
-            "its fields end at bit 64, the frame has room for 56",
+            "fields 64 56",
         ),
         (
             lambda: Table(
@@ -222,73 +223,44 @@ def test_rig_tripped_returns_a_reading_or_none() -> None:
                     Register("left.height", "input", 1, "int16"),
                 ),
             ),
-            "input register 1 is taken twice, by left.height and left.height",
+            "1 left.height left.height",
         ),
-        (lambda: signal("left height"), "signal name 'left height' must be device.reading"),
-        (lambda: signal("Left.height"), "must be device.reading in small letters"),
-        (lambda: signal("height"), "must be device.reading"),
-        (lambda: signal(high=float("inf")), "range -0.3 to inf is empty"),
-        (lambda: signal(group=None), "a measurement, and nothing else, has a group"),
-        (
-            lambda: signal(low=0, high=1, step=0.5, choices=("a", "b")),
-            "choices are numbered from 0 in steps of 1",
-        ),
-        (lambda: signal(low=0, high=1, step=1, choices=("a", "a")), "two of its choices have one name"),
-        (lambda: message(identifier=0x18FF0000), "identifier 0x18ff0000 has more than 11 bits"),
-        (lambda: message(identifier=-1), "has more than 11 bits"),
-        (lambda: message(name="Spring Left"), "message name 'Spring Left' must be up to 32 letters"),
-        (lambda: message(rate=-1.0), "rate = -1 Hz must not be negative"),
-        (lambda: message(data_id=0x10000), "data id 0x10000 does not fit in 16 bits"),
-        (lambda: Field("left.height", 0), "a field has 1 to 53 bits, not 0"),
-        (lambda: Field("left.height", 64), "a field has 1 to 53 bits, not 64"),
-        (
-            lambda: Table((signal(),), (message(field="left.width"),), ()),
-            "M: its field left.width is no signal",
-        ),
-        (
-            lambda: Register("left.height", "inputs", 0, "float32"),
-            "space 'inputs' is not one of input, holding",
-        ),
-        (lambda: Register("left.height", "input", 0, "float64"), "encoding 'float64' is not one of float32"),
-        (
-            lambda: Register("left.height", "coil", 0, "float32"),
-            "float32 does not fit among the coil registers",
-        ),
-        (lambda: Register("left.height", "input", 0, "bit"), "bit does not fit among the input registers"),
-        (lambda: Register("left.height", "input", 65_535, "float32"), "address 65535 is not in 0 to 65534"),
-        (
-            lambda: Table((signal(),), (), (Register("left.width", "input", 0, "float32"),)),
-            "left.width has a register and is no signal of the table",
-        ),
-        (
-            lambda: registers_of((signal(),)),
-            "left.height has no address; its float needs an even input register",
-        ),
-        (
-            lambda: registers_of((signal(address=101),)),
-            "left.height has address 101; its float needs an even",
-        ),
-        (
-            lambda: registers_of((signal(address=222),)),
-            "even input register from 100 to 220 or from 1100 to 1220",
-        ),
+        (lambda: signal("left height"), "'left height' device.reading"),
+        (lambda: signal("Left.height"), "device.reading"),
+        (lambda: signal("height"), "device.reading"),
+        (lambda: signal(high=float("inf")), "-0.3 inf"),
+        (lambda: signal(group=None), "measurement"),
+        (lambda: signal(low=0, high=1, step=0.5, choices=("a", "b")), "from 0 1"),
+        (lambda: signal(low=0, high=1, step=1, choices=("a", "a")), "choices"),
+        (lambda: message(identifier=0x18FF0000), "identifier 0x18ff0000 11"),
+        (lambda: message(identifier=-1), "than 11"),
+        (lambda: message(name="Spring Left"), "'Spring Left' 32"),
+        (lambda: message(rate=-1.0), "rate -1 Hz"),
+        (lambda: message(data_id=0x10000), "data 0x10000 16"),
+        (lambda: Field("left.height", 0), "field 1 53 0"),
+        (lambda: Field("left.height", 64), "field 1 53 64"),
+        (lambda: Table((signal(),), (message(field="left.width"),), ()), "M left.width"),
+        (lambda: Register("left.height", "inputs", 0, "float32"), "'inputs'"),
+        (lambda: Register("left.height", "input", 0, "float64"), "'float64' float32"),
+        (lambda: Register("left.height", "coil", 0, "float32"), "float32"),
+        (lambda: Register("left.height", "input", 0, "bit"), "registers"),
+        (lambda: Register("left.height", "input", 65_535, "float32"), "address 65535 0 65534"),
+        (lambda: Table((signal(),), (), (Register("left.width", "input", 0, "float32"),)), "left.width"),
+        (lambda: registers_of((signal(),)), "left.height"),
+        (lambda: registers_of((signal(address=101),)), "left.height 101"),
+        (lambda: registers_of((signal(address=222),)), "from 100 220 1100 1220"),
         (
             lambda: registers_of((signal(address=100), signal("right.height", address=100))),
-            "left.height and right.height both have the input register 100",
+            "left.height right.height 100",
         ),
-        (
-            lambda: registers_of((signal(kind=Kind.SETTING, group=None),)),
-            "left.height, a setting, needs an address among the holding registers",
-        ),
+        (lambda: registers_of((signal(kind=Kind.SETTING, group=None),)), "left.height"),
     ],
 )
 def test_a_row_that_cannot_work_is_refused(make: object, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError, message):
         make()
 
 
 def test_a_value_that_does_not_fit_names_value_unit_and_range() -> None:
-    with pytest.raises(
-        ValueError, match=r"left\.height = 400 mm does not fit on the wire, which carries -300 to 300 mm"
-    ):
+    with refuses(ValueError, "left.height 400 mm -300 300 mm"):
         TABLE["left.height"].check(400 * mm)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from bench_protocol.input_limits import parse_toml
 from bench_protocol.text import Unfit, decode, only_utf_8
+from tests.refusals import refuses
 
 #: What python writes for them begins with a mark, but for the first and the last.
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-32", "cp1252"]
@@ -39,16 +40,16 @@ def test_utf_16_without_a_mark_is_seen(name):
 @pytest.mark.parametrize(
     ("content", "encoding", "told"),
     [
-        (b"a\nb\0c", "", "is no text: line 2 has a byte 0"),
-        (b"a\n\x81", "", "is not in cp1252: byte 3, in line 2"),
-        (b"a\xff", "utf-8", "is not in utf-8: byte 2"),
-        (b"a", "klingon", 'encoding = "klingon" is none; "utf-8"'),
-        (b"a", "zip", 'encoding = "zip" is none'),
-        (codecs.BOM_UTF16_LE + b"a", "", "is not in UTF-16-LE"),
+        (b"a\nb\0c", "", "line 2 0"),
+        (b"a\n\x81", "", "cp1252 3 2"),
+        (b"a\xff", "utf-8", "utf-8 2"),
+        (b"a", "klingon", 'encoding "klingon" "utf-8"'),
+        (b"a", "zip", 'encoding "zip"'),
+        (codecs.BOM_UTF16_LE + b"a", "", "UTF-16-LE"),
     ],
 )
 def test_what_is_no_text_is_refused(content, encoding, told):
-    with pytest.raises(Unfit, match=told):
+    with refuses(Unfit, told):
         decode(content, encoding)
 
 
@@ -59,14 +60,14 @@ def test_a_mark_is_no_part_of_toml():
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("a = 1\nb = 'Höhe'".encode("cp1252"), 'line 2 has "ö" in cp1252; save it as UTF-8'),
-        ("a = 1".encode("utf-16"), "is in UTF-16-LE; save it as UTF-8"),
+        ("a = 1\nb = 'Höhe'".encode("cp1252"), '2 "ö" cp1252 UTF-8'),
+        ("a = 1".encode("utf-16"), "UTF-16-LE UTF-8"),
     ],
 )
 def test_toml_is_only_in_utf_8(content, told):
-    with pytest.raises(Unfit, match=told):
+    with refuses(Unfit, told):
         only_utf_8(content)
-    with pytest.raises(Unfit, match=told):
+    with refuses(Unfit, told):
         parse_toml(content)
 
 

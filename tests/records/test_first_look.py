@@ -20,6 +20,7 @@ from bench_records.report_plots import CURVE, NUMBER_WIDTH, curve_panel, curve_t
 from bench_records.result import check, unavailable
 from bench_records.run_drawings import curve_plots, curve_tables
 from bench_records.signing import instruments_of
+from tests.refusals import refuses
 
 HZ, STIFF = Axis("frequency", "Hz"), Axis("K'", "kN/m", 1e3)
 
@@ -114,7 +115,7 @@ def test_uncertainties_of_points_are_drawn_and_passed_to_the_script() -> None:
     data.add(Plot("sweep", "K", "x", "y", [trace, *curve_traces([bare])]))
     ((one, other),) = (plot["traces"] for plot in json.loads(data.json))
     assert one["expanded"][2:] == [0.1, 0.3] and other["expanded"] is None
-    with pytest.raises(ValueError, match="2 uncertainties for 3 points"):
+    with refuses(ValueError, "2 3 points"):
         sweep("K", [1.0, 2.0, 4.0], [1.0, 2.0, 3.0], expanded=[1.0, 2.0])
 
 

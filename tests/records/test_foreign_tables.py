@@ -19,6 +19,7 @@ from bench_records.layout import RecordError, SignalInfo
 from bench_records.record import read
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_records.tables.reading import read_series
+from tests.refusals import refuses
 
 SIGNALS = {
     "left.height": SignalInfo("left.height", "mm", 1e-3),
@@ -217,28 +218,26 @@ def test_a_clock_of_its_own_and_a_unit_of_the_file_are_heeded(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
-        (["decimal=;"], r"decimal"),
-        (["colour=red"], r"--table colour: there is no such key; there are .*delimiter"),
-        (["delimiter"], r"KEY=VALUE would be right"),
-        (["skip_rows=-1"], r"skip_rows"),
-        (["time=t"], r'time = "t": the file has the columns time_s'),
+        (["decimal=;"], "decimal"),
+        (["colour=red"], "--table"),
+        (["delimiter"], "KEY=VALUE"),
+        (["skip_rows=-1"], "skip_rows"),
+        (["time=t"], 'time "t" time_s'),
     ],
 )
 def test_keys_that_cannot_be_are_refused(keys: list[str], told: str, tmp_path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time_s,left.height [mm]\n0,1\n1,2\n")
-    with pytest.raises(RecordError, match=told):
+    with refuses(RecordError, told):
         imported(path, tmp_path / "o", *keys)
 
 
 def test_keys_say_what_a_file_leaves_open(tmp_path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t;left.force [N]\n0;1.250\n100;2.375\n")
-    with pytest.raises(
-        RecordError, match=r"has no column time_s; .* --table time=t, and --table time_unit=s"
-    ):
+    with refuses(RecordError, "time_s --table --table time_unit=s"):
         imported(path, tmp_path / "o")
-    with pytest.raises(RecordError, match=r'"1.250" in line 2 may be a thousand or have three decimals'):
+    with refuses(RecordError, '"1.250" 2 thousand'):
         imported(path, tmp_path / "o", "time=t", "time_unit=ms")
     for keys, right in ((["decimal=."], [1.25, 2.375]), (["thousands=."], [1250.0, 2375.0])):
         found, _ = imported(path, tmp_path / keys[0], "time=t", "time_unit=ms", *keys)

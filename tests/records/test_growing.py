@@ -7,6 +7,7 @@ from bench_records.growing import GrowingRecord
 from bench_records.layout import RecordError, SignalInfo
 from bench_records.record import read
 from bench_records.recorder import Recorder
+from tests.refusals import refuses
 
 SIGNALS = [SignalInfo("left.height", "mm", 1e-3), SignalInfo("right.height", "mm", 1e-3)]
 
@@ -68,14 +69,14 @@ def test_a_batch_that_is_being_written_waits_for_the_next_look(tmp_path):
 
 def test_no_file_without_a_writer(tmp_path):
     Recorder(tmp_path / "run", SIGNALS, {}).close()
-    with pytest.raises(RecordError, match="no run is writing into"):
+    with refuses(RecordError, "writing"):
         GrowingRecord(tmp_path / "run")
 
 
 def test_an_unknown_signal_is_refused(tmp_path):
     with Recorder(tmp_path / "run", SIGNALS, {}), GrowingRecord(tmp_path / "run") as growing:
         assert all(not len(one) for one in growing.series("left.height"))
-        with pytest.raises(RecordError, match=r"no signal 'left\.hight'"):
+        with refuses(RecordError, "'left.hight'"):
             growing.series("left.hight")
 
 

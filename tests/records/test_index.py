@@ -18,6 +18,7 @@ from bench_records.checksums import SUMS, broken_files, write_sums
 from bench_records.index import INDEX, RunIndex, facts_of
 from bench_records.layout import META, RESULT, RecordError
 from bench_records.result import SpecimenFacts, check, conclude
+from tests.refusals import refuses
 
 
 def keep(folder: Path, name: str, values: list[float], *, at: int = 0, **facts: str) -> Path:
@@ -52,7 +53,7 @@ def test_runs_are_selected_by_columns_in_order_of_time(tmp_path) -> None:
     assert [run.directory for run in index.runs()] == ["deep/early", "late"]
     assert [run.directory for run in index.runs(plan="aw3", verdict=None)] == ["late"]
     assert index.runs(plan="aw3", verdict="fail") == []
-    with pytest.raises(ValueError, match="a run has no colour"):
+    with refuses(ValueError, "colour"):
         index.runs(colour="red")
 
 
@@ -124,7 +125,7 @@ def test_a_folder_that_cannot_be_written_is_listed_all_the_same() -> None:
 
 
 def test_an_existing_folder_is_not_reported_missing(tmp_path) -> None:
-    with pytest.raises(RecordError, match="is no folder with runs"):
+    with refuses(RecordError, "folder"):
         RunIndex(tmp_path / "missing")
 
 

@@ -11,6 +11,7 @@ import pytest
 from bench_records.layout import PARQUET, RecordError, SignalInfo
 from bench_records.record import Record, read
 from bench_records.recorder import Recorder
+from tests.refusals import refuses
 
 SECOND = 1_000_000_000
 
@@ -69,28 +70,28 @@ def test_wrong_questions(tmp_path: Path) -> None:
     with Recorder(tmp_path, [SignalInfo("left.height")], start_ns=0) as recorder:
         recorder.receive([0, 10 * SECOND], [0, 0], [1.0, 2.0])
     record = read(tmp_path)
-    with pytest.raises(RecordError, match=r"no signal 'left\.hight'; did you mean 'left\.height'\?"):
+    with refuses(RecordError, "'left.hight' 'left.height'"):
         record.series("left.hight")
     for rate in (0.0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(RecordError, match="is no rate"):
+        with refuses(RecordError, "rate"):
             record.frame(["left.height"], rate)
-    with pytest.raises(RecordError, match="choose a lower one"):
+    with refuses(RecordError, "choose"):
         record.frame(["left.height"], 1e9)
 
 
 def test_missing_foreign_and_damaged_files(tmp_path: Path, passed_run: Path) -> None:
-    with pytest.raises(RecordError, match=r"holds no record\.parquet"):
+    with refuses(RecordError, "record.parquet"):
         read(tmp_path)
-    with pytest.raises(RecordError, match=r"holds no record\.parquet"):
+    with refuses(RecordError, "record.parquet"):
         read(tmp_path / "nowhere")
     path = tmp_path / PARQUET
     pq.write_table(pa.table({"time_ns": [1], "signal": ["x"], "value": [1.0]}), path)
-    with pytest.raises(RecordError, match="not a record of this bench"):
+    with refuses(RecordError, "record"):
         read(tmp_path)
     whole = (passed_run / PARQUET).read_bytes()
     for damaged in (b"", b"PAR1", whole[: len(whole) // 2], whole[:1000] + bytes(4000) + whole[5000:]):
         path.write_bytes(damaged)
-        with pytest.raises(RecordError, match=r"record\.parquet is damaged"):
+        with refuses(RecordError, "record.parquet"):
             read(tmp_path)
 
 
@@ -102,7 +103,7 @@ def test_a_single_flipped_bit_in_the_data_is_noticed(tmp_path: Path, passed_run:
         flipped = bytearray(whole)
         flipped[chunk.data_page_offset + chunk.total_compressed_size // 2] ^= 0x10
         (tmp_path / PARQUET).write_bytes(flipped)
-        with pytest.raises(RecordError, match="is damaged"):
+        with refuses(RecordError, "damaged"):
             read(tmp_path)
 
 

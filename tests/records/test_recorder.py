@@ -20,6 +20,7 @@ from bench_records.conversion import recover
 from bench_records.layout import META, PARQUET, STREAM, RecordError, SignalInfo
 from bench_records.record import read
 from bench_records.recorder import Recorder
+from tests.refusals import refuses
 
 SIGNALS = [
     SignalInfo("left.height", "mm", 1e-3, "left"),
@@ -244,7 +245,7 @@ def test_a_closed_stream_that_was_not_converted_is_recovered_whole(tmp_path: Pat
 @pytest.mark.parametrize("content", [b"", b"hello, this is not an Arrow stream at all" * 10, b"\xff" * 4096])
 def test_a_foreign_stream_is_refused_and_kept(tmp_path: Path, content: bytes) -> None:
     (tmp_path / STREAM).write_bytes(content)
-    with pytest.raises(RecordError, match="Arrow stream"):
+    with refuses(RecordError, "stream"):
         recover(tmp_path)
     assert (tmp_path / STREAM).read_bytes() == content
     assert not (tmp_path / PARQUET).exists()
@@ -254,18 +255,18 @@ def test_somebody_elses_arrow_stream_is_refused(tmp_path: Path) -> None:
     table = pa.table({"a": [1, 2, 3]})
     with pa.ipc.new_stream(str(tmp_path / STREAM), table.schema) as writer:
         writer.write_table(table)
-    with pytest.raises(RecordError, match="not one of this recorder's"):
+    with refuses(RecordError):
         recover(tmp_path)
 
 
 def test_recovery_without_a_loss_has_no_effect(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match=r"holds no record\.arrows"):
+    with refuses(RecordError, "record.arrows"):
         recover(tmp_path)
 
 
 def test_a_left_over_stream_is_never_overwritten(tmp_path: Path, stream: bytes) -> None:
     (tmp_path / STREAM).write_bytes(stream)
-    with pytest.raises(RecordError, match="another run is writing there, or one was killed"):
+    with refuses(RecordError):
         Recorder(tmp_path, SIGNALS)
     assert (tmp_path / STREAM).read_bytes() == stream
 
@@ -274,7 +275,7 @@ def test_an_older_record_gives_way_only_to_a_finished_one(tmp_path: Path) -> Non
     write(tmp_path, [(1, 0, 1.0)])
     recorder = Recorder(tmp_path, SIGNALS, start_ns=0)
     recorder.receive([1, 2], [0, 0], [7.0, 8.0])
-    with pytest.raises(RecordError, match="the run goes on"):
+    with refuses(RecordError):
         read(tmp_path)
     recorder.close()
     np.testing.assert_array_equal(read(tmp_path).series("left.height")[1], [7.0, 8.0])
@@ -340,33 +341,33 @@ def test_phases_nest_and_end_with_what_encloses_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "complaint"),
     [
-        (([1, 2], [0], [1.0]), r"one length, not \(2,\), \(1,\) and \(1,\)"),
-        (([[1]], [[0]], [[1.0]]), "one length"),
-        (([1], [3], [1.0]), "signal index 3 is none of this record's, which are 0 to 2"),
-        (([1], [-1], [1.0]), "signal index -1"),
+        (([1, 2], [0], [1.0]), "length (2,) (1,) (1,)"),
+        (([[1]], [[0]], [[1.0]]), "length"),
+        (([1], [3], [1.0]), "index 3 0 2"),
+        (([1], [-1], [1.0]), "index -1"),
     ],
 )
 def test_samples_that_do_not_fit(tmp_path: Path, arrays: tuple[list, list, list], complaint: str) -> None:
-    with Recorder(tmp_path, SIGNALS) as recorder, pytest.raises(RecordError, match=complaint):
+    with Recorder(tmp_path, SIGNALS) as recorder, refuses(RecordError, complaint):
         recorder.receive(*arrays)
     assert len(read(tmp_path)) == 0
 
 
 def test_misuse_says_what_would_be_right(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="listed twice"):
+    with refuses(RecordError, "listed"):
         Recorder(tmp_path, [SignalInfo("a"), SignalInfo("a")])
-    with pytest.raises(RecordError, match="'events' belongs to the format"):
+    with refuses(RecordError, "'events'"):
         Recorder(tmp_path, SIGNALS, {"events": 1})
-    with pytest.raises(RecordError, match="scale = 0"):
+    with refuses(RecordError, "scale 0"):
         SignalInfo("a", scale=0.0)
-    with pytest.raises(RecordError, match="at least 1"):
+    with refuses(RecordError, "least 1"):
         Recorder(tmp_path, SIGNALS, limit=0)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="file cannot be written: File exists"):
+    with refuses(RecordError, "written"):
         Recorder(tmp_path / "file", SIGNALS)
     recorder = Recorder(tmp_path, SIGNALS)
-    with pytest.raises(RecordError, match="do not fit into JSON"):
+    with refuses(RecordError, "JSON"):
         recorder.event(0, "state", "odd", thing=object())
     recorder.close()
     recorder.close()
@@ -375,7 +376,7 @@ def test_misuse_says_what_would_be_right(tmp_path: Path) -> None:
         lambda: recorder.event(0, "a", "b"),
         recorder.flush,
     ):
-        with pytest.raises(RecordError, match="is closed"):
+        with refuses(RecordError, "closed"):
             act()
 
 
@@ -393,11 +394,11 @@ def test_a_full_disk_is_reported_and_what_was_written_stays(
 
     monkeypatch.setattr(recorder, "_writer", Full())
     recorder.receive([2], [0], [2.0])
-    with pytest.raises(RecordError, match="the disk is full"):
+    with refuses(RecordError, "disk"):
         recorder.flush()
-    with pytest.raises(RecordError, match="the disk is full"):
+    with refuses(RecordError, "disk"):
         recorder.receive([3], [0], [3.0])
-    with pytest.raises(RecordError, match="the disk is full"):
+    with refuses(RecordError, "disk"):
         recorder.close()
     assert written is not None
     assert recover(tmp_path).samples == 1

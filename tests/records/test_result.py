@@ -22,6 +22,7 @@ from bench_records.result import (
     read_result,
     unavailable,
 )
+from tests.refusals import refuses
 
 numbers = st.floats(-1e12, 1e12)
 margins = st.floats(0, 0.5)
@@ -100,18 +101,18 @@ def test_what_is_no_number_never_passes(
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ({}, "could never fail; give low, high or both"),
-        ({"low": math.nan}, "a limit of nan is none"),
-        ({"high": math.inf}, "a limit of inf is none"),
-        ({"low": 3e5, "high": 2e5, "unit": "bar", "scale": 1e5}, "low = 3 bar lies above high = 2 bar"),
-        ({"low": 0.0, "margin": 0.6}, "must be 0 to 0.5"),
-        ({"low": 0.0, "margin": math.nan}, "must be 0 to 0.5"),
-        ({"low": 0.0, "scale": 0.0}, "scale = 0.0 is no size of a unit"),
-        ({"low": 0.0, "scale": math.nan}, "scale = nan"),
+        ({}, "could"),
+        ({"low": math.nan}, "nan"),
+        ({"high": math.inf}, "inf"),
+        ({"low": 3e5, "high": 2e5, "unit": "bar", "scale": 1e5}, "low 3 bar high 2 bar"),
+        ({"low": 0.0, "margin": 0.6}, "must 0 0.5"),
+        ({"low": 0.0, "margin": math.nan}, "must 0 0.5"),
+        ({"low": 0.0, "scale": 0.0}, "scale 0.0"),
+        ({"low": 0.0, "scale": math.nan}, "scale nan"),
     ],
 )
 def test_checks_that_could_not_fail_or_not_pass(options: dict, complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint) as caught:
+    with refuses(ValueError, complaint) as caught:
         check("pressure", 1.0, **options)
     assert "'pressure'" in str(caught.value)
 
@@ -127,9 +128,9 @@ def test_what_is_not_available_has_a_reason_no_value_and_never_passes() -> None:
     assert not LACKING.passed
     assert str(LACKING) == "roll: not available: the rig has no force control"
     assert msgspec.json.decode(msgspec.json.encode(LACKING), type=type(LACKING)) == LACKING
-    with pytest.raises(ValueError, match="without a reason"):
+    with refuses(ValueError, "without"):
         unavailable("roll", "")
-    with pytest.raises(ValueError, match=r"'good' is not available, but has the value 1"):
+    with refuses(ValueError, "'good' 1"):
         msgspec.structs.replace(PASS, verdict=CheckVerdict.NOT_AVAILABLE)
 
 
@@ -204,12 +205,12 @@ def test_a_verdict_that_was_tampered_with_is_refused() -> None:
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"plan": "aw0"}', b"\xff\xfe"])
 def test_foreign_results(tmp_path, content: bytes) -> None:
     (tmp_path / "result.json").write_bytes(content)
-    with pytest.raises(RecordError, match=r"result\.json: this is no result"):
+    with refuses(RecordError, "result.json"):
         read_result(tmp_path)
 
 
 def test_missing_result(tmp_path) -> None:
-    with pytest.raises(RecordError, match="holds no readable"):
+    with refuses(RecordError, "readable"):
         read_result(tmp_path)
 
 
@@ -218,14 +219,14 @@ def test_curves_take_arrays_and_keep_gaps() -> None:
     made = curve("c", axis, axis, np.array([1.0, np.nan, 3.0]), np.arange(3))
     assert made.xs == [1.0, None, 3.0]
     assert made.ys == [0.0, 1.0, 2.0]
-    with pytest.raises(ValueError, match="2 x and 1 y"):
+    with refuses(ValueError, "2 1"):
         curve("c", axis, axis, [1.0, 2.0], [1.0])
 
 
 def test_a_histogram_has_one_count_more_than_edges() -> None:
-    with pytest.raises(ValueError, match="2 edges has 3 counts, not 2"):
+    with refuses(ValueError, "2 3 2"):
         Timing(ticks=1, late=0, edges=[1.0, 2.0], counts=[1, 0])
-    with pytest.raises(ValueError, match="must rise"):
+    with refuses(ValueError, "must"):
         Timing(ticks=1, late=0, edges=[2.0, 1.0], counts=[1, 0, 0])
 
 
@@ -253,5 +254,5 @@ def test_a_value_that_does_not_surely_conform_is_marginal_and_an_uncertainty_tha
     assert judge(1.01, 0.0, 1.0, u=0.5) is CheckVerdict.FAIL
     assert judge(0.5, 0.0, 1.0, u=5.0) is CheckVerdict.MARGINAL  # an uninformative value is no pass
     for u, even in ((-0.1, 0.0), (0.1, 0.2), (math.inf, 0.0)):
-        with pytest.raises(ValueError, match="is no standard uncertainty"):
+        with refuses(ValueError, "uncertainty"):
             check("x", 0.5, low=0.0, u=u, even=even)

@@ -19,6 +19,7 @@ from bench_records.recorder import Recorder
 from bench_records.report import report_page, write_report
 from bench_records.result import check, unavailable
 from bench_records.run_folder import Unfinished, open_run
+from tests.refusals import refuses
 
 SECOND = 1_000_000_000
 SPECIMEN = {"type": "spring", "serial_number": "7", "drawing": "d", "file": "f", "sha256": "0"}
@@ -100,7 +101,7 @@ def test_a_running_run_is_reported_and_unchanged(going_on: Recorder, tmp_path: P
     (run,) = index.runs()
     assert (run.verdict, run.title, run.operator) == ("running", FACTS["title"], "A. Tester")
     for touch in (read, recover):
-        with pytest.raises(RecordError, match="the run goes on"):
+        with refuses(RecordError):
             touch(going_on.directory)
     going_on.close()
     (run,) = index.runs()

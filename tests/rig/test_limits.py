@@ -8,6 +8,7 @@ from bench_protocol.words import CONTROL_MODES, LIMIT_KINDS, PROGRAM_STATES, Lim
 from bench_sim.rig.limit_table import ACTIONS, limits_of, listed
 from bench_sim.rig.limits import LIMITS
 from bench_sim.rig.rig import Rig
+from tests.refusals import refuses
 
 DISPLACEMENT = CONTROL_MODES.index("displacement")
 
@@ -162,29 +163,20 @@ def test_what_is_short_does_not_trip_and_what_does_not_latch_comes_back(limited)
 @pytest.mark.parametrize(
     ("row", "words"),
     [
-        ({"signal": "left.heigth", "kind": "upper"}, "no such reading; did you mean 'left.height'"),
-        ({"signal": "left.height", "kind": "above"}, "'above' is not one of lower, upper, error"),
-        (
-            {"signal": "left.height", "kind": "upper", "at": "5 bar"},
-            "at = '5 bar' must be a number with its unit",
-        ),
-        ({"signal": "left.height", "kind": "upper", "at": "nan mm"}, "must be a number"),
-        (
-            {"signal": "left.height", "kind": "upper", "atm": 3},
-            "atm is no key of a limit; did you mean 'at'?",
-        ),
-        ({"signal": "left.height", "kind": "upper", "action": "off"}, "'off' is not one of none, indicate"),
-        ({"signal": "left.height", "kind": "rate", "at": "1 m/s"}, "it is new, and needs at and action"),
-        ({"signal": "left.height", "kind": "upper", "persistence": "-1 s"}, "must not be negative"),
-        ({"signal": "left.height", "kind": "upper", "latch": "no"}, "must be true or false"),
-        (
-            {"signal": "left.height", "kind": "error", "at": "1 mm", "action": "indicate"},
-            "this reading follows no set-point",
-        ),
+        ({"signal": "left.heigth", "kind": "upper"}, "'left.height'"),
+        ({"signal": "left.height", "kind": "above"}, "'above'"),
+        ({"signal": "left.height", "kind": "upper", "at": "5 bar"}, "at '5 bar'"),
+        ({"signal": "left.height", "kind": "upper", "at": "nan mm"}, "number"),
+        ({"signal": "left.height", "kind": "upper", "atm": 3}, "mean 'at'"),
+        ({"signal": "left.height", "kind": "upper", "action": "off"}, "'off'"),
+        ({"signal": "left.height", "kind": "rate", "at": "1 m/s"}, "action"),
+        ({"signal": "left.height", "kind": "upper", "persistence": "-1 s"}, "negative"),
+        ({"signal": "left.height", "kind": "upper", "latch": "no"}, "false"),
+        ({"signal": "left.height", "kind": "error", "at": "1 mm", "action": "indicate"}, "reading"),
     ],
 )
 def test_a_limit_that_does_not_fit_is_refused_in_words(row, words) -> None:
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError, words):
         limits_of([row])
 
 

@@ -13,6 +13,7 @@ from bench_sim.model.layout import Sensor
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
 from bench_sim.parameters.sensors import SENSOR_KINDS
+from tests.refusals import refuses
 
 LAST = TABLE["platform.roll"]
 
@@ -36,15 +37,11 @@ def test_the_chain_gives_every_sensor_a_value() -> None:
 @pytest.mark.parametrize(
     ("measurement", "sensor", "message"),
     [
-        (
-            dataclasses.replace(LAST, name="left.strain"),
-            None,
-            r"no sensor for left\.strain .* LEFT_STRAIN = ",
-        ),
-        (None, Sensor.PLATFORM_ROLL, r"no signal carries what Sensor\.PLATFORM_ROLL reads: it needs a row"),
-        (LAST, Sensor.LEFT_HEIGHT, r"row 0 of MEASUREMENTS needs the sensor PLATFORM_ROLL, .* LEFT_HEIGHT"),
+        (dataclasses.replace(LAST, name="left.strain"), None, "left.strain LEFT_STRAIN"),
+        (None, Sensor.PLATFORM_ROLL, "Sensor.PLATFORM_ROLL"),
+        (LAST, Sensor.LEFT_HEIGHT, "0 MEASUREMENTS PLATFORM_ROLL LEFT_HEIGHT"),
     ],
 )
 def test_what_is_missing_is_named(measurement: object, sensor: object, message: str) -> None:
-    with pytest.raises(ImportError, match=message):
+    with refuses(ImportError, message):
         wiring._check(measurement, sensor)

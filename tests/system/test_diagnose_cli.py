@@ -28,6 +28,7 @@ from test_plans.execution import execute
 from test_plans.loads import AW0
 from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Wave
 from test_plans.programmes.perform import programme_plan
+from tests.refusals import refuses
 
 ROOT = Path(__file__).parents[2]
 SIMULATED = 'name = "test"\ntime = "virtual"\n[simulation]\nseed = 1\n'
@@ -416,9 +417,9 @@ def test_causes_are_chosen_by_name_with_or_without_their_place():
     assert chosen_effects(None, simulator) is None
     assert chosen_effects("leak, maxwell", simulator) == ("leak.left", "leak.right", "maxwell")
     assert chosen_effects("leak.right,leak.right", simulator) == ("leak.right",)
-    with pytest.raises(DiagnosisError, match="'maxwel' is no effect of it; did you mean 'maxwell'"):
+    with refuses(DiagnosisError, "'maxwel' 'maxwell'"):
         chosen_effects("leak,maxwel", simulator)
-    with pytest.raises(DiagnosisError, match=r"there are leak\.left, leak\.right, maxwell"):
+    with refuses(DiagnosisError, "leak.left leak.right"):
         chosen_effects("", simulator)
 
 

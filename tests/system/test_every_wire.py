@@ -15,6 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import Hz, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import STATES
 from drivers.errors import NotCommander, Refused, RigFault
+from tests.refusals import refuses
 
 #: A sample of the rig, which gives its time on the bus; and the delay, on a busy machine, a thread of the rig
 #: may take a frame that is on the bus already.
@@ -175,11 +176,11 @@ def test_silence_holds_at_100_ms_and_disables_at_500_ms_and_stays_so(site, armed
 
 def test_the_emergency_stop_wins_until_it_is_released(site, armed):
     site.press_estop()
-    with pytest.raises(RigFault, match="state ESTOP, reason: emergency stop"):
+    with refuses(RigFault, "ESTOP"):
         armed.wait(2 * s)
     assert armed.interlock.estop
     assert armed.emergency.code == 0xFF02
-    with pytest.raises(RigFault, match="release the button"):
+    with refuses(RigFault, "release"):
         armed.arm()
     with pytest.raises(Refused):
         armed.action.reset()
@@ -264,7 +265,7 @@ def test_a_setting_out_of_range_has_no_effect(site, armed):
         armed.wiring.direct.modbus.write_registers(register.address, words[:1])
     assert refused.value.code == 3, "half of a 32-bit value"
     assert armed.wiring.direct.modbus.read_holding(register.address, 2) == before
-    with pytest.raises(ValueError, match=r"air\.left_target = 15 bar .* 0 to 9 bar"):
+    with refuses(ValueError, "air.left_target 15 bar 0 9 bar"):
         armed.air.left_target = 15 * bar
 
 

@@ -12,6 +12,7 @@ from drivers.memory import Faults, FaultyCan
 from drivers.wiring.own import own_wiring
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from tests.refusals import refuses
 
 in_memory = pytest.mark.parametrize("site", ["memory"], indirect=True)
 on_every_wire = pytest.mark.parametrize(
@@ -81,7 +82,7 @@ def test_the_rig_holds_when_most_commands_are_lost(site, through):
     bench.arm()
     bench.lateral.move_to(2 * mm, rate=20 * mm / s)
     bench.wiring.direct.can._outward._faults = Faults(lose=0.9)
-    with pytest.raises(RigFault, match="reason: command late"):
+    with refuses(RigFault, "reason"):
         bench.wait(3 * s)
     with bench.despite_faults():  # the fault may be seen in the one tick of FAULT_REACTION
         bench.wait_for(lambda: bench.rig.state in ("FAULT_HOLD", "FAULT_DISABLED"), within=200 * ms)

@@ -16,6 +16,7 @@ from drivers.wiring.description import read_description
 from test_plans.instruments import ordinary as ordinary_instruments
 from test_plans.instruments import read_instruments
 from test_plans.specimen import read_specimen
+from tests.refusals import refuses
 
 #: How each kind of file is read, for users' files as well as ours.
 KINDS = {
@@ -72,9 +73,9 @@ def test_a_name_is_that_of_a_file_here_before_that_of_one_of_ours_and_a_path_is_
         assert find_rig(path)[0].name == path
     assert find_rig()[0].name == "rigs/local.toml"
     assert find_rig("mine")[0].name == "rigs/mine.toml"
-    with pytest.raises(RigFileError, match="no rig 'mien'; did you mean 'mine'"):
+    with refuses(RigFileError, "'mien' 'mine'"):
         find_rig("mien")
-    with pytest.raises(RigFileError, match=r"rig file mien\.toml cannot be read"):
+    with refuses(RigFileError, "mien.toml"):
         find_rig("mien.toml")
 
 
@@ -114,7 +115,7 @@ def test_a_rig_with_addresses_or_a_simulation_does_not_inherit_a_wiring(tmp_path
         (path.parent / "wiring.toml").write_bytes(named_files("wirings")["local"].read_bytes())
         assert read(path).wiring == "", "it is that of the virtual bench"
         (path.parent / "wiring.toml").write_bytes(named_files("wirings")["plant_a"].read_bytes())
-        with pytest.raises(RigFileError, match="beside wiring"):
+        with refuses(RigFileError):
             read(path)
 
 
@@ -142,10 +143,10 @@ def test_dimensions_in_the_folder_of_a_simulated_rig_are_those_of_the_file(tmp_p
 def test_a_rig_cannot_be_like_itself_or_like_one_that_there_is_not(tmp_path):
     first = a_rig(tmp_path / "first", 'name = "first"\nlike = "../second"\n')
     a_rig(tmp_path / "second", 'name = "second"\nlike = "../first"\n')
-    with pytest.raises(RigFileError, match="ends at the same rig"):
+    with refuses(RigFileError):
         read(first)
     first.write_text('name = "first"\nlike = "loca"\n')
-    with pytest.raises(RigFileError, match=r"rig\.toml: like: there is no rig 'loca'; did you mean 'local'"):
+    with refuses(RigFileError, "rig.toml 'loca' 'local'"):
         read(first)
 
 

@@ -18,6 +18,7 @@ from bench_protocol.frames import Block, empty_block, frame, join
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.servers import serve_in_thread
 from drivers.hub_bus import HubBus
+from tests.refusals import refuses
 
 
 class Rig:
@@ -267,7 +268,7 @@ def test_publishing_without_subscribers_is_harmless(rig_and_port, numbered) -> N
     rig, _ = rig_and_port
     rig.hub.publish(empty_block())
     rig.hub.publish(numbered(10))
-    with pytest.raises(TypeError, match="is not a frame block"):
+    with refuses(TypeError, "frame"):
         rig.hub.publish(np.zeros(1))
     Rig().hub.publish(numbered(10))
 
@@ -411,7 +412,7 @@ def test_stopping_leaves_no_threads(numbered) -> None:
         servers.stop()
         assert time.monotonic() - start < 1.0
         assert threading.active_count() == before
-        with pytest.raises(can.CanOperationError, match="lost"):
+        with refuses(can.CanOperationError, "lost"):
             while True:
                 bus.recv_block(1.0)
     assert len(rig.lost) == 1
@@ -444,5 +445,5 @@ def test_a_port_in_use_is_reported(rig_and_port) -> None:
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "::", "example.org"])
 def test_the_network_is_open_only_on_purpose(host: str) -> None:
-    with pytest.raises(ValueError, match="without any password"):
+    with refuses(ValueError, "password"):
         serve_in_thread(Rig().hub, host=host)

@@ -19,6 +19,7 @@ from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.servers import serve_in_thread
 from drivers.can_port import PythonCanPort
 from drivers.hub_bus import HubBus
+from tests.refusals import refuses
 
 HANDSHAKE = ((b"", b"< hi >"), (b"< open vcan0 >", b"< ok >"), (b"< rawmode >", b"< ok >"))
 
@@ -76,23 +77,20 @@ def test_frames_behind_the_last_ok_are_not_lost(cut: int) -> None:
 @pytest.mark.parametrize(
     ("script", "why"),
     [
-        ([(b"", b"SSH-2.0-OpenSSH_9.2\r\n<no>")], "should have answered '< hi >', it sent '< no >'"),
-        (
-            [HANDSHAKE[0], (b"< open vcan0 >", b"< error this hub serves can7 >")],
-            "< error this hub serves can7 >",
-        ),
-        ([HANDSHAKE[0]], "timed out"),
+        ([(b"", b"SSH-2.0-OpenSSH_9.2\r\n<no>")], "answered '< >' '< >'"),
+        ([HANDSHAKE[0], (b"< open vcan0 >", b"< error this hub serves can7 >")], "can7"),
+        ([HANDSHAKE[0]], "timed"),
     ],
 )
 def test_a_server_that_is_none_of_ours_is_named(script: list[tuple[bytes, bytes]], why: str) -> None:
-    with scripted(*script) as port, pytest.raises(can.CanInitializationError, match=why):
+    with scripted(*script) as port, refuses(can.CanInitializationError, why):
         HubBus(port=port, timeout=0.2)
 
 
 def test_a_server_that_hangs_up_while_opening() -> None:
     with (
         scripted(HANDSHAKE[0], linger=False) as port,
-        pytest.raises(can.CanInitializationError, match="cannot open"),
+        refuses(can.CanInitializationError),
     ):
         HubBus(port=port)
 
@@ -105,7 +103,7 @@ def test_a_refused_connection_fails_at_once(dead_port: int) -> None:
 
 
 def test_a_bus_name_that_cannot_be_is_refused(hub_port: int) -> None:
-    with pytest.raises(can.CanInitializationError, match="cannot name a CAN interface"):
+    with refuses(can.CanInitializationError, "CAN"):
         HubBus("no such > bus", port=hub_port)
 
 
@@ -121,14 +119,14 @@ def test_python_can_finds_the_plugin(hub_port: int) -> None:
 @pytest.mark.parametrize(
     ("message", "why"),
     [
-        (can.Message(arbitration_id=0x123, is_remote_frame=True, dlc=4), r"a remote frame \(RTR\)"),
-        (can.Message(arbitration_id=0x123, is_error_frame=True), "an error frame"),
-        (can.Message(arbitration_id=0x123, is_fd=True, data=bytes(12)), "a CAN FD frame"),
+        (can.Message(arbitration_id=0x123, is_remote_frame=True, dlc=4), "(RTR)"),
+        (can.Message(arbitration_id=0x123, is_error_frame=True), "error"),
+        (can.Message(arbitration_id=0x123, is_fd=True, data=bytes(12)), "CAN FD"),
     ],
 )
 def test_what_the_protocol_cannot_carry_is_refused(hub_port: int, message: can.Message, why: str) -> None:
     with HubBus(port=hub_port) as bus:
-        with pytest.raises(can.CanOperationError, match=why):
+        with refuses(can.CanOperationError, why):
             bus.send(message)
         bus.send(can.Message(arbitration_id=0x123, data=b""))
 
@@ -176,9 +174,9 @@ def test_last_frames_of_a_dead_server_are_delivered_then_every_call_says_it() ->
         bus = HubBus(port=port)
         assert bytes(bus.recv(1).data) == b"\xaa"
         for _ in range(2):
-            with pytest.raises(can.CanOperationError, match="is lost"):
+            with refuses(can.CanOperationError, "lost"):
                 bus.recv(1)
-        with pytest.raises(can.CanOperationError, match="is lost"):
+        with refuses(can.CanOperationError, "lost"):
             bus.send(can.Message(arbitration_id=1))
         bus.shutdown()
 
@@ -186,7 +184,7 @@ def test_last_frames_of_a_dead_server_are_delivered_then_every_call_says_it() ->
 def test_a_server_that_reads_no_data_does_not_block_the_sender(numbered) -> None:
     with scripted(*HANDSHAKE) as port, HubBus(port=port, timeout=0.2) as bus:
         start = time.monotonic()
-        with pytest.raises(can.CanOperationError, match="frames could not be sent"):
+        with refuses(can.CanOperationError, "frames"):
             for first in range(0, 1_000_000, 50_000):
                 bus.send_block(numbered(50_000, first))
         assert time.monotonic() - start < 5

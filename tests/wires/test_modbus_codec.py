@@ -17,6 +17,7 @@ from bench_protocol.modbus import (
     refuse,
     unpack_bits,
 )
+from tests.refusals import refuses
 
 
 def adu(pdu: bytes, transaction: int = 0x1501, unit: int = 1) -> bytes:
@@ -319,18 +320,18 @@ def test_requests_survive_any_splitting(adus: list[bytes], cuts: list[int]) -> N
 @pytest.mark.parametrize(
     ("header", "why"),
     [
-        ("0001 0001 0006", "protocol = 1 is not 0"),
-        ("4745 5420 2F20", "protocol = 21536"),  # somebody's browser: "GET / "
-        ("0001 0000 0001", "length = 1 is not"),
-        ("0001 0000 0000", "length = 0 is not"),
-        ("0001 0000 00FF", "length = 255 is not"),
+        ("0001 0001 0006", "protocol 1 0"),
+        ("4745 5420 2F20", "protocol 21536"),  # somebody's browser: "GET / "
+        ("0001 0000 0001", "length 1"),
+        ("0001 0000 0000", "length 0"),
+        ("0001 0000 00FF", "length 255"),
     ],
 )
 def test_a_wrong_header_ends_the_stream_after_what_was_right(header: str, why: str) -> None:
     good = adu(b"\x03\0\0\0\1")
     stream = AduStream()
     assert stream.feed(good + bytes.fromhex(header) + b"\x01\x03") == [good]
-    with pytest.raises(FramingError, match=why):
+    with refuses(FramingError, why):
         stream.feed(b"")
 
 

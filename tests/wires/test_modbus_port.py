@@ -13,6 +13,7 @@ from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.servers import serve_in_thread
 from drivers.errors import LinkLost, Refused
 from drivers.modbus_port import InMemoryModbus, ModbusPort, open_modbus
+from tests.refusals import refuses
 
 
 @pytest.fixture(params=["tcp", "in memory"])
@@ -39,7 +40,7 @@ def test_reading(port: ModbusPort, bank) -> None:
 
 def test_fewer_bits_than_were_asked_for_are_no_answer() -> None:
     port = InMemoryModbus(lambda adu: adu[:4] + b"\0\4" + adu[6:8] + b"\1\xff")
-    with pytest.raises(LinkLost, match="the device sent 8 bits instead of 12"):
+    with refuses(LinkLost, "sent 8 12"):
         port.read_coils(0, 12)
 
 
@@ -63,19 +64,15 @@ def test_identification(port: ModbusPort, bank) -> None:
 @pytest.mark.parametrize(
     ("call", "code", "words"),
     [
-        (
-            lambda port: port.read_input(999, 2),
-            2,
-            "reading input registers 999 to 1000 of .* outside the device's map",
-        ),
-        (lambda port: port.write_coil(1000, True), 2, "writing the coil 1000 of .* was refused"),
-        (lambda port: port.write_registers(999, [1, 2]), 2, "writing holding registers 999 to 1000"),
+        (lambda port: port.read_input(999, 2), 2, "registers 999 1000"),
+        (lambda port: port.write_coil(1000, True), 2, "coil 1000"),
+        (lambda port: port.write_registers(999, [1, 2]), 2, "registers 999 1000"),
     ],
 )
 def test_a_refusal_in_words(
     port: ModbusPort, call: Callable[[ModbusPort], object], code: int, words: str
 ) -> None:
-    with pytest.raises(Refused, match=words) as caught:
+    with refuses(Refused, words) as caught:
         call(port)
     assert caught.value.code == code
     assert port.read_input(0, 1) == [1], "a refusal does not disturb the next request"
@@ -83,7 +80,7 @@ def test_a_refusal_in_words(
 
 def test_a_device_failure_in_words(port: ModbusPort, bank) -> None:
     bank.broken = True
-    with pytest.raises(Refused, match="the device cannot do that now") as caught:
+    with refuses(Refused, "device") as caught:
         port.read_holding(0, 1)
     assert caught.value.code == 4
 
@@ -91,21 +88,21 @@ def test_a_device_failure_in_words(port: ModbusPort, bank) -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda port: port.read_input(0, 126), "count = 126 does not fit in one request"),
-        (lambda port: port.read_input(0, 0), "count = 0 does not fit"),
-        (lambda port: port.read_coils(0, 2001), "count = 2001"),
-        (lambda port: port.write_registers(0, [0] * 124), "count = 124"),
-        (lambda port: port.write_registers(0, []), "count = 0"),
-        (lambda port: port.write_registers(0, [70000]), "70000 does not fit in a register"),
-        (lambda port: port.write_registers(0, [-1]), "-1 does not fit in a register"),
-        (lambda port: port.read_input(65535, 2), "address = 65535 with count = 2 is outside"),
-        (lambda port: port.read_input(-1, 1), "address = -1"),
+        (lambda port: port.read_input(0, 126), "count 126"),
+        (lambda port: port.read_input(0, 0), "count 0"),
+        (lambda port: port.read_coils(0, 2001), "count 2001"),
+        (lambda port: port.write_registers(0, [0] * 124), "count 124"),
+        (lambda port: port.write_registers(0, []), "count 0"),
+        (lambda port: port.write_registers(0, [70000]), "70000 does"),
+        (lambda port: port.write_registers(0, [-1]), "-1 does"),
+        (lambda port: port.read_input(65535, 2), "address 65535 count 2"),
+        (lambda port: port.read_input(-1, 1), "address -1"),
     ],
 )
 def test_what_no_request_can_carry(
     port: ModbusPort, call: Callable[[ModbusPort], object], words: str
 ) -> None:
-    with pytest.raises(ValueError, match=words):
+    with refuses(ValueError, words):
         call(port)
 
 
@@ -169,9 +166,7 @@ def test_a_silent_device_costs_one_timeout_and_its_late_answer_is_not_taken_for_
     with serve_in_thread(modbus_server=ModbusTcpServer(respond)) as servers:
         device = open_modbus("127.0.0.1", servers.modbus_port, timeout=0.2)
         start = time.monotonic()
-        with pytest.raises(
-            LinkLost, match=r"reading input registers 0 of 127\.0\.0\.1:.* the device does not answer"
-        ):
+        with refuses(LinkLost, "registers 0"):
             device.read_input(0, 1)
         assert 0.15 < time.monotonic() - start < 0.5
         late.set()
@@ -214,7 +209,7 @@ def test_a_device_that_goes_away(bank) -> None:
     assert device.read_input(0, 1) == [1]
     servers.stop()
     for _ in range(2):
-        with pytest.raises(LinkLost, match="reading input registers 0 of"):
+        with refuses(LinkLost, "registers 0"):
             device.read_input(0, 1)
     with serve_in_thread(
         modbus_server=ModbusTcpServer(lambda adu, peer: answer(adu, bank)), modbus_port=servers.modbus_port
@@ -258,7 +253,7 @@ def test_nonsense_is_an_error_and_never_a_value(reply: Callable[[bytes], bytes])
     thread.start()
     device = open_modbus("127.0.0.1", talker.listener.getsockname()[1], timeout=0.15)
     try:
-        with pytest.raises(LinkLost, match="reading input registers 0 of"):
+        with refuses(LinkLost, "registers 0"):
             device.read_input(0, 1)
     finally:
         device.close()

@@ -9,6 +9,7 @@ from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, WiringError
 from drivers.wiring.modbus.transport import ModbusTransport
 from tests.foreign.quirky_modbus import on_a_line, served
+from tests.refusals import refuses
 from tests.wires.test_quirky_modbus import KEYS, TRUTH, device
 
 RTU = {key: said for key, said in KEYS.items() if key != "host"} | {
@@ -31,7 +32,7 @@ def test_frames_of_a_serial_line_over_tcp() -> None:
         assert transport.read(list(TRUTH)) == pytest.approx(TRUTH)
         assert transport.read(["place"]) == {"place": -70000}
         transport.close()
-        with pytest.raises(LinkLost, match="does not answer"):
+        with refuses(LinkLost, "answer"):
             rtu(host="127.0.0.1", port=server.port, unit=8, timeout="100 ms").connect(
                 RealClock(), pytest.fail, within=1.0
             )
@@ -95,20 +96,20 @@ def test_two_devices_on_one_serial_line(echo: bool) -> None:
 
 def test_a_line_that_is_not_there() -> None:
     pytest.importorskip("serial")
-    with pytest.raises(LinkLost, match=r"the serial line /dev/nowhere cannot be opened: is it there"):
+    with refuses(LinkLost, "/dev/nowhere"):
         rtu(line="/dev/nowhere").connect(RealClock(), pytest.fail, within=1.0)
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({}, 'right is one of line = "/dev/ttyUSB0"'),
-        ({"line": "/dev/x", "host": "y"}, 'right is one of line = "/dev/ttyUSB0"'),
-        ({"line": "/dev/x", "port": 502}, "port and connection are for TCP"),
-        ({"host": "y", "baudrate": 9600}, "baudrate is for a serial line"),
-        ({"line": "/dev/x", "parity": "evn"}, "parity = 'evn': did you mean 'even'"),
+        ({}, 'line "/dev/ttyUSB0"'),
+        ({"line": "/dev/x", "host": "y"}, 'line "/dev/ttyUSB0"'),
+        ({"line": "/dev/x", "port": 502}, "TCP"),
+        ({"host": "y", "baudrate": 9600}, "baudrate"),
+        ({"line": "/dev/x", "parity": "evn"}, "parity 'evn' 'even'"),
     ],
 )
 def test_a_line_that_cannot_be(changes: dict, words: str) -> None:
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         rtu(**changes)

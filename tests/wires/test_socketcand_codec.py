@@ -29,6 +29,7 @@ from bench_protocol.socketcand import (
     open_bytes,
     send_bytes,
 )
+from tests.refusals import refuses
 
 MICROSECONDS = st.integers(0, 4_000_000_000_000_000)
 
@@ -275,12 +276,12 @@ def test_spelling_is_that_of_the_protocol() -> None:
 
 @pytest.mark.parametrize("bus", ["", "vcan 0", "a>b", "x" * 16, "vcanä"])
 def test_only_an_interface_name_can_be_opened(bus: str) -> None:
-    with pytest.raises(ValueError, match="cannot name a CAN interface"):
+    with refuses(ValueError, "CAN"):
         open_bytes(bus)
 
 
 def test_what_is_no_block_of_frames_is_refused() -> None:
-    with pytest.raises(TypeError, match="is not a frame block"):
+    with refuses(TypeError, "frame"):
         frame_bytes(np.zeros(3, np.int64))
 
 

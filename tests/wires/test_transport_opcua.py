@@ -20,6 +20,7 @@ from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.opcua.transport import OpcUaTransport
 from drivers.wiring.transports import open_transport
+from tests.refusals import refuses
 
 VARIABLES = {
     "Height": (12340, ua.VariantType.Int32, False),
@@ -258,7 +259,7 @@ def test_values_that_are_confirmed_too_rarely_are_refused_with_the_key_that_help
         return await create(params, *rest, **keys)
 
     monkeypatch.setattr(service, "create_subscription", slower)
-    with pytest.raises(MapMismatch, match=r'every 0.2 s at best.* stale after 0.15 s; stale = "0.6 s"'):
+    with refuses(MapMismatch, 'every 0.2 s 0.15 s stale "0.6 s"'):
         connected(cell, stale="150 ms")
     transport = connected(cell, stale="600 ms")
     assert transport.period == pytest.approx(0.2)
@@ -288,7 +289,7 @@ def test_an_unencodable_streamed_number_is_reported(cell: Cell, connected: Calla
     """A silently held one would keep all others of its request at their old values."""
     transport = connected(cell)
     now = transport._clock.now
-    with pytest.raises(ValueError, match="target = 40000 does not fit in the server's Int16"):
+    with refuses(ValueError, "target 40000 Int16"):
         for _ in range(50):
             transport.stream({"target": 40000, "rate": 2.5}, now())
             time.sleep(0.02)
@@ -305,13 +306,13 @@ def test_values_that_the_server_does_not_publish_are_polled(
         return [*told[:-1], ua.StatusCode(ua.StatusCodes.BadTooManyMonitoredItems)]
 
     monkeypatch.setattr(Subscription, "subscribe_data_change", last_one_refused)
-    with pytest.raises(Refused, match=r"does not report beat \(BadTooManyMonitoredItems\) by itself"):
+    with refuses(Refused, "(BadTooManyMonitoredItems)"):
         connected(cell)
 
 
 def test_a_text_takes_no_number(cell: Cell, connected: Callable) -> None:
     transport = connected(cell)
-    with pytest.raises(ValueError, match="serial = 1 cannot be written: it is a String of the server"):
+    with refuses(ValueError, "serial 1"):
         transport.write({"serial": 1})
 
 
@@ -352,20 +353,20 @@ def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        ({"node": "ns=2;s=Heigth"}, r"odd \(ns=2;s=Heigth\): the server has no such node"),
-        ({"node": "ns=2;s=Serial"}, r"it is a text, no number; subscribe = false reads a text"),
-        ({"node": "ns=2;s=Loads"}, r"it is an array of 3; index = 0 to 2 is one element"),
-        ({"node": "ns=2;s=Loads", "index": 3}, r"element 3\): its 3 elements have indices from 0 to 2"),
-        ({"node": "ns=2;s=Force", "index": 0}, r"it is no array, and has no elements"),
-        ({"node": "i=85"}, r"odd \(i=85\): it is no variable"),
-        ({"node": "nsu=urn:sell;s=Force"}, r"has no namespace 'urn:sell', for odd; it has .*urn:cell"),
+        ({"node": "ns=2;s=Heigth"}, "(ns=2;s=Heigth)"),
+        ({"node": "ns=2;s=Serial"}, "subscribe false"),
+        ({"node": "ns=2;s=Loads"}, "3 index 0 2"),
+        ({"node": "ns=2;s=Loads", "index": 3}, "element 3 3 0 2"),
+        ({"node": "ns=2;s=Force", "index": 0}, "elements"),
+        ({"node": "i=85"}, "(i=85) variable"),
+        ({"node": "nsu=urn:sell;s=Force"}, "'urn:sell'"),
     ],
 )
 def test_an_impossible_value_is_reported_at_once(
     cell: Cell, connected: Callable, said: dict, words: str
 ) -> None:
     points = {name: one for name, one in POINTS.items() if one["node"] != said["node"]}
-    with pytest.raises(MapMismatch, match=words):
+    with refuses(MapMismatch, words):
         connected(cell, points={**points, "odd": said})
 
 
@@ -397,34 +398,29 @@ def test_refused_set_points_are_reported(cell: Cell, connected: Callable) -> Non
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"urls": "x"}, "transports.cell: there is no key 'urls' here; did you mean 'url'"),
-        ({"url": "http://cell"}, "url = 'http://cell' is no address like \"opc.tcp://127.0.0.1:4840\""),
-        ({"every": "often"}, "every = 'often' is not a time"),
-        ({"points": {}}, "points: there are none"),
-        ({"points": {"height": {"node": "Height"}}}, "height: node = 'Height' is no node id like"),
-        ({"points": {"height": {"node": "ns=2;s=H", "scale": 0}}}, "scale = 0, offset = 0 map everything"),
-        ({"points": {"height": {"scale": 0}}}, "height: the key node is missing"),
-        (
-            {"points": {"a": {"node": "ns=2;s=H"}, "b": {"node": "ns=2;s=H"}}},
-            "points: a and b are the same node, ns=2;s=H",
-        ),
-        ({"alive": {"point": "beet", "every": "1 s"}}, "no point 'beet'; did you mean 'beat'"),
+        ({"urls": "x"}, "transports.cell 'urls' 'url'"),
+        ({"url": "http://cell"}, "url 'http://cell' \"opc.tcp://127.0.0.1:4840\""),
+        ({"every": "often"}, "every 'often'"),
+        ({"points": {}}, "points"),
+        ({"points": {"height": {"node": "Height"}}}, "height node 'Height'"),
+        ({"points": {"height": {"node": "ns=2;s=H", "scale": 0}}}, "scale 0 offset 0"),
+        ({"points": {"height": {"scale": 0}}}, "height"),
+        ({"points": {"a": {"node": "ns=2;s=H"}, "b": {"node": "ns=2;s=H"}}}, "points ns=2;s=H"),
+        ({"alive": {"point": "beet", "every": "1 s"}}, "'beet' 'beat'"),
     ],
 )
 def test_a_description_that_cannot_be(changes: dict, words: str) -> None:
-    with pytest.raises(WiringError, match=words):
+    with refuses(WiringError, words):
         OpcUaTransport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840", **changes})
 
 
 def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "asyncua", None)
-    with pytest.raises(
-        WiringError, match=r"need asyncua, which is not installed: pip install 'asyncua>=2\.1,<3'"
-    ):
+    with refuses(WiringError, "'asyncua>=2.1,<3'"):
         open_transport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840"}, Path())
 
 
 def test_a_missing_server_is_reported(dead_port: int) -> None:
     transport = OpcUaTransport("cell", {**CELL, "url": f"opc.tcp://127.0.0.1:{dead_port}"})
-    with pytest.raises(LinkLost, match=r"connecting: cell at opc.* failed: .*is the server running"):
+    with refuses(LinkLost, "connecting"):
         transport.connect(RealClock(), pytest.fail, within=1.0)

@@ -19,6 +19,7 @@ from astb_studies.paper.closed_form import (
     surge_frequencies,
 )
 from bench_protocol.units import kN, mm
+from tests.refusals import refuses
 
 OFFSETS = np.array([0.0, 20.0, 40.0, 60.0]) * mm
 OMEGA = tau * 1.2
@@ -77,7 +78,7 @@ def test_in_series_the_emergency_spring_takes_a_twentieth(aw0):
     K_r, K_e = diaphragm_stiffness(0.0, aw0.pressure, aw0), layered_stiffness(aw0)
     assert combined(K_r, K_e, "series") == pytest.approx(95.2e3, abs=50.0)
     assert combined(K_r, K_e, "parallel") == pytest.approx(2099.9e3, abs=50.0)
-    with pytest.raises(ValueError, match="'stacked'; it is 'series' or 'parallel'"):
+    with refuses(ValueError, "'stacked' 'series' 'parallel'"):
         combined(K_r, K_e, "stacked")
 
 

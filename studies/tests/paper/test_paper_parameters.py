@@ -10,6 +10,7 @@ from astb_studies.paper.closed_form import PaperParameters, diaphragm_stiffness
 from astb_studies.paper.parameters import load_paper
 from astb_studies.paper.wind import Crosswind
 from bench_sim.parameters import PROVENANCES, ParameterError, load
+from tests.refusals import refuses
 
 TEXT = (files("astb_studies.paper") / "paper.toml").read_text(encoding="utf-8")
 
@@ -68,70 +69,58 @@ def test_arrays_for_sensitivity_studies():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lateral_area": 0.9}, "lateral_area = 0.9 m2 is outside 0.01 to 0.3 m2"),
-        ({"lateral_area": [0.1, 0.9]}, r"lateral_area\[1\] = 0.9 m2 is outside 0.01 to 0.3 m2"),
-        ({"train_speed": 200.0}, "train_speed = 720 km/h is outside 0 to 500 km/h"),
-        ({"stall_angle": np.nan}, "stall_angle = nan deg is outside 5 to 90 deg"),
-        ({"side_area": [50.0, 60.0]}, r"side_area has shape \(2,\); the wind takes one number"),
-        ({"lateral_aera": 0.1}, "lateral_aera is no parameter; did you mean 'lateral_area'?"),
+        ({"lateral_area": 0.9}, "lateral_area 0.9 m2 0.01 0.3 m2"),
+        ({"lateral_area": [0.1, 0.9]}, "lateral_area[1] 0.9 m2 0.01 0.3 m2"),
+        ({"train_speed": 200.0}, "train_speed 720 km/h 0 500 km/h"),
+        ({"stall_angle": np.nan}, "stall_angle nan 5 90 deg"),
+        ({"side_area": [50.0, 60.0]}, "side_area (2,)"),
+        ({"lateral_aera": 0.1}, "lateral_aera 'lateral_area'"),
     ],
 )
 def test_changes_that_do_not_fit(change, message):
-    with pytest.raises(ParameterError, match=message):
+    with refuses(ParameterError, message):
         load_paper().with_values(**change)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("value = 0.0835", "value = 0.5", "lateral_area = 0.5 m2 is outside"),
-        (
-            'value = 7.0, unit = "1/m2"',
-            'value = 7.0, unit = "m2"',
-            "lateral_area_decay = 7.0 m2 is not in 1/m2",
-        ),
-        (
-            "lateral_area = {",
-            "lateral_aera = {",
-            "lateral_aera is no parameter; did you mean 'lateral_area'?",
-        ),
-        ("roll_scale = {", "roll_hardening = {", "the key or the table is there twice"),
+        ("value = 0.0835", "value = 0.5", "lateral_area 0.5 m2"),
+        ('value = 7.0, unit = "1/m2"', 'value = 7.0, unit = "m2"', "lateral_area_decay 7.0 m2 1/m2"),
+        ("lateral_area = {", "lateral_aera = {", "lateral_aera 'lateral_area'"),
+        ("roll_scale = {", "roll_hardening = {", "table"),
         (
             'source = "stated in the paper" }\n\n[load_case.AW3]',
             'source = " " }\n\n[load_case.AW3]',
-            "source is empty",
+            "source",
         ),
-        (
-            "[load_case.AW3]\nnominal_preload",
-            "[load_case.AW3]\npreload",
-            "load case AW3 has preload; it needs nominal_preload",
-        ),
-        ("[gas]\n", "loose = 1\n[gas]\n", "loose stands outside a section"),
-        ("[wind]\n", "[wind", "paper_changed.toml is not TOML: line 48, .*: a bracket does not close"),
+        ("[load_case.AW3]\nnominal_preload", "[load_case.AW3]\npreload", "AW3 nominal_preload"),
+        ("[gas]\n", "loose = 1\n[gas]\n", "outside"),
+        ("[wind]\n", "[wind", "paper_changed.toml TOML 48"),
     ],
 )
 def test_files_that_do_not_fit(tmp_path, old, new, message):
     assert TEXT.count(old) == 1, old
     path = tmp_path / "paper_changed.toml"
     path.write_text(TEXT.replace(old, new), encoding="utf-8")
-    with pytest.raises(ParameterError, match=message) as error:
+    with refuses(ParameterError, message) as error:
         load_paper(path)
     assert "paper_changed.toml" in str(error.value)
 
 
 def test_missing_parts(tmp_path):
-    with pytest.raises(ParameterError, match="no parameter set 'nowhere'"):
+    with refuses(ParameterError, "'nowhere'"):
         load_paper("nowhere")
-    with pytest.raises(ParameterError, match=r"AW7 is no load case; .*AW"):
+    with refuses(ParameterError, "AW7 load"):
         load_paper().under("AW7")
-    with pytest.raises(ParameterError, match=r"AW7 is no load case; .*AW"):
+    with refuses(ParameterError, "AW7 load"):
         load_paper(load_case="AW7")
     path = tmp_path / "short.toml"
     path.write_text(TEXT.split("[load_case.AW0]", maxsplit=1)[0], encoding="utf-8")
-    with pytest.raises(ParameterError, match=r"short.toml: parameter train_speed, .* missing"):
+    with refuses(ParameterError, "short.toml train_speed"):
         load_paper(path)
     path.write_text(
         TEXT.split("[load_case.AW0]", maxsplit=1)[0] + "[wind]" + TEXT.split("[wind]")[1], encoding="utf-8"
     )
-    with pytest.raises(ParameterError, match="no load case"):
+    with refuses(ParameterError, "load"):
         load_paper(path)

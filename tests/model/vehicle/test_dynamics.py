@@ -15,6 +15,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.model.spring import coupling_stiffness
 from bench_sim.parameters import load
 from tests.plain_python import compiled_and_plain
+from tests.refusals import refuses
 
 SHUT = [Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE]
 NOTHING_LOST = ("track", "losses", "damper")
@@ -282,10 +283,10 @@ def test_a_two_slope_damper(vehicle):
     [
         ([], 1.0, "shape"),
         ([1.0, np.nan], 1.0, "gaps"),
-        ([1.0, 2.0], 0.0, "sampling time"),
+        ([1.0, 2.0], 0.0, "sampling"),
         ([[1.0]], 1.0, "shape"),
     ],
 )
 def test_a_wind_that_is_none_is_refused(vehicle, wind, interval, message):
-    with pytest.raises(ValueError, match=message):
+    with refuses(ValueError, message):
         vehicle().ride(wind, 1.0, interval=interval)

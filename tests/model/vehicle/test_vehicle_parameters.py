@@ -10,6 +10,7 @@ import bench_sim.parameters
 from bench_sim.model.car import CAR, CAR_QUANTITIES
 from bench_sim.parameters import PROVENANCES, ParameterError
 from bench_sim.parameters.vehicle import load_vehicle
+from tests.refusals import refuses
 
 FILE = Path(bench_sim.parameters.__file__).parent / "vehicle.toml"
 
@@ -31,11 +32,11 @@ def test_changes_are_checked_and_leave_the_original():
         ParameterError, match=re.escape("damper_rate = -1 kN*s/m is outside 0 to 1000 kN*s/m")
     ):
         car.with_values(damper_rate=-1e3)
-    with pytest.raises(ParameterError, match="did you mean 'damper_rate'"):
+    with refuses(ParameterError, "'damper_rate'"):
         car.with_values(damper_rat=1.0)
-    with pytest.raises(ParameterError, match="does not increase"):
+    with refuses(ParameterError, "increase"):
         car.with_values(bump_stop_travel=np.zeros(9))
-    with pytest.raises(ParameterError, match="shape"):
+    with refuses(ParameterError, "shape"):
         car.with_values(bump_stop_force=np.zeros(3))
 
 
@@ -57,10 +58,10 @@ def test_a_broken_file_is_refused_by_name(tmp_path, old, new, message):
 
 
 def test_a_missing_file_or_entry_is_named(tmp_path):
-    with pytest.raises(ParameterError, match="no vehicle 'tram'"):
+    with refuses(ParameterError, "'tram'"):
         load_vehicle("tram")
     file = tmp_path / "tram.toml"
     lines = FILE.read_text(encoding="utf-8").splitlines()
     file.write_text("\n".join(line for line in lines if not line.startswith("wind_height")), encoding="utf-8")
-    with pytest.raises(ParameterError, match="wind_height is missing"):
+    with refuses(ParameterError, "wind_height"):
         load_vehicle(file)
