@@ -26,21 +26,36 @@ from astb.campaigns.findings import (
 )
 from bench_records.check_table import SIGNS
 from bench_records.disk import kept
-from bench_records.templates import template
+from bench_records.document import (
+    NUMBER,
+    UNIT,
+    VALUE,
+    Cell,
+    Document,
+    TableRow,
+    caption,
+    element,
+    section,
+    table,
+)
 from bench_records.typography import primed, significant, unit
 from bench_records.workbook import workbook, write_row
 
 #: Of a distribution's picture (px).
 WIDTH, HEIGHT = 260.0, 18.0
+_STYLE: Final = """\
+body { max-width: 92rem; }
+.cases { width: auto; font-size: .82rem; }
+.cases th.check { padding: 0 .1rem .3rem; vertical-align: bottom; }
+.cases th.check span { writing-mode: vertical-rl; transform: rotate(180deg); max-height: 12.6rem; overflow: hidden;
+  white-space: nowrap; text-overflow: ellipsis; }
+.cases td.cell { text-align: center; padding: .2rem .3rem; background: none; } .cases td { white-space: nowrap; }
+.cases td.reason { white-space: normal; min-width: 16rem; max-width: 30rem; }
+.cases .cell.fail { background: var(--fail); color: var(--on); }
+.cases .cell.error { background: var(--error); color: var(--on); }
+.cases .cell.marginal { background: #f3d28a; color: #1c2126; } .cases .cell.pass { color: var(--pass); }
+"""
 _COLORS: Final = {"fail": "#a8201a", "pass": "#00694e"}
-
-
-class Cell(NamedTuple):
-    """One check of one case."""
-
-    verdict: str
-    sign: str
-    told: str  #: value and limits
 
 
 class Case(NamedTuple):
@@ -72,17 +87,70 @@ class Spread(NamedTuple):
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
     """Write the page of a campaign; it is self-contained. NotKept if the disk refuses it."""
-    text = template("campaign.html.j2", Path(__file__).parent).render(
-        name=name,
-        total=len(rows),
-        counted=Counter(map(verdict_of, failures_first(rows))),
-        tables=plan_tables(rows),
-        spreads=[_spread(one) for one in distributions(rows)],
-        primed=primed,
-        unit=unit,
+    counted = Counter(map(verdict_of, failures_first(rows)))
+    page = Document(
+        f"Campaign {name}",
+        "Campaign",
+        [
+            *map(_plan_section, plan_tables(rows)),
+            _spread_section([_spread(one) for one in distributions(rows)]),
+        ],
+        heading=name,
+        circumstances=("SIMULATED", "VIRTUAL TIME"),
+        facts=(("cases", len(rows)), *counted.items()),
+        style=_STYLE,
     )
     with kept(path):
-        path.write_text(text, encoding="utf-8", newline="\n")
+        path.write_text(page.html(), encoding="utf-8", newline="\n")
+
+
+def _plan_section(one: PlanTable) -> Markup:
+    checks = [Cell(element("span", primed(name), title=name), "check") for name in one.checks]
+    heads: list[str | Cell] = ["verdict", "case", Cell("seed", NUMBER), *checks, Cell("reason", "reason")]
+    rows = [
+        (
+            Cell(case.verdict, f"verdict {case.verdict}"),
+            case.kind.words,
+            case.seed,
+            *(cell or Cell("", "cell") for cell in case.cells),
+            case.reason,
+        )
+        for case in one.cases
+    ]
+    return section(
+        f"{one.plan}: cases by checks, failures first",
+        element("div", table(heads, rows, "cases"), "wide", tabindex="0"),
+        caption(
+            "✓ pass, ▲ close to a limit, ✕ fail, ? no value, ∅ not available; an empty cell: this case has no such "
+            "check. Point at a cell for its value and limits."
+        ),
+    )
+
+
+def _spread_section(spreads: Sequence[Spread]) -> Markup:
+    numbers = (Cell("failed", NUMBER), Cell("mean", VALUE), Cell("scatter", NUMBER), Cell("", UNIT))
+    rows = [
+        TableRow(
+            (
+                one.of.kind.plan,
+                one.of.kind.words,
+                primed(one.of.check),
+                f"{one.of.failed} of {one.of.cases}",
+                one.mean,
+                one.scatter,
+                unit(one.of.unit),
+                one.drawing,
+            ),
+            "fail" if one.of.failed else "",
+        )
+        for one in spreads
+    ]
+    heads = ("plan", "case", "check", *numbers, "every value over the permitted band")
+    return section(
+        "Distributions, most frequent failures first",
+        element("div", table(heads, rows), "wide", tabindex="0"),
+        caption("A row is one check over all seeds of a case. Scatter is one standard deviation."),
+    )
 
 
 def plan_tables(rows: Sequence[Row]) -> list[PlanTable]:
@@ -106,7 +174,8 @@ def _cell(check: Mapping[str, Any]) -> Cell:
 
     limits = " … ".join(filter(None, (shown("low"), shown("high"))))
     told = f"{check['name']}: {shown('value') or 'no value'} {unit(check['unit'] or '')} ({limits})"
-    return Cell(check["verdict"], SIGNS[check["verdict"]], primed(told))
+    verdict = check["verdict"]
+    return Cell(SIGNS[verdict], f"cell {verdict.replace(' ', '-')}", primed(told))
 
 
 def _spread(one: Distribution) -> Spread:

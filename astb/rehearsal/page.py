@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
+
+from markupsafe import Markup
 
 from astb.rehearsal.envelope import Extreme
 from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
 from bench_records.disk import kept
+from bench_records.document import (
+    NUMBER,
+    UNIT,
+    VALUE,
+    Banner,
+    Cell,
+    Document,
+    bullets,
+    caption,
+    drawing,
+    element,
+    joined,
+    section,
+    table,
+)
 from bench_records.layout import ICE
 from bench_records.record import Record, read
 from bench_records.report_plots import time_panel
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
 from bench_records.run_folder import circumstances
-from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
 
 PAGE: Final = "rehearsal.html"
@@ -23,21 +40,11 @@ _TOLD_FROM: Final = 0.1
 _PLACES: Final = ("lower", "upper")
 
 
-class _LimitRow(NamedTuple):
-    name: str
-    row: LimitMargin
-    used: str
-    width: float  #: of its bar, in per cent
-    when: str
-
-
-class _ExtremeRow(NamedTuple):
-    name: str
-    unit: str
-    low: str
-    low_in: str
-    high: str
-    high_in: str
+_STYLE: Final = """\
+.banner.clear { --tone: var(--pass); } .banner.refused { --tone: var(--fail); }
+.used { position: relative; min-width: 7rem; } .used span { position: relative; }
+.used i { position: absolute; left: 0; top: .3rem; bottom: .3rem; background: var(--part); }
+"""
 
 
 def write_page(found: Rehearsal, directory: Path) -> Path:
@@ -47,25 +54,77 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
     """
     record = read(directory)
     span = (0.0, max(record.duration, 1e-3))
-    rows = [row for row in found.limits if row.kind != "timeout" or row.used >= _TOLD_FROM]
-    text = template("rehearsal.html.j2", Path(__file__).parent).render(
-        found=found,
-        word=word(found),
-        sentence=sentence(found),
+    notes = [*found.notes, *(f"indicated only, the plan continues: {one}" for one in found.indicated)]
+    blocked = found.verdict.value == "blocked"
+    ended = f"the plan ends without a verdict: {found.reason}"
+    finished = f"on the simulated spring the plan ends with: {found.verdict.value}"
+    page = Document(
+        f"{found.plan}, rehearsed: {word(found)}",
+        f"Rehearsal · {found.plan}",
+        [
+            *([section("Notes on the simulation", bullets(notes))] if notes else []),
+            _limits(found),
+            _envelope(found.envelope),
+            section(
+                "Curves with limits",
+                drawing(phase_strips(record, record.phases, span)),
+                _phases(record),
+                *map(drawing, _panels(record, found, span)),
+                caption(
+                    "Red lines are limits. The dashed one is the time of the first trip."
+                    if found.refusal
+                    else "Red lines are limits."
+                ),
+            ),
+        ],
+        heading=found.title,
         circumstances=circumstances(record.meta),
-        limits=[_limit_row(row) for row in rows],
-        silent=len(found.limits) - len(rows),
-        extremes=[_extreme_row(one) for one in found.envelope],
-        air=f"{fixed(found.air / litre, 0)}{THIN_SPACE}l",
-        duration=seconds(found.duration),
-        strips=phase_strips(record, record.phases, span),
-        phases=[(number, phase, seconds(phase.duration)) for number, phase in numbered(record.phases)],
-        panels=_panels(record, found, span),
+        banner=Banner(word(found), sentence(found), ended if blocked else finished),
+        facts=(
+            ("duration", seconds(found.duration)),
+            ("air taken in (0 °C, 1013 mbar)", f"{fixed(found.air / litre, 0)}{THIN_SPACE}l"),
+            ("rig", found.rig),
+            ("parameters of the simulation", found.model),
+            *((name.replace("_", " "), text) for name, text in found.parameters.items()),
+        ),
+        style=_STYLE,
     )
     path = directory / PAGE
     with kept(path):
-        path.write_text(text, encoding="utf-8", newline="\n")
+        path.write_text(page.html(), encoding="utf-8", newline="\n")
     return path
+
+
+def _limits(found: Rehearsal) -> Markup:
+    rows = [row for row in found.limits if row.kind != "timeout" or row.used >= _TOLD_FROM]
+    silent = len(found.limits) - len(rows)
+    note = (
+        "Closest is the extreme that lasted long enough to trip; a limit on a predicted reading counts the prediction. "
+        "Of the way is the distance from the first reading to the closest one; the limit trips at 100 %."
+    )
+    if found.refusal:
+        note += " Readings after the end of the plan do not count."
+    if silent:
+        note += f" {silent} limits on missing readings reached less than a tenth."
+    numbers = (Cell("began at", NUMBER), Cell("closest", VALUE), Cell("limit", NUMBER))
+    heads = ("limit of", *numbers, "of the way", "where", "action", "source")
+    return section("Limits, the closest first", table(heads, map(_limit_row, rows)), caption(note))
+
+
+def _envelope(extremes: Sequence[Extreme]) -> Markup:
+    heads = ("reading", Cell("lowest", VALUE), "in", Cell("highest", VALUE), "in", Cell("", UNIT))
+    note = "As the transducers would read, noise included; speeds are differences over 20 ms."
+    return section("Extremes of the readings", table(heads, map(_extreme_row, extremes)), caption(note))
+
+
+def _phases(record: Record) -> Markup:
+    lines = [
+        element("span", number, "no")
+        + element("span", phase.name, "" if phase.level else "part")
+        + element("span", seconds(phase.duration), "time")
+        for number, phase in numbered(record.phases)
+    ]
+    return element("ol", joined(element("li", one) for one in lines), "phases")
 
 
 def word(found: Rehearsal) -> str:
@@ -103,25 +162,23 @@ def _named(row: LimitMargin) -> str:
     return f"{row.signal.replace('.', ' ').replace('_', ' ')}, {row.kind}"
 
 
-def _limit_row(row: LimitMargin) -> _LimitRow:
+def _limit_row(row: LimitMargin) -> tuple[object, ...]:
     used = f"{fixed(100 * row.used, 0)}{THIN_SPACE}%"
     when = f"{row.step}, {seconds(row.time)}" if row.closest and row.step else ""
-    return _LimitRow(_named(row), row, used, round(min(100 * row.used, 100.0), 1), when)
+    bar = Markup('<i style="width: {}%"></i><span>{}</span>').format(
+        round(min(100 * row.used, 100.0), 1), used
+    )
+    ends = (row.began or "–", row.closest or "–", row.limit)
+    return (_named(row), *ends, Cell(bar, "used"), when, row.action, row.source)
 
 
-def _extreme_row(one: Extreme) -> _ExtremeRow:
+def _extreme_row(one: Extreme) -> tuple[str, ...]:
     name = one.signal.replace(".", " ").replace("_", " ") + (", speed" if one.is_speed else "")
     is_warmth = one.unit == "K" and not one.is_speed
     low, high = ((end - (ICE if is_warmth else 0.0)) / one.scale for end in (one.low, one.high))
     digits = 0 if max(abs(low), abs(high)) >= 1000 else 1 if max(abs(low), abs(high)) >= 10 else 2
-    return _ExtremeRow(
-        name,
-        unit("degC" if is_warmth else one.unit),
-        fixed(low, digits),
-        one.low_in,
-        fixed(high, digits),
-        one.high_in,
-    )
+    measured_in = unit("degC" if is_warmth else one.unit)
+    return (name, fixed(low, digits), one.low_in, fixed(high, digits), one.high_in, measured_in)
 
 
 def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list[str]:
