@@ -1,22 +1,36 @@
 """A simulated rig in this process and in virtual time, with its CAN bus and its Modbus in memory."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
+from astb.streaming import run_cycles
 from bench_protocol.clock import VirtualClock
 from bench_protocol.dimensions import ordinary
 from bench_protocol.frames import Block
-from bench_protocol.units import NS
+from bench_protocol.runtime.binding import bind
+from bench_protocol.units import NS, ms, s
 from bench_sim.rig.can_bus import CanBus
 from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.faults.insertion import Wires
+from bench_sim.rig.peers import sender_of
 from drivers.bench import Bench
+from drivers.cycle import NO_CYCLE, cycle_frames
+from drivers.errors import LinkLost
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.own import own_wiring
 
 if TYPE_CHECKING:
+    from bench_protocol.clock import Task
     from bench_sim.rig.rig import Rig
+    from drivers.cycle import Cycle
+    from drivers.wiring.contract import CyclicStream
+
+#: Longest time (ns) in one call.
+BLOCK: Final = round(1 * s * NS)
+#: Every change of the rig's state is sent within this time (ns).
+STATE_SENT_WITHIN: Final = round(100 * ms * NS)
+_NEVER: Final = 2**62
 
 
 class RigInMemory:
@@ -30,14 +44,17 @@ class RigInMemory:
         self.rig, self.clock = rig, VirtualClock()
         self.bus = CanBus(rig.receive, self.clock, self.clock.now)
         self.bus.connect(self)
-        self._run = run or rig.run
+        self._run = run
+        self.run_cycles: Any = bind(run_cycles, 0, NO_CYCLE, 0, 0, 0, *rig.tick_arguments)
         self._ports: list[_CanPort] = []
         self._clients = 0
         self._ticks = 0
         self._modbus: list[_ModbusPort] = []
         #: The wires that faults have cut.
         self.shut: set[str] = set()
-        self.clock.attach(self._advance)
+        self._stream: _Stream | None = None
+        self._status, self._quiet_from = rig.status, 0
+        self.clock.attach(lambda until: self._advance(until, until), self._advance)
         rig.faults.points.connect(Wires(self.bus, _Wire(self, "can"), _Wire(self, "modbus")))
 
     def can(self) -> InMemoryCan:
@@ -133,11 +150,85 @@ class RigInMemory:
             for client in self._modbus:
                 self.rig.peer_lost(client.name)
 
-    def _advance(self, until: int) -> None:
+    def stream(self, cycle: "Cycle", stream: "CyclicStream", port: "_CanPort") -> "Task | None":
+        """Send the frames of ``cycle`` from ``port`` at the times of ``stream``; None if another port does so."""
+        if self._stream is not None:
+            return None
+        self._stream = _Stream(self, cycle, stream, port)
+        return self._stream
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that the rig has run on this clock."""
+        return self._ticks
+
+    def only(self, port: "_CanPort") -> bool:
+        """Return whether ``port`` is the only one on the bus, and not lost."""
+        return self._ports == [port] and not port.lost
+
+    def end(self, stream: "_Stream") -> None:
+        """End a stream."""
+        if self._stream is stream:
+            self._stream = None
+
+    def _advance(self, first: int, last: int) -> None:
+        """Bring rig and stream to ``first``, or on to ``last`` as long as nothing happens that a plan may react to."""
+        while (now := self.clock.now()) < first:
+            stream = self._stream
+            if stream is None or stream.due > first:
+                self._pass_to(first)
+            elif (end := self._quiet_until(stream, now, last)) >= stream.due:
+                self._pass_quietly(stream, end, last)
+            else:
+                self._pass_cycle(stream, last)
+
+    def _quiet_until(self, stream: "_Stream", now: int, last: int) -> int:
+        """Return up to which time only rig and stream have something to do, as far as is known; ``now`` if not at all.
+
+        It is not known if stages of the bus or other ports receive the frames. After a change of the rig's state it is
+        one cycle until the message of the state has come.
+        """
+        rig = self.rig
+        if self._run or self.bus.staged or not stream.alone or not rig.steady:
+            return now
+        if (status := rig.status) != self._status:
+            self._status, self._quiet_from = status, now + STATE_SENT_WITHIN
+        end = stream.due
+        if now >= self._quiet_from:
+            end = last if last - now <= BLOCK else stream.cycle_before(now + BLOCK)
+        if (fault := rig.next_fault) >= 0 and (ahead := (fault - rig.ticks + self._ticks) * TICK_NS) <= end:
+            end = stream.cycle_before(ahead)
+        return stream.cycle_before(end + 1) if stream.due % TICK_NS else end
+
+    def _pass_quietly(self, stream: "_Stream", end: int, last: int) -> None:
+        """Let rig and stream pass to ``end``, or to the end of the cycle in which something happens."""
+        before = self.rig.ticks
+        with stream.mutex:
+            block, happened = self.rig.run_until_event(end // TICK_NS - self._ticks, stream.run)
+        self._ticks += self.rig.ticks - before
+        self.clock.reach(stream.due - stream.period if happened else end)
+        self.bus.publish(block)
+        if happened:
+            self._quiet_from = self.clock.now() + STATE_SENT_WITHIN
+            self._pass_cycle(stream, last)
+
+    def _pass_cycle(self, stream: "_Stream", last: int) -> None:
+        """Let the rig pass to the next cycle of the stream, which then sends, or to ``last`` before it."""
+        self._pass_to(min(stream.due, last))
+        if stream.due <= last:
+            stream.send()
+
+    def _run_alone(self, ticks: int, state: tuple[Any, ...], out: Block) -> tuple[int, int, int]:
+        """Run ticks without a commander's cycles (`Rig.run`)."""
+        done, count, happened, _ = self.run_cycles(ticks, NO_CYCLE, _NEVER, 0, 0, *state, out)
+        return done, count, happened
+
+    def _pass_to(self, until: int) -> None:
         ticks = until // TICK_NS - self._ticks
         if ticks > 0:
             self._ticks += ticks
-            self.bus.publish(self._run(ticks))
+            self.bus.publish(self._run(ticks) if self._run else self.rig.run(ticks, self._run_alone))
+        self.clock.reach(until)
 
     def _name(self, kind: str) -> str:
         self._clients += 1
@@ -165,11 +256,59 @@ class _Wire:
         self._memory.shut.discard(self._wire)
 
 
+class _Stream:
+    """The cycles of a commander on the bus in memory. Ticks and cycles of a whole interval run in one compiled call."""
+
+    def __init__(self, memory: RigInMemory, cycle: "Cycle", stream: "CyclicStream", port: "_CanPort") -> None:
+        self._memory, self._cycle, self._port, self._failed = memory, cycle, port, stream.failed
+        self.mutex, self.period, self.due = stream.mutex, stream.period, stream.start + stream.period
+        self._sender = sender_of(port.name)
+
+    @property
+    def alone(self) -> bool:
+        """Whether no other port receives the frames."""
+        return self._memory.only(self._port)
+
+    def cycle_before(self, time: int) -> int:
+        """Return the time of the last cycle before ``time`` (ns)."""
+        return self.due - (self.due - time + self.period) // self.period * self.period
+
+    def run(self, ticks: int, state: tuple[Any, ...], out: Block) -> tuple[int, int, int]:
+        """Run the rig's ticks with the cycles that are due meanwhile (`Rig.run_until_event`)."""
+        late = (self._memory.rig.ticks - self._memory.ticks) * TICK_NS  # of the clock behind the rig's time
+        done, count, happened, due = self._memory.run_cycles(
+            ticks, self._cycle, self.due + late, self.period, self._sender, *state, out
+        )
+        self.due = due - late
+        return done, count, happened
+
+    def send(self) -> None:
+        """Send the frames of the cycle that is due."""
+        with self.mutex:
+            cycle_frames(self._cycle, self.due)
+            self.due += self.period
+        try:
+            self._port.send(self._cycle.frames)
+        except Exception as error:  # the bench reports it where the plan waits
+            self.cancel()
+            self._failed(
+                error if isinstance(error, LinkLost) else LinkLost(f"{type(error).__name__}: {error}")
+            )
+
+    def cancel(self) -> None:
+        """End the stream."""
+        self._memory.end(self)
+
+
 class _CanPort(InMemoryCan):
     def __init__(self, memory: RigInMemory, name: str) -> None:
         super().__init__(lambda block: memory.send(block, self))
         self.name, self._memory = name, memory
         self.local_ports = {_number(name)}
+
+    def send_cyclic(self, cycle: "Cycle", stream: "CyclicStream") -> "Task | None":
+        """Send the frames of ``cycle`` at the times of ``stream``; None if another port does so."""
+        return self._memory.stream(cycle, stream, self)
 
     def close(self) -> None:
         super().close()

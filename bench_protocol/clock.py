@@ -44,6 +44,9 @@ class Clock(Protocol):
     def sleep_until(self, deadline: int) -> None:
         """Return at ``deadline`` (ns of this clock) or at once if it has passed."""
 
+    def rest_until(self, first: int, last: int) -> None:
+        """Return at ``first`` (ns), or in virtual time at ``last``, or between them when something happens."""
+
     def every(self, period: int, callback: Callable[[], None]) -> Task:
         """Call ``callback`` every ``period`` ns, the first time one period from now."""
 
@@ -93,6 +96,10 @@ class RealClock:
         while (remaining := deadline - self.now()) > 0:
             time.sleep(remaining / self._scale / NS)
 
+    def rest_until(self, first: int, last: int) -> None:
+        del last
+        self.sleep_until(first)
+
     def every(self, period: int, callback: Callable[[], None]) -> Task:
         return _ThreadTask(self, period, callback)
 
@@ -108,8 +115,9 @@ class _VirtualTask:
 class VirtualClock:
     """Time that advances only while a thread sleeps; the simulation runs in between, as fast as possible.
 
-    ``attach`` connects the simulation: a function ``advance(until_ns)`` that brings it to that time. Callbacks due at
-    the same instant run in the order in which they were registered.
+    ``attach`` connects the simulation: a function ``advance(until_ns)`` that brings it to that time, and optionally a
+    function ``rest(first_ns, last_ns)`` that brings it to ``first``, or as far as nothing happens. Callbacks due at the
+    same instant run in the order in which they were registered.
     """
 
     def __init__(self) -> None:
@@ -117,10 +125,12 @@ class VirtualClock:
         self._order = itertools.count()
         self._due: list[tuple[int, int, _VirtualTask]] = []
         self._worlds: list[Callable[[int], None]] = []
+        self._rest: Callable[[int, int], None] | None = None
 
-    def attach(self, advance: Callable[[int], None]) -> None:
-        """Call ``advance(until_ns)`` for every interval of time that passes."""
+    def attach(self, advance: Callable[[int], None], rest: Callable[[int, int], None] | None = None) -> None:
+        """Call ``advance(until_ns)``, or ``rest`` where more time may pass, for every interval of time."""
         self._worlds.append(advance)
+        self._rest = rest if len(self._worlds) == 1 else None
 
     def now(self) -> int:
         return self._now
@@ -139,6 +149,20 @@ class VirtualClock:
             if not task.cancelled:
                 heapq.heappush(self._due, (due + task.period, order, task))
         self._pass_to(deadline)
+
+    def rest_until(self, first: int, last: int) -> None:
+        while self._due and self._due[0][2].cancelled:
+            heapq.heappop(self._due)
+        limit = min(last, self._due[0][0]) if self._due else last
+        if self._rest is None or limit <= first:
+            self.sleep_until(first)
+            return
+        self._rest(first, limit)
+        self.sleep_until(self._now)  # runs what is due now
+
+    def reach(self, instant: int) -> None:
+        """Set the time; for the simulation, which passes several instants in one call."""
+        self._now = max(self._now, instant)
 
     def every(self, period: int, callback: Callable[[], None]) -> Task:
         task = _VirtualTask(period, callback)

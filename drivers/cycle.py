@@ -164,8 +164,10 @@ def send_cycles(
             return error
 
 
-_CYCLE: Final = Cycle.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0))
-frames_to_text: Final = bind(write_text, _CYCLE.frames, _CYCLE.text, True)
-run_cycles: Final = bind(send_cycles, _CYCLE, 0, np.zeros(1, np.int64), 0, True, 0, 0)
+#: A cycle without frames.
+NO_CYCLE: Final = Cycle.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0))
+frames_to_text: Final = bind(write_text, NO_CYCLE.frames, NO_CYCLE.text, True)
+cycle_frames: Final = bind(make_block, NO_CYCLE, 0)
+run_cycles: Final = bind(send_cycles, NO_CYCLE, 0, np.zeros(1, np.int64), 0, True, 0, 0)
 #: With ``NUMBA_DISABLE_JIT=1`` no cycle can do without the interpreter.
 COMPILED: Final = hasattr(send_cycles, "get_overload")

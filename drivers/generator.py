@@ -13,6 +13,8 @@ from drivers.link import STREAM_CYCLES, Link
 
 #: Time that a program may take in addition to its cycles.
 MARGIN: Final = 10 * s
+#: States of a program that has ended.
+ENDED: Final = ("IDLE", "STOPPED")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +174,7 @@ class Generator(Device):
             if PROGRAM_STATES[int(told)] in ("RUN", "HOLD"):
                 raise
             return
-        link.wait_for(
-            lambda: self._program() in ("IDLE", "STOPPED"), within=within, what="stop of the generator"
-        )
+        link.wait_for_status("rig.program", ENDED, within, "stop of the generator")
 
     def _program(self) -> str:
         return self._link.readings.choice("rig.program")
@@ -196,11 +196,7 @@ class Generator(Device):
 
 def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
     """Wait until a program of so many ``cycles`` has ended by itself. Raises RigFault if it ended earlier."""
-    link.wait_for(
-        lambda: link.readings.choice("rig.program") in ("IDLE", "STOPPED"),
-        within=within,
-        what="end of the generator's program",
-    )
+    link.wait_for_status("rig.program", ENDED, within, "end of the generator's program")
     done = link.readings.value("rig.generator_cycle")
     if not done >= cycles:
         raise RigFault(

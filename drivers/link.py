@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -161,7 +161,7 @@ class Link:
         deadline = self.clock.now() + _nanoseconds("duration", duration)
         self.check()
         while (now := self.clock.now()) < deadline:
-            self.clock.sleep_until(min(deadline, now + self._to_cycle(now)))
+            self.clock.rest_until(min(deadline, now + self._to_cycle(now)), deadline)
             self.check()
 
     def wait_cycles(self, cycles: int, *signals: str) -> None:
@@ -183,13 +183,20 @@ class Link:
         what: str = "the condition",
         *,
         steady: float = 0.0,
+        not_before: float = 0.0,
     ) -> None:
         """Wait until ``condition()`` has been true for ``steady`` s. It is evaluated every 20 ms.
 
-        Raises BenchTimeout after ``within`` s, with the name of the condition and the readings. RigFault and LinkLost
-        are raised at once.
+        It is known to be false for ``not_before`` s, which saves evaluations. Raises BenchTimeout after ``within`` s,
+        with the name of the condition and the readings. RigFault and LinkLost are raised at once.
         """
-        self._until(condition, within, what, steady=steady)
+        self._until(condition, within, what, steady=steady, not_before=not_before)
+
+    def wait_for_status(
+        self, name: Literal["rig.state", "rig.program"], choices: Collection[str], within: float, what: str
+    ) -> None:
+        """Wait until a status of the rig is one of ``choices``; errors are those of `wait_for`."""
+        self._until(lambda: self.readings.choice(name) in choices, within, what, not_before=within)
 
     def settle(
         self, *names: str, band: float, over: float = 1 * s, within: float = 2 * minutes
@@ -319,9 +326,11 @@ class Link:
         error: type[BenchError] = BenchTimeout,
         *,
         steady: float = 0.0,
+        not_before: float = 0.0,
     ) -> None:
         start = self.clock.now()
         deadline = start + _nanoseconds("within", within)
+        not_before_ns = start + round(min(not_before, within) * NS)
         kept = round(steady * NS)
         since = -1
         while True:
@@ -335,7 +344,8 @@ class Link:
                 since = -1
             if now >= deadline:
                 raise error(self._why(condition, within, what))
-            self.clock.sleep_until(min(deadline, now + self._to_cycle(now)))
+            cycle = min(deadline, now + self._to_cycle(now))
+            self.clock.rest_until(cycle, max(cycle, not_before_ns))
 
     def _why(self, condition: Callable[[], bool], within: float, what: str) -> str:
         with self.readings.watched() as seen:

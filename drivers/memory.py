@@ -40,6 +40,11 @@ class InMemoryCan:
             for callback in self._subscribers:
                 callback(block)
 
+    @property
+    def lost(self) -> bool:
+        """Whether the bus is lost."""
+        return bool(self._lost)
+
     def lose(self, reason: str) -> None:
         """Simulate the loss of the bus."""
         if self._lost:

@@ -86,8 +86,14 @@ class Waveform(Device):
         Raises Misuse if a set-point was given another value in the meantime.
         """
         link = self._link
+        played = link.commander.played
         try:
-            link.wait_for(lambda: not link.commander.played.going, within=within, what="end of the waveform")
+            link.wait_for(
+                lambda: not link.commander.played.going,
+                within=within,
+                what="end of the waveform",
+                not_before=max(0, played.cycles - played.cycle - 1) * CYCLE / NS if played.going else 0.0,
+            )
         except BaseException:
             link.commander.freeze()
             raise

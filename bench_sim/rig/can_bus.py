@@ -143,6 +143,11 @@ class CanBus:
                 self._receive(block, peer)
 
     @property
+    def staged(self) -> bool:
+        """Whether there are stages on the bus."""
+        return bool(self._stages)
+
+    @property
     def _keeping(self) -> bool:
         """Whether one of the stages keeps frames for later."""
         return any(type(stage).due is not Stage.due for stage in self._stages)

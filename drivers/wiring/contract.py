@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import Clock, Task
@@ -26,6 +26,7 @@ from bench_protocol.words import AirFate
 from drivers.errors import BenchError, LinkLost, NotAvailable
 
 if TYPE_CHECKING:
+    from drivers.cycle import Cycle
     from drivers.setpoints import Setpoints
 
 
@@ -134,6 +135,14 @@ class Outlet(ABC):
         Returns None if the outlet cannot; then call `send` on every cycle.
         """
         return None
+
+
+@runtime_checkable
+class CyclicPort(Protocol):
+    """A CAN port of a simulated bus that runs the cycle itself."""
+
+    def send_cyclic(self, cycle: Cycle, stream: CyclicStream) -> Task | None:
+        """Send the frames of ``cycle`` at the times of ``stream`` from now on. Returns None if it cannot."""
 
 
 class Wiring(Protocol):

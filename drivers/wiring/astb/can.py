@@ -20,7 +20,7 @@ from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost
 from drivers.stamps import StampClock
-from drivers.wiring.contract import CyclicStream, OnSamples, Outlet
+from drivers.wiring.contract import CyclicPort, CyclicStream, OnSamples, Outlet
 
 if TYPE_CHECKING:
     from bench_protocol.clock import Clock
@@ -134,13 +134,17 @@ class AstbOutlet(Outlet):
         self._port.send(self._encoder.encode(values, self._rows, time))
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
-        """Start the cycle in compiled code if the port has a wire; otherwise return None."""
+        """Start the cycle in compiled code, if the port has a wire or a simulated bus; otherwise return None."""
         from drivers import cycle
 
-        wire = self._port.wire
-        if wire is None or not cycle.COMPILED or not isinstance(stream.clock, RealClock):
+        if not cycle.COMPILED:
             return None
         state = cycle.Cycle.of(self._encoder, self._rows, stream.setpoints)
+        if isinstance(self._port, CyclicPort):
+            return self._port.send_cyclic(state, stream)
+        wire = self._port.wire
+        if wire is None or not isinstance(stream.clock, RealClock):
+            return None
         return _PunctualTask(state, wire, stream, stream.clock)
 
 

@@ -20,12 +20,12 @@ def run(effort: Effort) -> Section:
     run_ticks = rig.run
     batches: list[float] = []
 
-    def timed(ticks: int) -> Any:
+    def timed(ticks: int, *streamed: Any) -> Any:
         block = None
 
         def go() -> None:
             nonlocal block
-            block = run_ticks(ticks)
+            block = run_ticks(ticks, *streamed)
 
         seconds = cpu(go, ticks)
         if ticks == BATCH:
