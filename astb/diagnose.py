@@ -51,7 +51,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class DiagnosisRequest:
     """What is to be diagnosed: data, the map of foreign files, the model in doubt, and the candidates (None: all).
 
     ``simulator`` is one of the user's own, "package.module:factory", in place of the bench and its ``model``.
@@ -65,7 +65,7 @@ class Request:
     seed: int
 
 
-def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
+def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> Finding:
     """Diagnose what is asked and write all results into ``out``.
 
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.

@@ -58,7 +58,7 @@ _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class IdentificationRequest:
     """What is to be identified: records, the map of foreign files, what is assumed, and a plan to look ahead to.
 
     ``specimen`` is the drawing of the springs, which goes over the ``model``; ``simulator`` takes the place of both.
@@ -110,7 +110,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     after: str = ""
 
 
-def identify_data(request: Request, out: Path | None, console: "Console") -> Answer:
+def identify_data(request: IdentificationRequest, out: Path | None, console: "Console") -> Answer:
     """Identify what is asked and write it to ``out``, if there is one; or look ahead to a run.
 
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
@@ -161,7 +161,7 @@ def identify_springs(
     return identify(dataset, unknown, **options), unknown
 
 
-def _refuse_springs(request: Request, name: str) -> None:
+def _refuse_springs(request: IdentificationRequest, name: str) -> None:
     """Refuse options that are about springs of the bench."""
     given = {
         "--specimen": request.specimen,

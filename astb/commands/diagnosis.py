@@ -79,11 +79,11 @@ def diagnose_command(
     Exit codes: 0 for any result of the diagnosis, 2 for wrong usage.
     """
     keep_algebra_to_one_core()
-    from astb.diagnose import Request, diagnose_data, show
+    from astb.diagnose import DiagnosisRequest, diagnose_data, show
 
     try:
         finding = diagnose_data(
-            Request(data, map_path, simulator, model, effects, seed), out, plain_console(stderr=True)
+            DiagnosisRequest(data, map_path, simulator, model, effects, seed), out, plain_console(stderr=True)
         )
     except (ValueError, RecordError) as error:
         misuse(error)
@@ -183,12 +183,14 @@ def identify_command(
     if out is not None and not data:
         misuse(f"--out {out} needs data: name a RUN, or remove --out")
     keep_algebra_to_one_core()
-    from astb.identify import Request, identify_data, show
+    from astb.identify import IdentificationRequest, identify_data, show
 
     specimen = read_specimen(specimen_name) if specimen_name else None
     try:
         answer = identify_data(
-            Request(data, map_path, model, specimen, expect, simulator), out, plain_console(stderr=True)
+            IdentificationRequest(data, map_path, model, specimen, expect, simulator),
+            out,
+            plain_console(stderr=True),
         )
     except (ValueError, RecordError) as error:
         misuse(error)

@@ -9,7 +9,7 @@ from bench_protocol.input_limits import Unfit, check_times
 from bench_protocol.unit_names import ReadUnit, UnknownUnit, read_unit
 from bench_protocol.units import UNITS
 from bench_records.layout import SECOND, RecordError
-from bench_records.tables.numbers import Point, in_plain_digits, numbers, without_missing
+from bench_records.tables.numbers import DecimalPoint, in_plain_digits, numbers, without_missing
 from bench_records.tables.stamps import DAY, NotAStamp, looks_like_a_stamp, read_stamps
 
 if TYPE_CHECKING:
@@ -43,7 +43,13 @@ class Clock(NamedTuple):
 
 
 def read_clock(
-    sheet: Sheet, index: int, source: TimeSource, keys: FileKeys, point: Point, account: Account, where: str
+    sheet: Sheet,
+    index: int,
+    source: TimeSource,
+    keys: FileKeys,
+    point: DecimalPoint,
+    account: Account,
+    where: str,
 ) -> Clock:
     """Return the clock in a column. RecordError, with line, for a cell that is no time, or a unit of none."""
     column = sheet.columns[index]
@@ -85,7 +91,7 @@ def _of_time(text: str, where: str) -> ReadUnit:
     return unit
 
 
-def _exact(sheet: Sheet, index: int, source: TimeSource, point: Point, where: str) -> Any:
+def _exact(sheet: Sheet, index: int, source: TimeSource, point: DecimalPoint, where: str) -> Any:
     """The numbers of a column, less rounding where they are too long for a double: whole ones, or long ones."""
     import numpy as np
 

@@ -30,7 +30,7 @@ _BUSES: Final = ("CAN_", "LIN_", "FLX_", "ETH_", "MOST_", "USB_")
 
 
 @dataclass(frozen=True)
-class Place:
+class ChannelPlace:
     """Where a channel stands."""
 
     group: int
@@ -75,7 +75,7 @@ def _made(kind: Any, path: Path) -> Any:
         return None
 
 
-def places(path: Path, mdf: Any, account: Account) -> list[Place]:
+def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
     """Return every channel but clocks and frames on a bus, which the ``account`` counts."""
     if sum(len(group.channels) for group in mdf.groups) > COLUMNS:
         raise RecordError(f"{path} has more than {COLUMNS} channels")
@@ -88,7 +88,7 @@ def places(path: Path, mdf: Any, account: Account) -> list[Place]:
         called = str(getattr(told, "acq_name", "") or getattr(told, "comment", "") or "").strip()
         title = f'group {number} ("{called}")' if called and len(called) < 60 else f"group {number}"
         found += [
-            Place(number, index, channel.name, title, called)
+            ChannelPlace(number, index, channel.name, title, called)
             for index, channel in enumerate(group.channels)
             if index != mdf.masters_db.get(number)
         ]
@@ -100,7 +100,7 @@ def holds_frames(group: Any) -> bool:
     return any(channel.name.startswith(_BUSES) for channel in group.channels)
 
 
-def find(known: list[Place], column: ColumnName, group: ColumnName | None, where: str) -> Place:
+def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None, where: str) -> ChannelPlace:
     """Return the one channel of a name. RecordError, with the groups, if there are several or none."""
     if isinstance(column, int):
         raise RecordError(f"{where} = {column}: the channels of an MDF file go by name")
@@ -122,7 +122,12 @@ def find(known: list[Place], column: ColumnName, group: ColumnName | None, where
 
 
 def samples(
-    path: Path, mdf: Any, place: Place, raw: bool, account: Account, texts: Mapping[str, int] | None = None
+    path: Path,
+    mdf: Any,
+    place: ChannelPlace,
+    raw: bool,
+    account: Account,
+    texts: Mapping[str, int] | None = None,
 ) -> tuple[Numbers, Numbers, str]:
     """Return times (n,), values (n,) and unit of a channel; ``texts`` gives words their numbers.
 

@@ -51,7 +51,7 @@ class _Evidence:
 
 
 @dataclass(frozen=True)
-class Point:
+class DecimalPoint:
     """The decimal separator of a file, "" if unknown, and whether it is from a key."""
 
     point: str
@@ -79,7 +79,7 @@ def numbers(
     sheet: Sheet,
     index: int,
     source: Source,
-    decimal: Point,
+    decimal: DecimalPoint,
     account: Account | None,
     where: str,
 ) -> npt.NDArray[np.float64]:
@@ -138,7 +138,9 @@ def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
     return cells
 
 
-def in_plain_digits(cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str) -> Any:
+def in_plain_digits(
+    cells: Any, sheet: Sheet, index: int, source: Source, decimal: DecimalPoint, where: str
+) -> Any:
     """Return cells with a decimal point and no separator of thousands; RecordError if the cells are ambiguous."""
     import pyarrow.compute as pc
 
@@ -162,7 +164,7 @@ def in_plain_digits(cells: Any, sheet: Sheet, index: int, source: Source, decima
 
 
 def _separators(
-    cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str
+    cells: Any, sheet: Sheet, index: int, source: Source, decimal: DecimalPoint, where: str
 ) -> tuple[str, str]:
     """Return the separators of decimals and of thousands ("": none)."""
     if source.thousands:
@@ -243,15 +245,15 @@ def evidence(cells: Any) -> _Evidence:
     return _Evidence(certain, open_, frozenset(between))
 
 
-def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> Point:
+def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> DecimalPoint:
     """Return the decimal separator of a file: from its key, or common to its columns."""
     if keys.decimal is not None:
-        return Point(keys.decimal, said=True)
+        return DecimalPoint(keys.decimal, said=True)
     shown: set[str] = set()
     for index, source in texts:
         if source.thousands is None and source.decimal is None:
             shown |= set(evidence(without_missing(sheet, index, None)).certain)
     if len(shown) == 1:
-        return Point(shown.pop())
+        return DecimalPoint(shown.pop())
     # If commas separate columns, the point is the decimal separator; else 1.250 stays ambiguous.
-    return Point("." if not shown and sheet.delimiter in (",", " ") else "")
+    return DecimalPoint("." if not shown and sheet.delimiter in (",", " ") else "")

@@ -14,7 +14,7 @@ from bench_records.tables.clock import Clock, check_order, read_clock
 from bench_records.tables.forms import FORMS, export_of
 from bench_records.tables.joined import joined, refuse_halves
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
-from bench_records.tables.numbers import Point, numbers, of_the_file
+from bench_records.tables.numbers import DecimalPoint, numbers, of_the_file
 from bench_records.tables.sheet import Column
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def _series(
     source: Source,
     clock: Clock,
     clock_where: str,
-    point: Point,
+    point: DecimalPoint,
     account: Account,
     key: str,
 ) -> Series:

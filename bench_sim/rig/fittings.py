@@ -12,7 +12,7 @@ from bench_protocol.words import PIPE_LENGTH
 from bench_sim.model.layout import SIDES, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.wiring import sensors_of
-from bench_sim.rig.springs import Springs
+from bench_sim.rig.springs import ReplacementSprings
 
 #: Up to which gauge pressure a user may open a flange.
 _FLANGE_PRESSURE: Final = 0.3 * bar
@@ -39,7 +39,9 @@ class Fittings:
     another one. So only a change of the order changes the plant.
     """
 
-    def __init__(self, plant: Plant, settings: Mapping[str, float], springs: Springs | None = None) -> None:
+    def __init__(
+        self, plant: Plant, settings: Mapping[str, float], springs: ReplacementSprings | None = None
+    ) -> None:
         self._plant, self._springs = plant, springs
         self._ordered = Ordered.by(settings)
 

@@ -18,7 +18,7 @@ from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
-from bench_sim.rig.springs import Springs
+from bench_sim.rig.springs import ReplacementSprings
 
 #: By control mode: how far from its set-point (SI) an actuator may be that goes on when HOLD or ACTIVE begins. One that
 #: follows the fastest wave lags by 9 mm.
@@ -36,7 +36,7 @@ class InForce:
         registers: RegisterBank,
         generator: FunctionGenerator,
         plant: Plant,
-        springs: Springs | None = None,
+        springs: ReplacementSprings | None = None,
     ) -> None:
         self._controls, self._values, self._registers = controls, values, registers
         self.generator, self._fittings = generator, Fittings(plant, registers.active, springs)

@@ -41,7 +41,7 @@ from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.node_objects import DEFAULTS
 from bench_sim.rig.peers import sender_of
 from bench_sim.rig.registers import BUS_NOTE, NOTE_MAX, SPRING_NOTE, RegisterBank
-from bench_sim.rig.springs import Springs
+from bench_sim.rig.springs import ReplacementSprings
 from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
@@ -86,7 +86,7 @@ class Rig:
         *,
         log: int = 0,
         every_tick: Sequence[str] = (),
-        springs: Springs | None = None,
+        springs: ReplacementSprings | None = None,
     ) -> None:
         #: The parameters of this rig, with its tolerances: the same seed gives the same sensors.
         self.parameters = parameters.as_built(seed)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from bench_sim.model.external_springs import ExternalSprings
 
 
-class Springs(Protocol):
+class ReplacementSprings(Protocol):
     """Replace the springs of the plant."""
 
     @property

@@ -24,8 +24,8 @@ from diagnosis.twin.forms import (
     Form,
     Forms,
     Shaped,
+    SizedCause,
     Steps,
-    Suspect,
     interval,
     left_by,
     places,
@@ -66,9 +66,9 @@ class Explained(NamedTuple):
     ``worse`` are single ones that explain it, too, but not as much: if they grow on, they may explain more.
     """
 
-    singles: tuple[Suspect, ...] = ()
-    pairs: tuple[tuple[Suspect, Suspect], ...] = ()
-    worse: tuple[Suspect, ...] = ()
+    singles: tuple[SizedCause, ...] = ()
+    pairs: tuple[tuple[SizedCause, SizedCause], ...] = ()
+    worse: tuple[SizedCause, ...] = ()
 
 
 def explanations(
@@ -77,7 +77,7 @@ def explanations(
     belief: Belief,
     simulator: AirSpring,
     since: float,
-    known: Callable[[], Work[Sequence[Suspect]]],
+    known: Callable[[], Work[Sequence[SizedCause]]],
 ) -> Work[Explained]:
     """Return what explains a stretch that parted ``since`` s of it, in slices.
 
@@ -86,7 +86,7 @@ def explanations(
     look = _Look(run, columns, belief, simulator, since)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
     looked: list[_Closely] = []
-    ranked: list[Suspect] = []
+    ranked: list[SizedCause] = []
     for times in _SIZES:
         tried: list[_Tried] = []
         for onset in onsets:
@@ -111,7 +111,7 @@ def explanations(
         ranked.sort(key=lambda one: one.left)
     alike = [one for one in ranked if one.left < ranked[0].left + _ALIKE]
     names = dict.fromkeys(one.name for one in alike)
-    worse: dict[str, Suspect] = {}
+    worse: dict[str, SizedCause] = {}
     for other in ranked:
         if other.name not in names:
             worse.setdefault(other.name, other)
@@ -121,7 +121,7 @@ def explanations(
     )
 
 
-def _over(ranked: Sequence[Suspect]) -> Suspect:
+def _over(ranked: Sequence[SizedCause]) -> SizedCause:
     """Return the first of the suspects of one name, with the intervals of all that explain as much."""
     best = ranked[0]
     possible = [one for one in ranked if one.left <= best.left + POSSIBLE and one.form is best.form]
@@ -232,16 +232,16 @@ class _Look:
             yield from self._simulate(best)
         return looks
 
-    def convincing(self, looks: Sequence[_Closely]) -> Work[list[Suspect]]:
+    def convincing(self, looks: Sequence[_Closely]) -> Work[list[SizedCause]]:
         """Return the causes that explain the stretch."""
-        found: list[Suspect] = []
+        found: list[SizedCause] = []
         for look in looks:
             yield
             if (one := self._suspect(look)).explains:
                 found.append(one)
         return found
 
-    def shaped(self, looks: Sequence[_Closely]) -> Work[list[Suspect]]:
+    def shaped(self, looks: Sequence[_Closely]) -> Work[list[SizedCause]]:
         """Return causes that explain the stretch as they grow, or are gone again."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
@@ -258,7 +258,7 @@ class _Look:
                 yield
                 if some := forms.coarse(form):
                     tried.append((min(map(left_by, some)), look, form, forms, some))
-        found: list[Suspect] = []
+        found: list[SizedCause] = []
         for _, look, form, forms, some in sorted(tried, key=lambda one: one[0])[:_FINELY]:
             yield
             best, alike = forms.best(form, some)
@@ -286,7 +286,7 @@ class _Look:
     def _agrees(self, fit: Fitted, column: Array) -> bool:
         return self._stretch.agrees(fit.size * column, fit.left)
 
-    def acting(self, known: Sequence[Suspect]) -> list[Acting]:
+    def acting(self, known: Sequence[SizedCause]) -> list[Acting]:
         """Return causes as they were known to act before."""
         causes: dict[str, tuple[Hypothesis, Mapping[str, float]]] = {}
         for cause, point in self._points:
@@ -297,14 +297,14 @@ class _Look:
         """Return causes that were looked at as they would act all at once."""
         return [Acting(*_asked(one), one.best.onset) for one in looks]
 
-    def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[Suspect, Suspect], ...]]:
+    def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[SizedCause, SizedCause], ...]]:
         """Return pairs of causes, one of ``firsts`` in each, that explain the stretch together, and the best so."""
         search = Pairs(self._stretch)
-        found: list[tuple[Suspect, Suspect]] = []
+        found: list[tuple[SizedCause, SizedCause]] = []
         for first in firsts[:_FIRSTS]:
             found += yield from search.pairs_with(first)
         found.sort(key=lambda pair: pair[0].left)
-        once: dict[frozenset[str], tuple[Suspect, Suspect]] = {}
+        once: dict[frozenset[str], tuple[SizedCause, SizedCause]] = {}
         for pair in found:
             if pair[0].left < found[0][0].left + _ALIKE:
                 once.setdefault(frozenset(one.name for one in pair), pair)
@@ -329,7 +329,7 @@ class _Look:
         last = len(self._columns.measured) - 2 * BINS
         return {one for one in (onset + off for off in bins) if 0 < one <= last} if onset else {0}
 
-    def _suspect(self, look: _Closely) -> Suspect:
+    def _suspect(self, look: _Closely) -> SizedCause:
         best = look.best
         possible = look.possible
         low, high = interval(one.fit for one in possible)
@@ -339,7 +339,7 @@ class _Look:
             min(one.onset for one in possible) * BIN,
             max(one.onset for one in possible) * BIN,
         )
-        return Suspect(look.tried.cause.name, best.fit.size, low, high, *since, best.left, along)
+        return SizedCause(look.tried.cause.name, best.fit.size, low, high, *since, best.left, along)
 
 
 def _asked(look: _Closely) -> tuple[Hypothesis, Mapping[str, float], float]:

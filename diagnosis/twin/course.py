@@ -11,7 +11,7 @@ from bench_records.twin import Deviation, DeviationState, PossibleCause, Summary
 from diagnosis.contracts import Channel, Hypothesis
 from diagnosis.engine.summary import WHERE
 from diagnosis.estimates import decimals
-from diagnosis.twin.forms import Form, Suspect
+from diagnosis.twin.forms import Form, SizedCause
 
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
 #: half is blocked comes out 3.5 % too open.
@@ -21,7 +21,7 @@ _SURER: Final = 0.8
 _NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 
 
-def cause_of(one: Suspect, hypothesis: Hypothesis, start: float) -> PossibleCause:
+def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleCause:
     """Return a suspect of a stretch that began at ``start`` s, as it is kept and told."""
     amplitude = hypothesis.amplitude
     roughly = 2.0 * _ROUGHLY * abs(one.size)

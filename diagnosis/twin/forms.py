@@ -68,7 +68,7 @@ class Form(StrEnum):
     GONE = "gone again"
 
 
-class Suspect(NamedTuple):
+class SizedCause(NamedTuple):
     """A cause with its size in SI, and the interval of that (k = 2) over all beginnings that are possible."""
 
     name: str
@@ -223,9 +223,9 @@ def left_by(one: Shaped) -> float:
     return one.fit.left
 
 
-def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> Suspect:
+def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> SizedCause:
     """Return a cause that explains a stretch with the best form of it, and all that do as much (``alike``)."""
-    return Suspect(
+    return SizedCause(
         name,
         best.fit.size,
         *interval(one.fit for one in alike),

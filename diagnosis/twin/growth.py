@@ -18,7 +18,7 @@ from diagnosis.twin.forms import (
     Form,
     Forms,
     Shaped,
-    Suspect,
+    SizedCause,
     left_by,
     places,
     share_grown,
@@ -53,7 +53,7 @@ class Growth:
         self._bins = len(stretch.columns.measured)
         self._tried: set[str] = set()
 
-    def explains(self, one: Growing) -> Work[Suspect | None]:
+    def explains(self, one: Growing) -> Work[SizedCause | None]:
         """Return a cause as it grew, if the stretch agrees with that."""
         cause, shapes, forms, shaped = one
         self._tried.add(cause.name)
@@ -82,9 +82,9 @@ class Growth:
             return None
         return suspect(cause.name, Form.GROWING, best, [best, *alike], self._bins)
 
-    def among(self, causes: Sequence[Acting]) -> Work[list[Suspect]]:
+    def among(self, causes: Sequence[Acting]) -> Work[list[SizedCause]]:
         """Return which causes explain the stretch as they grew, or what is easily mistaken for these."""
-        found: list[Suspect] = []
+        found: list[SizedCause] = []
         asked = list(causes)
         for acting in asked:
             if acting.cause.name in self._tried:
@@ -97,7 +97,7 @@ class Growth:
                 asked += self.mistaken_for(one)  # which are tried next
         return found
 
-    def mistaken_for(self, one: Suspect) -> list[Acting]:
+    def mistaken_for(self, one: SizedCause) -> list[Acting]:
         """Return the causes that are easily mistaken for one that explains the stretch, as they ordinarily act."""
         confusers = next(cause.confusers for cause, _ in self._stretch.points if cause.name == one.name)
         return [

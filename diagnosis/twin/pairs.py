@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.twin.fitting import Fitted
-from diagnosis.twin.forms import POSSIBLE, DeviatingStretch, Suspect, interval
+from diagnosis.twin.forms import POSSIBLE, DeviatingStretch, SizedCause, interval
 from diagnosis.twin.innovations import BIN, BINS
 from diagnosis.twin.replays import bounded, can_be, typical
 from diagnosis.twin.slices import Work
@@ -67,7 +67,7 @@ class Pairs:
         self._stretch = stretch
         self._last = len(stretch.columns.measured) - 2 * BINS
 
-    def pairs_with(self, first: Acting) -> Work[list[tuple[Suspect, Suspect]]]:
+    def pairs_with(self, first: Acting) -> Work[list[tuple[SizedCause, SizedCause]]]:
         """Return pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
         (column,) = self._stretch.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
@@ -75,7 +75,7 @@ class Pairs:
         onset = self._where_it_parts(first.size, column)
         if onset is None or onset > self._last:
             return []
-        pairs: list[tuple[Suspect, Suspect]] = []
+        pairs: list[tuple[SizedCause, SizedCause]] = []
         for second in (yield from self._seconds(first, column, onset)):
             found: _Two | None = None
             acting = (first, second)
@@ -152,9 +152,9 @@ class Pairs:
         return sure and self._stretch.agrees(two.added, two.left)
 
 
-def _suspects(two: _Two) -> tuple[Suspect, Suspect]:
+def _suspects(two: _Two) -> tuple[SizedCause, SizedCause]:
     first, second = (
-        Suspect(
+        SizedCause(
             acting.cause.name,
             fit.size,
             *interval([fit]),

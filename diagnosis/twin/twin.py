@@ -22,7 +22,7 @@ from diagnosis.twin.carried import Carried, GasOf
 from diagnosis.twin.causes import explanations
 from diagnosis.twin.detector import Alarm, Detector
 from diagnosis.twin.fitting import Fit
-from diagnosis.twin.forms import Form, Suspect
+from diagnosis.twin.forms import Form, SizedCause
 from diagnosis.twin.innovations import (
     BLOCK,
     Belief,
@@ -77,7 +77,7 @@ class Seen(NamedTuple):
 class _Search(NamedTuple):
     """A search for what explains a parting, by what had come until ``end`` s."""
 
-    work: Sliced[tuple[Deviation, tuple[Suspect, ...]]]
+    work: Sliced[tuple[Deviation, tuple[SizedCause, ...]]]
     start: float  #: s, of the replay
     end: float
 
@@ -107,7 +107,7 @@ class Twin:
         self._closed: list[Judged] = []
         self._deviations: tuple[Deviation, ...] = ()
         self._open: Deviation | None = None
-        self._known: tuple[Suspect, ...] = ()  # what explained the present stretch when it was shorter
+        self._known: tuple[SizedCause, ...] = ()  # what explained the present stretch when it was shorter
         self._looked_until = 0.0
         self._since = BEGINNING  # a stretch whose beginning will not be another one
         self._later = False
@@ -295,13 +295,13 @@ class Twin:
 
     def _explained(
         self, deviation: Deviation, stretch: Stretch, seen: Seen, since: float
-    ) -> Work[tuple[Deviation, tuple[Suspect, ...]]]:
+    ) -> Work[tuple[Deviation, tuple[SizedCause, ...]]]:
         """Return a parting with what explains it, and what does so alone or as the first of two."""
         # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
         start, before = seen.start, self._known
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
-        def known() -> Work[Sequence[Suspect]]:
+        def known() -> Work[Sequence[SizedCause]]:
             """What explains the stretch as it was soon after it was reported, if no one looked then."""
             until = deviation.detected + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
@@ -356,7 +356,7 @@ class Twin:
         return next(one for one in self._simulator.channels if one.name == deviation.channel)
 
 
-def _no_suspects() -> Work[Sequence[Suspect]]:
+def _no_suspects() -> Work[Sequence[SizedCause]]:
     """Nothing is known of what explained a stretch before."""
     yield from ()
     return ()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from astb.identify import Request, identify_data
+from astb.identify import IdentificationRequest, identify_data
 from astb.tables import plain_console
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
@@ -214,7 +214,7 @@ def test_the_springs_of_the_other_rig_are_identified_with_what_its_map_states(
     further = Programme("further", "Further", (Part("AW0", (sheared,)),), "What they never did.")
     monkeypatch.setattr("astb.identify.IDENTIFICATION", further)
     path, files = tmp_path / "theirs.toml", sorted(other_rig.glob("*_sweep.csv"))
-    request = Request(files, other_rig / "my_rig.toml", "astb", None, None)
+    request = IdentificationRequest(files, other_rig / "my_rig.toml", "astb", None, None)
     rows = {row.name: row for row in identify_data(request, path, plain_console(stderr=True)).rows}
     for name, true in (("right.effective_area", 0.235), ("right.bellows_volume", 26.0)):
         assert rows[name].told

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from astb.identify import Request, drawn_as, identify_data, show
+from astb.identify import IdentificationRequest, drawn_as, identify_data, show
 from astb.rig_file import Simulation
 from astb.session import simulated_parameters
 from astb.tables import plain_console
@@ -137,7 +137,8 @@ def test_springs_that_were_drawn_are_identified_and_their_file_is_a_model(
     )
     monkeypatch.setattr("astb.identify.IDENTIFICATION", further)
     path = tmp_path / "identified.toml"
-    answer = identify_data(Request([directory], None, "astb", None, None), path, plain_console(stderr=True))
+    request = IdentificationRequest([directory], None, "astb", None, None)
+    answer = identify_data(request, path, plain_console(stderr=True))
     told = [row for row in answer.rows if row.told]
     assert len(told) > 20
     assert [doubt.partition(":")[0] for doubt in answer.doubts] == ["2 runs"]

@@ -329,7 +329,7 @@ def test_a_map_may_name_a_simulator_in_its_folder(own: Path) -> None:
 
 
 def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
-    from astb.identify import Request as Asked
+    from astb.identify import IdentificationRequest as Asked
     from astb.identify import identify_data
     from astb.tables import plain_console
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from astb.commands.diagnosis import identify_command
-from astb.diagnose import Request, diagnose_data
+from astb.diagnose import DiagnosisRequest, diagnose_data
 from astb.tables import plain_console
 from bench_protocol.units import UNITS as BENCH_UNITS
 from bench_sim.fmu.description import library_of, read_fmu
@@ -177,7 +177,7 @@ def test_the_exact_model_has_no_doubt_and_no_cause(tanks: dict[str, Path], tmp_p
     folder = tanks["continuous"].parent
     (folder / "map.toml").write_text(with_hold("true") + step + ROLES)
     files = measured(folder, 1e-3, 5, 600)
-    request = Request(files, folder / "map.toml", None, "astb", None, 1)
+    request = DiagnosisRequest(files, folder / "map.toml", None, "astb", None, 1)
     finding = diagnose_data(request, tmp_path / "out", plain_console(stderr=True))
     assert finding.verdict is Verdict.NO_EFFECT and not finding.doubts
     shifts = {one.name: one for one in finding.shifts if not one.run}

@@ -3,14 +3,14 @@
 import io
 
 from bench_sim.rig.faults.catalogue import FAULTS
-from bench_sim.rig.faults.fault import Fault, FaultChoice, Place
+from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultPlace
 
 _TITLES = {
-    Place.BUS: "The CAN bus",
-    Place.MODBUS: "Modbus/TCP",
-    Place.SENSORS: "Sensors",
-    Place.PLANT: "The plant",
-    Place.RIG: "The rig",
+    FaultPlace.BUS: "The CAN bus",
+    FaultPlace.MODBUS: "Modbus/TCP",
+    FaultPlace.SENSORS: "Sensors",
+    FaultPlace.PLANT: "The plant",
+    FaultPlace.RIG: "The rig",
 }
 
 
@@ -26,7 +26,7 @@ def faults_page() -> str:
         "behaviour that a client observes; the tests check it.\n",
         file=out,
     )
-    for place in Place:
+    for place in FaultPlace:
         print(f"## {_TITLES[place]}\n", file=out)
         for fault in FAULTS.values():
             if fault.place is place:

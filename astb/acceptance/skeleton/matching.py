@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
 from typing import Final, NamedTuple
 
-from astb.acceptance.skeleton.points import Point
+from astb.acceptance.skeleton.points import DescribedPoint
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import UNITS
 
@@ -71,11 +71,13 @@ TOLD_BACK: Final = 0.75
 class Match(NamedTuple):
     """The point that a signal clearly is, if there is one, and those that it may be, the likeliest first."""
 
-    clear: Point | None
-    candidates: Sequence[tuple[float, Point]]
+    clear: DescribedPoint | None
+    candidates: Sequence[tuple[float, DescribedPoint]]
 
 
-def match(signals: Iterable[Signal], points: Sequence[Point], *, read_back: bool = False) -> dict[str, Match]:
+def match(
+    signals: Iterable[Signal], points: Sequence[DescribedPoint], *, read_back: bool = False
+) -> dict[str, Match]:
     """Return what each signal may be; with ``read_back``, where settings are reported, not where they are written."""
     table = {
         signal.name: [(score(signal, point, read_back=read_back), point) for point in points]
@@ -103,7 +105,7 @@ def match(signals: Iterable[Signal], points: Sequence[Point], *, read_back: bool
     return found
 
 
-def score(signal: Signal, point: Point, *, read_back: bool = False) -> float:
+def score(signal: Signal, point: DescribedPoint, *, read_back: bool = False) -> float:
     """Return how likely ``point`` is ``signal``: 0 if it cannot be, 1 if every word agrees."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING, Kind.ACTION) and not read_back
     if not (point.written if goes else point.read):

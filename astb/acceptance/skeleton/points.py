@@ -16,7 +16,7 @@ from drivers.errors import WiringError
 
 
 @dataclass(frozen=True)
-class Point:
+class DescribedPoint:
     """One point: what the rig calls it, and what is told of it."""
 
     name: str  #: as the wiring names it: TRANSPORT.POINT
@@ -37,7 +37,7 @@ class Point:
 _NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
 
-def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[Point]:
+def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[DescribedPoint]:
     """Return the signals of a DBC; anyone who sends most of them is the rig. WiringError for a file that is none.
 
     What no one is said to send may be the rig's or ours.
@@ -55,7 +55,7 @@ def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -
     )
     rig = counts.most_common(1)[0][0] if counts else ""
     return [
-        Point(
+        DescribedPoint(
             f"{transport}.{name}.{signal.name}",
             signal.name,
             f"{one.coding.name} {signal.comment or ''}",

@@ -32,7 +32,7 @@ from astb.acceptance.skeleton.list_words import (
     TABLES,
     WRITING,
 )
-from astb.acceptance.skeleton.points import Point
+from astb.acceptance.skeleton.points import DescribedPoint
 from astb.acceptance.skeleton.written_units import unit_of
 from bench_protocol.account import Account
 from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
@@ -51,7 +51,7 @@ _DIGITS: Final = 12
 class RegisterList:
     """What a list says: its points, and in words how it was taken."""
 
-    points: list[Point]
+    points: list[DescribedPoint]
     notes: list[str]
 
 
@@ -90,7 +90,7 @@ class _Conventions:
     size_units: set[int]  #: so many of a size are a register
 
 
-def register_points(path: Path, transport: str = "plc") -> list[Point]:
+def register_points(path: Path, transport: str = "plc") -> list[DescribedPoint]:
     """Return the rows of a list of registers (CSV). WiringError, with row and column, for what cannot be."""
     return read_register_list(path, transport).points
 
@@ -156,9 +156,9 @@ def _points(
     tables: Mapping[int, str],
     access: Mapping[int, tuple[bool, bool] | None],
     conventions: _Conventions,
-) -> tuple[list[Point], list[str]]:
+) -> tuple[list[DescribedPoint], list[str]]:
     """Return the points, and in words which were left out and which share a register."""
-    points: list[Point] = []
+    points: list[DescribedPoint] = []
     places: dict[str, tuple[str, int, int, str]] = {}
     left_out: dict[str, list[str]] = {}
     for row in rows:
@@ -387,7 +387,7 @@ def _scale(where: str, row: _Row, conventions: _Conventions) -> float:
 
 def _point(
     where: str, row: _Row, table: str, access: tuple[bool, bool] | None, conventions: _Conventions
-) -> tuple[Point, tuple[str, int, int, str]]:
+) -> tuple[DescribedPoint, tuple[str, int, int, str]]:
     """Return a point and its place: table, address, registers and bit."""
     address = _address(where, row, table, conventions.counting)
     scale = _scale(where, row, conventions)
@@ -421,7 +421,7 @@ def _point(
     parts += [f"null = {null}"] if null else []
     read, written = access or (True, True)
     parts += ['group = "fast"'] if read and not written else []
-    point = Point(
+    point = DescribedPoint(
         f"{conventions.transport}.{name}",
         row.name,
         row.text,

@@ -10,7 +10,7 @@ from typing import Final
 
 from astb.acceptance.checking.consequences import plans_by_need
 from astb.acceptance.skeleton.matching import Match, match
-from astb.acceptance.skeleton.points import Point, dbc_points
+from astb.acceptance.skeleton.points import DescribedPoint, dbc_points
 from astb.acceptance.skeleton.register_list import Counting, read_register_list
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
@@ -91,7 +91,7 @@ def skeleton(
     counting: Counting | None = None,
 ) -> str:
     """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
-    points: list[Point] = []
+    points: list[DescribedPoint] = []
     text = (
         'description = "Incomplete description of a rig: fill in the missing entries"\nlatency = "100 ms"\n\n'
     )
@@ -106,7 +106,7 @@ def skeleton(
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
         text += _nulls(points)
-    rows: list[Point] = []
+    rows: list[DescribedPoint] = []
     if registers is not None:
         listed = read_register_list(registers, counting=counting)
         rows = listed.points
@@ -125,7 +125,7 @@ def skeleton(
     return text + "\n" + _SEQUENCES
 
 
-def _nulls(points: Sequence[Point]) -> str:
+def _nulls(points: Sequence[DescribedPoint]) -> str:
     """Return which raw values the DBC names as no measurement, by point."""
     lines = [
         f'"{one.name.partition(".")[2]}" = {{ null = {sorted(one.nulls)} }}  # {", ".join(one.nulls.values())}\n'
@@ -136,7 +136,7 @@ def _nulls(points: Sequence[Point]) -> str:
     return f"{head}{''.join(lines)}\n" if lines else ""
 
 
-def _line(row: Point, written: Mapping[str, Match]) -> str:
+def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
     """Return the line of a point, which is polled if a reading comes from it, whatever else may be done with it."""
     if _POLLED in row.line or all(
         written[name].clear != row for group in _READINGS for name in GROUPS[group]
@@ -145,7 +145,7 @@ def _line(row: Point, written: Mapping[str, Match]) -> str:
     return f"{row.line.removesuffix(' }')}, {_POLLED} }}"
 
 
-def matches(points: Sequence[Point]) -> tuple[dict[str, Match], dict[str, Match]]:
+def matches(points: Sequence[DescribedPoint]) -> tuple[dict[str, Match], dict[str, Match]]:
     """Return what each wanted signal may be, and where each setting may be read back."""
     signals = [TABLE[name] for name in WANTED]
     settings = [one for one in signals if one.kind is Kind.SETTING]
@@ -170,7 +170,7 @@ def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
     return f'{head}{others}"{signal.name}" = {{ absent = "{why}" }}\n'
 
 
-def _keys(signal: Signal, point: Point, back: Point | None) -> str:
+def _keys(signal: Signal, point: DescribedPoint, back: DescribedPoint | None) -> str:
     """Return what a line says; "" if a choice has numbers that no one knows."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING)
     parts = [f'{"to" if goes else "from"} = "{point.name}"']
@@ -193,11 +193,11 @@ def _keys(signal: Signal, point: Point, back: Point | None) -> str:
     return ", ".join(parts)
 
 
-def _unit(point: Point) -> str:
+def _unit(point: DescribedPoint) -> str:
     return f", {point.unit}" if point.unit else ""
 
 
-def _numbers(point: Point) -> str:
+def _numbers(point: DescribedPoint) -> str:
     """Return which number of a candidate means what, or what a list says of it."""
     told = ", ".join(f"{number} {text}" for text, number in point.choices.items())
     told = told or (" ".join(point.context.split()) if point.line else "")

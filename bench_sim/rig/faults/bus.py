@@ -21,7 +21,7 @@ from bench_sim.rig.faults.bus_stage import (
     Miscounted,
     Silence,
 )
-from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, Place, Values
+from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, FaultPlace, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
@@ -69,7 +69,7 @@ def _cut(points: InsertionPoints, values: Values) -> Undo:
 FAULTS: Final = (
     Fault(
         "drop",
-        Place.BUS,
+        FaultPlace.BUS,
         "Frames vanish from the bus.",
         "Gaps in the sample counters (`LOST`); at 100 % towards the rig HOLD after 100 ms and the safe position after "
         "500 ms; at 100 % from the rig readings go stale and read as NaN.",
@@ -78,7 +78,7 @@ FAULTS: Final = (
     ),
     Fault(
         "duplicate",
-        Place.BUS,
+        FaultPlace.BUS,
         "Frames come twice, as from a repeater that never saw its acknowledgement.",
         "The second one is refused as repeated: readings stay right; commands that are doubled count in "
         "`rig.rejected_commands`.",
@@ -87,7 +87,7 @@ FAULTS: Final = (
     ),
     Fault(
         "corrupt",
-        Place.BUS,
+        FaultPlace.BUS,
         "One bit of a frame's data is wrong, as behind a faulty gateway that makes a new CRC of CAN's own.",
         "A command fails its CRC and counts in `rig.rejected_commands`; a feedback frame has only a counter: a reading "
         "jumps, or the counter does and the frame is refused or a gap is counted.",
@@ -96,7 +96,7 @@ FAULTS: Final = (
     ),
     Fault(
         "delay",
-        Place.BUS,
+        FaultPlace.BUS,
         "Frames come late, with a jitter also in another order.",
         "The stamps of the frames are later by as much; readings whose delay exceeds their age limit are stale, old "
         "ones that overtake are refused; commands later than 100 ms lead to HOLD once, when the delay begins.",
@@ -109,7 +109,7 @@ FAULTS: Final = (
     ),
     Fault(
         "babble",
-        Place.BUS,
+        FaultPlace.BUS,
         "A node that has gone mad sends one identifier all the time.",
         "Foreign frames at that rate; where the bus has a bit rate and the identifier is low, everybody else's frames "
         "wait. Nothing is read from them.",
@@ -121,7 +121,7 @@ FAULTS: Final = (
     ),
     Fault(
         "bus_off",
-        Place.BUS,
+        FaultPlace.BUS,
         "The rig's CAN controller is off the bus; the connections stand.",
         "No frame comes any more and all readings go stale; the rig hears no command: HOLD after 100 ms, the safe "
         "position after 500 ms. Modbus goes on, and says so.",
@@ -129,7 +129,7 @@ FAULTS: Final = (
     ),
     Fault(
         "wrong_counter",
-        Place.BUS,
+        FaultPlace.BUS,
         "The counters in the frames go wrong: they stand still (step -1) or leave numbers out.",
         "Standing still: every frame after the first is refused as repeated, readings go stale, commands are rejected "
         "and the rig holds. Leaving out: as many lost frames are counted as numbers are missing.",
@@ -145,7 +145,7 @@ FAULTS: Final = (
     ),
     Fault(
         "wrong_crc",
-        Place.BUS,
+        FaultPlace.BUS,
         "The CRC of commands is wrong.",
         "The rig counts each in `rig.rejected_commands` and acts on none: HOLD after 100 ms, the safe position after "
         "500 ms.",
@@ -154,7 +154,7 @@ FAULTS: Final = (
     ),
     Fault(
         "interface_down",
-        Place.BUS,
+        FaultPlace.BUS,
         "The CAN interface of the rig goes down, and up again at the end.",
         "The connection to the hub closes and new ones are closed at once (`LinkLost`); on SocketCAN the bus falls "
         "silent. The rig holds at once where it sees the connection close, else after 100 ms.",

@@ -26,7 +26,7 @@ class FaultError(ValueError):
     """There is no such fault, or it cannot be like this; the text states what would be right."""
 
 
-class Place(StrEnum):
+class FaultPlace(StrEnum):
     """Where faults act."""
 
     BUS = "bus"
@@ -135,7 +135,7 @@ class Fault:
     """One fault; with a ``target``, the name of a parameter, it can be on for several of them at once."""
 
     name: str
-    place: Place
+    place: FaultPlace
     title: str  #: one sentence: what it is
     seen: str  #: one sentence: what a driver sees
     begin: Begin

@@ -15,7 +15,7 @@ from bench_sim.rig.faults.bus_stage import FaultStage, FrameFault
 from bench_sim.rig.faults.in_tick import DISTURBANCE, DISTURBANCES_MAX, DisturbanceKind, FaultArrays
 from bench_sim.rig.faults.modbus_filter import ModbusFilter
 from bench_sim.rig.faults.schedule import Schedule, Undo
-from bench_sim.rig.springs import Springs
+from bench_sim.rig.springs import ReplacementSprings
 
 _DISTURBANCES, _INPUTS = 0, 1
 
@@ -156,7 +156,9 @@ class ParameterFaults:
 class InsertionPoints:
     """All insertion points of a rig. The interfaces are connected last; earlier faults of them apply from then on."""
 
-    def __init__(self, rig: Breakable, plant: Plant, controls: Any, springs: Springs | None = None) -> None:
+    def __init__(
+        self, rig: Breakable, plant: Plant, controls: Any, springs: ReplacementSprings | None = None
+    ) -> None:
         self.rig: Final = rig
         self.schedule: Final = Schedule(controls)
         self.arrays: Final = FaultArrays.none()

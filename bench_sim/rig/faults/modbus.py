@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Final
 
-from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, Place, Values
+from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, FaultPlace, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.modbus_filter import (
     ALL,
@@ -46,7 +46,7 @@ def _restart(points: InsertionPoints, values: Values) -> Undo:
 FAULTS: Final = (
     Fault(
         "modbus_exception",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "The PLC refuses requests with an exception.",
         "`Refused` with that code and its meaning; nothing has changed on the rig.",
         _requests(lambda v: Refusal(int(v["code"]), v["probability"], v["requests"], int(v["seed"]))),
@@ -54,7 +54,7 @@ FAULTS: Final = (
     ),
     Fault(
         "modbus_silence",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "Requests get lost on their way to the PLC.",
         "No answer within the time-out, then `LinkLost`; the request was not carried out. CAN goes on.",
         _requests(lambda v: Mute(v["probability"], v["requests"], int(v["seed"]))),
@@ -62,7 +62,7 @@ FAULTS: Final = (
     ),
     Fault(
         "modbus_junk",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "Answers are none: of another transaction or unit, or bytes without meaning.",
         "`LinkLost` and never a reading; the request was carried out all the same.",
         _requests(lambda v: Junk(v["what"], v["probability"], v["requests"], int(v["seed"]))),
@@ -73,7 +73,7 @@ FAULTS: Final = (
     ),
     Fault(
         "modbus_slow",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "Answers come late.",
         "Every request takes so much longer; beyond the client's time-out it is `LinkLost`.",
         _requests(lambda v: Slow(v["by"])),
@@ -81,7 +81,7 @@ FAULTS: Final = (
     ),
     Fault(
         "modbus_split",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "Answers come in small pieces, as through a bad tunnel.",
         "Nothing but time: a client must put the pieces together again.",
         _requests(lambda v: Split(int(v["size"]), v["gap"])),
@@ -92,7 +92,7 @@ FAULTS: Final = (
     ),
     Fault(
         "plc_restart",
-        Place.MODBUS,
+        FaultPlace.MODBUS,
         "The PLC restarts, for 3 s if no duration is given; valves and actuators lose their power.",
         "All Modbus connections close and new ones are closed at once (`LinkLost`), the lease is gone; CAN says OFF, "
         "and BOOT, INIT, DISABLED afterwards.",

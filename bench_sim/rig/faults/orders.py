@@ -20,7 +20,7 @@ from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultError, FaultNumb
 from bench_sim.rig.faults.panel import FaultPanel
 
 
-class Order(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class FaultOrder(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What a user asks of the panel."""
 
     do: Literal["list", "on", "off"]
@@ -40,7 +40,7 @@ def read_time(name: str, text: str | None) -> float | None:
 def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
     """Carry out the order in ``line`` under the rig's ``lock``; return the answer, a line as well. Never raises."""
     try:
-        order = msgspec.json.decode(line, type=Order)
+        order = msgspec.json.decode(line, type=FaultOrder)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return _line({"error": f"the order is not understood: {error}"})
     try:
@@ -75,7 +75,7 @@ def _asked(one: FaultNumber | FaultChoice) -> dict[str, Any]:
 _CATALOGUE: Final = [as_json(fault) for fault in FAULTS.values()]
 
 
-def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
+def _carry_out(panel: FaultPanel, order: FaultOrder) -> dict[str, Any]:
     if order.do == "on":
         active = panel.on(order.name, order.values, read_time("for", order.lasting))
         return {"time": panel.time, "on": [active.as_json()]}

@@ -6,7 +6,7 @@ from bench_protocol.words import ACTUATORS, SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.gas import sonic_conductance
 from bench_sim.model.layout import Input, Mode
-from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, Place, Values
+from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, FaultPlace, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
@@ -103,7 +103,7 @@ def _supply(points: InsertionPoints, v: Values) -> Undo:
 FAULTS: Final = (
     Fault(
         "leak",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "A hole in a bellows: the effect of this name, while the rig runs.",
         "The pressure of the spring falls, at held height; the leveling valve makes up for it and the supply works.",
         _leak,
@@ -112,7 +112,7 @@ FAULTS: Final = (
     ),
     Fault(
         "burst",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "A bellows tears: a hole that no valve can feed.",
         "The pressure of the spring is gone within seconds, and the bolster sits on its emergency spring unless "
         "actuators hold it.",
@@ -122,7 +122,7 @@ FAULTS: Final = (
     ),
     Fault(
         "blocked_orifice",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "Dirt blocks a part of the orifice between bellows and auxiliary chamber: the effect of this name, while "
         "the rig runs.",
         "The pressures of bellows and auxiliary chamber part when the spring moves or is filled, and the spring is "
@@ -133,7 +133,7 @@ FAULTS: Final = (
     ),
     Fault(
         "stuck_leveling",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "A leveling valve no longer follows its lever: it stays as it is, is shut, or fills or exhausts all the time.",
         "In the air mode `level` the height does not come back to its dead band: it stays off, or runs up or down.",
         _leveling,
@@ -142,7 +142,7 @@ FAULTS: Final = (
     ),
     Fault(
         "stuck_dpv",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "The differential pressure valve is stuck.",
         "Open: both auxiliary chambers come to one pressure while the valve is connected. Shut: they can differ by any "
         "pressure.",
@@ -151,7 +151,7 @@ FAULTS: Final = (
     ),
     Fault(
         "stuck_service_valve",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "A service valve of the bench is stuck.",
         "The auxiliary chamber does not come to its target: its pressure stays, runs up to the supply or down to the "
         "atmosphere. Shut or filling, the spring is not vented.",
@@ -161,7 +161,7 @@ FAULTS: Final = (
     ),
     Fault(
         "stuck_reservoir_valve",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "The valve between a bellows and its auxiliary chamber is stuck.",
         "Shut: the pressure of the bellows does not follow that of its auxiliary chamber, and venting does not empty "
         "it. Open: shutting it off does nothing.",
@@ -171,7 +171,7 @@ FAULTS: Final = (
     ),
     Fault(
         "seized_actuator",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "An actuator does not move below the force of its relief valves.",
         "The displacement stays where it is, set-points or not; the force is what it takes.",
         _seized,
@@ -180,7 +180,7 @@ FAULTS: Final = (
     ),
     Fault(
         "supply_loss",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "The compressed air before the main valve fails, or is low.",
         "`supply.pressure` falls to that within a second; nothing can be filled beyond it, check valves keep what is "
         "in the springs.",

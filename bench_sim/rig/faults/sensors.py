@@ -14,7 +14,7 @@ from bench_sim.rig.faults.fault import (
     Fault,
     FaultChoice,
     FaultNumber,
-    Place,
+    FaultPlace,
     Values,
 )
 from bench_sim.rig.faults.in_tick import DisturbanceKind, chance_of
@@ -56,7 +56,7 @@ def _swapped(points: InsertionPoints, v: Values) -> Undo:
 FAULTS: Final = (
     Fault(
         "stuck",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A sensor is frozen at what it reads when the fault begins.",
         "The same value in every sample, without noise, and of good quality: only its counter lives.",
         _disturbed(DisturbanceKind.STUCK),
@@ -65,7 +65,7 @@ FAULTS: Final = (
     ),
     Fault(
         "bias",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A sensor is off by a constant.",
         "The reading jumps by that much when it begins, and stays within the range of the transducer.",
         _disturbed(DisturbanceKind.BIAS),
@@ -74,7 +74,7 @@ FAULTS: Final = (
     ),
     Fault(
         "drift",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A sensor drifts away from the truth.",
         "The reading leaves the truth at that rate, from where it was, up to the end of the transducer's range.",
         _disturbed(DisturbanceKind.DRIFT),
@@ -83,7 +83,7 @@ FAULTS: Final = (
     ),
     Fault(
         "spike",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A loose contact: single samples are off, at random.",
         "Single samples far from their neighbours; a limit that asks for 20 ms does not trip.",
         _disturbed(DisturbanceKind.SPIKE, lambda v: chance_of(v["rate"])),
@@ -97,7 +97,7 @@ FAULTS: Final = (
     ),
     Fault(
         "noise",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A sensor has more noise, normally distributed.",
         "The readings scatter with that standard deviation about what they were.",
         _disturbed(DisturbanceKind.NOISE),
@@ -106,7 +106,7 @@ FAULTS: Final = (
     ),
     Fault(
         "broken_wire",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "The wire of a sensor is broken: its amplifier reads the end of the range, or says that there is nothing.",
         "The reading sits at its rail, beyond limits perhaps; or it is NaN, with the quality bit of Modbus cleared. "
         "Without a pressure reading the actuators stay blocked.",
@@ -116,7 +116,7 @@ FAULTS: Final = (
     ),
     Fault(
         "swapped",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "Two sensors are wired crosswise: each reads what the other one should.",
         "Two readings have changed places, on both wires and for the rig's own limits and valves.",
         _swapped,
@@ -125,7 +125,7 @@ FAULTS: Final = (
     ),
     Fault(
         "turned",
-        Place.SENSORS,
+        FaultPlace.SENSORS,
         "A sensor is wired the wrong way round.",
         "The reading has the other sign, as far as the transducer reads that way.",
         _disturbed(DisturbanceKind.TURNED),

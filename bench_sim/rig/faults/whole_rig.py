@@ -4,7 +4,7 @@ from typing import Final
 
 from bench_protocol.rates import TICK
 from bench_protocol.units import NS
-from bench_sim.rig.faults.fault import Fault, FaultNumber, Place, Values
+from bench_sim.rig.faults.fault import Fault, FaultNumber, FaultPlace, Values
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.modbus_filter import Mute
 from bench_sim.rig.faults.schedule import Undo
@@ -36,7 +36,7 @@ def _power_loss(points: InsertionPoints, v: Values) -> Undo:
 FAULTS: Final = (
     Fault(
         "late_ticks",
-        Place.RIG,
+        FaultPlace.RIG,
         "The machine that runs the rig stands still for a moment, again and again; in virtual time nothing happens.",
         "`rig.late_ticks` and `rig.lateness_max` grow; frames come in bursts, stamped as they should have been.",
         _late_ticks,
@@ -47,7 +47,7 @@ FAULTS: Final = (
     ),
     Fault(
         "hung_plc",
-        Place.RIG,
+        FaultPlace.RIG,
         "The program of the PLC hangs: its sockets are open, but it does not answer.",
         "Connections are taken and requests never answered (`LinkLost` after the time-out); the function generator "
         "stands still. CAN, the watchdog and the interlocks are not the PLC's and go on.",
@@ -55,7 +55,7 @@ FAULTS: Final = (
     ),
     Fault(
         "estop",
-        Place.RIG,
+        FaultPlace.RIG,
         "Somebody presses the emergency stop, and releases it at the end.",
         "ESTOP with its reason and an emergency message; the springs are vented. A reset is refused until it is "
         "released.",
@@ -63,7 +63,7 @@ FAULTS: Final = (
     ),
     Fault(
         "power_loss",
-        Place.RIG,
+        FaultPlace.RIG,
         "Valves and actuators lose their power; what measures and talks has a battery.",
         "OFF: held until vented, set down and let go. Power on is refused until it is over, and nothing comes back by "
         "itself.",

@@ -21,7 +21,7 @@ from bench_sim.rig.external_springs import Failure
 from bench_sim.rig.spring_fmu.instances import failure_reason, initialize, shared, where
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from bench_sim.rig.spring_fmu.mapping import Coupling, coupling_of
-from bench_sim.rig.spring_fmu.worker import Order
+from bench_sim.rig.spring_fmu.worker import StartOrder
 
 _WORKER: Final = "bench_sim.rig.spring_fmu.worker"
 #: Parameters of the supply before the main valve.
@@ -77,7 +77,7 @@ def _time(value: float) -> str:
 
 
 class SpringFmu:
-    """Springs that an FMU computes (`bench_sim.rig.springs.Springs`); `close` ends its process.
+    """Springs that an FMU computes (`bench_sim.rig.springs.ReplacementSprings`); `close` ends its process.
 
     Raises FmuError for an FMU that cannot be used, which includes a failure in the trial. ``budget`` is the duration
     of its steps.
@@ -161,7 +161,7 @@ class SpringFmu:
         e = shared(path, coupling, create=True)
         worker = self._runner.start()
         durations = worker.request(
-            Order(coupling, self._runner.unpacked, path, feeds, steps),
+            StartOrder(coupling, self._runner.unpacked, path, feeds, steps),
             timeout=_START_TIMEOUT,
             where=lambda: where(e, coupling) + (", in a trial before the start" if steps else ""),
         )

@@ -24,7 +24,7 @@ _PRIORITY = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Order:
+class StartOrder:
     """Initialize the FMU in the folder ``unpacked``, and take ``steps`` steps as a trial."""
 
     coupling: Coupling
@@ -38,7 +38,7 @@ def main() -> None:
     """Answer an order with the durations (s) of its steps, then serve the tick."""
     started: list[Any] = []
 
-    def start(order: Order) -> npt.NDArray[np.float64]:
+    def start(order: StartOrder) -> npt.NDArray[np.float64]:
         e = shared(order.memory, order.coupling)
         started.extend((e, initialize(e, order.coupling, order.unpacked, order.feeds, print_log)))
         return time_steps(e, order.coupling, order.feeds, order.steps)

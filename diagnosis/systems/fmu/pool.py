@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench_sim.fmu.description import Fmu, FmuError
 from bench_sim.fmu.process import FmuRunner, Worker
 from diagnosis.contracts import DiagnosisError
-from diagnosis.systems.fmu.worker import DONE, INITIALISE, INSTANTIATE, MARK, STEP, Request
+from diagnosis.systems.fmu.worker import DONE, INITIALISE, INSTANTIATE, MARK, STEP, SimulationRequest
 
 #: Seconds without progress after which an FMU is stopped.
 TIMEOUT: Final = 60.0
@@ -34,7 +34,7 @@ class FmuPool:
         except FmuError as error:
             raise DiagnosisError(str(error)) from None
 
-    def simulate(self, request: Request) -> NDArray[Any]:
+    def simulate(self, request: SimulationRequest) -> NDArray[Any]:
         """Return the outputs (n, k) of a simulation. DiagnosisError if the FMU refuses a call, crashes or hangs."""
         try:
             worker = self._free.pop()

@@ -31,7 +31,7 @@ from diagnosis.contracts import (
     Surface,
 )
 from diagnosis.systems.fmu.pool import FmuPool
-from diagnosis.systems.fmu.worker import Feedback, Request
+from diagnosis.systems.fmu.worker import Feedback, SimulationRequest
 from diagnosis.systems.held_samples import errors_of, held_period, of_period
 from diagnosis.systems.measurement import driven_by, read_as
 from diagnosis.systems.splines import TensorSplines
@@ -191,7 +191,7 @@ class FmuSimulator(CompleteSimulator):
         starts: Mapping[str, float],
         inputs: Mapping[str, Array],
         feedback: tuple[Feedback, ...],
-    ) -> Request:
+    ) -> SimulationRequest:
         drive, step = self._drive, experiment.step
         wanted = step if drive.step is None else drive.step
         parts = round(step / wanted)
@@ -204,7 +204,7 @@ class FmuSimulator(CompleteSimulator):
         at = np.zeros((len(experiment.time), len(drive.inputs)))
         for column, one in enumerate(drive.inputs):
             at[:, column] = (inputs[one.name] - one.unit.zero) / one.unit.factor
-        return Request(
+        return SimulationRequest(
             start=_by_type(self.fmu.variables, starts),
             inputs=_columns(drive.inputs),
             outputs=_references([self.fmu.variables[name] for name in self._asked]),
@@ -227,7 +227,7 @@ class FmuSimulator(CompleteSimulator):
                 f'multiple of it; set time.step or fmu.step = "{max(round(times), 1) * own:g} s" in the map'
             )
 
-    def _simulated(self, request: Request) -> Array:
+    def _simulated(self, request: SimulationRequest) -> Array:
         """Return the outputs (n, k) of what is asked, in SI, as they were if it was asked before."""
         key = _key(request)
         with self._lock:
@@ -316,7 +316,7 @@ def _order(outputs: Sequence[Variable]) -> list[int]:
     return [places.index(k) for k in range(len(outputs))]
 
 
-def _key(request: Request) -> bytes:
+def _key(request: SimulationRequest) -> bytes:
     digest = hashlib.blake2b(repr((request.start, request.parts, request.step, request.settle)).encode())
     for values in (request.at, request.held, *(one.table[-1] for one in request.feedback)):
         digest.update(np.ascontiguousarray(values).tobytes())

@@ -46,7 +46,7 @@ class Feedback:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Request:
+class SimulationRequest:
     """One simulation: start values, inputs, and the outputs to return.
 
     ``start`` has value references and values by type. ``inputs`` has value references and columns by type; of these,
@@ -80,7 +80,7 @@ class _Simulation:
     def note(self, call: float, time: float) -> None:
         pack_into("dd", self.mark, 0, call, time)
 
-    def run(self, request: Request) -> NDArray[np.float64]:
+    def run(self, request: SimulationRequest) -> NDArray[np.float64]:
         """Return the outputs (n, k)."""
         self.note(INSTANTIATE, 0.0)
         keeps = self.fmu.keeps_state and request.settle > 0
@@ -100,7 +100,7 @@ class _Simulation:
             self.fmi.free(component)
         self.fmi.fmu.component = None
 
-    def _start(self, request: Request, begin: float) -> None:
+    def _start(self, request: SimulationRequest, begin: float) -> None:
         """Create an instance and simulate to the first sample."""
         self.fmi.instantiate()
         for kind, (references, values) in request.start.items():
@@ -115,7 +115,7 @@ class _Simulation:
             self.note(STEP, time)
             self.fmi.do_step(time, request.step)
 
-    def _restore(self, request: Request, begin: float) -> None:
+    def _restore(self, request: SimulationRequest, begin: float) -> None:
         """Restore the state at the first sample; without one, simulate to there and save it."""
         key = (str(request.start), request.at[0].tobytes(), request.step, request.settle)
         if key in self.kept:
@@ -131,7 +131,7 @@ class _Simulation:
         self._start(request, begin)
         self.kept[key] = self.fmi.fmu.component, self.fmi.fmu.getFMUState()
 
-    def _simulate(self, request: Request) -> NDArray[np.float64]:
+    def _simulate(self, request: SimulationRequest) -> NDArray[np.float64]:
         n = len(request.at)
         inputs, outputs = _Inputs(self.fmi, request), _Outputs(self.fmi, request, n)
         if request.feedback:
@@ -149,7 +149,9 @@ class _Simulation:
                 k += 1
         return outputs.values
 
-    def _simulate_fed_back(self, request: Request, inputs: _Inputs, outputs: _Outputs) -> NDArray[np.float64]:
+    def _simulate_fed_back(
+        self, request: SimulationRequest, inputs: _Inputs, outputs: _Outputs
+    ) -> NDArray[np.float64]:
         """As `_simulate`; outputs in the middle of a communication step are extrapolated from the last two."""
         from diagnosis.systems.splines import spline_value
 
@@ -189,7 +191,7 @@ def _reals(kind: str) -> bool:
 class _Inputs:
     """Sets rows of inputs."""
 
-    def __init__(self, fmi: Any, request: Request) -> None:
+    def __init__(self, fmi: Any, request: SimulationRequest) -> None:
         self.fmi = fmi
         self.groups = [
             (kind, (c_uint * len(references))(*references), list(references), list(columns))
@@ -212,7 +214,7 @@ class _Inputs:
 class _Outputs:
     """Collects rows of outputs, sorted by type."""
 
-    def __init__(self, fmi: Any, request: Request, rows: int) -> None:
+    def __init__(self, fmi: Any, request: SimulationRequest, rows: int) -> None:
         self.fmi = fmi
         self.groups, first = [], 0
         for kind, references in request.outputs.items():
