@@ -45,7 +45,7 @@ def found(values, alpha=0.003):
 
 @pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "a slow walk")])
 @pytest.mark.parametrize("size", [1.5, 4.4])
-def test_a_sine_and_a_walk_above_the_noise_are_found_and_told_apart(kind, told, size):
+def test_a_sine_and_a_walk_above_the_noise_are_found_and_distinguished(kind, told, size):
     for seed in range(5):
         (one,) = found(series(seed, kind, size))
         assert one.kind.startswith(told)

@@ -51,7 +51,7 @@ def going_on(tmp_path: Path) -> Iterator[Recorder]:
     recorder.phase_begins(SECOND, "shake")
     for one in CHECKS:
         recorder.event(
-            2 * SECOND, "check", str(one), verdict=one.verdict.value, whole=msgspec.structs.asdict(one)
+            2 * SECOND, "check", str(one), verdict=one.verdict.value, whole=msgspec.to_builtins(one)
         )
     recorder.event(3 * SECOND, "precondition", "cool: 20 °C", whole=msgspec.structs.asdict(CONDITION))
     recorder.receive([4 * SECOND], [0], [0.5])
