@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from bench_sim.model.compiled import compiled, compiled_parallel
 from diagnosis.contracts import (
@@ -359,8 +360,6 @@ class Laboratory:
 
 def ar1_noise(rng: np.random.Generator, n: int, coefficient: float) -> Array:
     """Return AR(1) noise (n,) of unit variance: each value remembers the one before by ``coefficient``."""
-    from scipy.signal import lfilter
-
     innovations = rng.standard_normal(n + _FORGOTTEN) * np.sqrt(1.0 - coefficient**2)
     noise: Array = lfilter([1.0], [1.0, -coefficient], innovations)[_FORGOTTEN:]
     return noise
