@@ -140,7 +140,7 @@ def _with_loads(spring: "Specimen", preloads: Mapping[str, float]) -> "Specimen"
         loads[name] = replace(
             one,
             preload=preload,
-            fill_pressure=preload / spring.effective_area,
+            fill_pressure=spring.pressure_for(preload),
             roll_load=one.roll_load * preload / one.preload,
         )
     return replace(spring, loads=loads)

@@ -104,6 +104,8 @@ WRITTEN_UNITS: Final[dict[str, Unit]] = {
     "g/s": Unit("kg/s", 1e-3),
     "m3/Pa": Unit("m3/Pa", 1.0),
     "litre/bar": Unit("m3/Pa", 1e-8),
+    "m2/Pa": Unit("m2/Pa", 1.0),
+    "cm2/bar": Unit("m2/Pa", 1e-9),
     "m3/(s*Pa)": Unit("m3/(s*Pa)", 1.0),
     "kg/(s*Pa2)": Unit("kg/(s*Pa2)", 1.0),
     "g/(min*bar2)": Unit("kg/(s*Pa2)", 1e-3 / 60.0 / 1e10),

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache
+from math import sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,6 +36,8 @@ DRAWING: Final = {
     "emergency_stiffness_vertical": "N/m",
     "emergency_stiffness_lateral": "N/m",
 }
+#: What a drawing may state besides.
+GROWTH: Final = {"effective_area_growth": "m2/Pa", "area_reference_pressure": "Pa"}
 #: Largest difference between preload and pressure times area, as a fraction of the preload; shell and rubber carry it.
 BORNE_OTHERWISE: Final = 0.05
 #: Properties of the bench for which the limits of roll, track and gust hold, each with its SI unit.
@@ -121,6 +124,8 @@ class Specimen:
     bench: Mapping[str, float] = field(
         default_factory=dict
     )  #: bench for which the limits of roll, track and gust hold; may be empty
+    effective_area_growth: float = 0.0  #: m²/Pa, by pressure
+    area_reference_pressure: float = 0.0  #: Pa gauge, at which the area is ``effective_area``
     model: str = (
         ""  #: parameter set of a simulation of it: a name, or the path of a file; "" if none is known
     )
@@ -138,7 +143,16 @@ class Specimen:
         """Return a load case like ``name``, with another ``preload`` (N) and without limits."""
         load = self.load(name)
         limits = Limits(f"{load.limits.where} at {preload / 1e3:g} kN", {}, {})
-        return replace(load, preload=preload, fill_pressure=preload / self.effective_area, limits=limits)
+        return replace(load, preload=preload, fill_pressure=self.pressure_for(preload), limits=limits)
+
+    def area_at(self, pressure: float) -> float:
+        """Return the effective area (m²) at design height under a gauge pressure (Pa)."""
+        return self.effective_area + self.effective_area_growth * (pressure - self.area_reference_pressure)
+
+    def pressure_for(self, preload: float) -> float:
+        """Return the gauge pressure (Pa) that carries a preload (N) at design height."""
+        bare = self.area_at(0.0)
+        return 2.0 * preload / (bare + sqrt(bare * bare + 4.0 * self.effective_area_growth * preload))
 
     def requirement(self, check: str) -> str:
         """Return the requirement that a check verifies: by this file, or by the plan; "" if there is none."""
@@ -204,7 +218,7 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
         _name("type", content),
         _name("serial_number", content),
         _name("drawing", content),
-        **_values("properties", content.get("properties", {}), DRAWING),
+        **_drawing(content.get("properties", {})),
         limits=_limits(file, "limits", content.get("limits", {}), LIMITS),
         loads={name: _load(file, name, case) for name, case in cases.items()},
         bench=_values("bench", content["bench"], BENCH) if "bench" in content else {},
@@ -217,6 +231,12 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
     if found := list(_contradictions(specimen)):
         raise EntryError("; ".join(found))
     return specimen
+
+
+def _drawing(table: Any) -> dict[str, float]:
+    """Return the properties of a drawing; those of `GROWTH` may be left out, both together."""
+    known = DRAWING | (GROWTH if GROWTH.keys() & as_table("properties", table) else {})
+    return _values("properties", table, known)
 
 
 def _name(key: str, content: Mapping[str, Any]) -> str:
@@ -246,14 +266,15 @@ def _load(file: str, name: str, case: Any) -> Load:
 
 def _contradictions(specimen: Specimen) -> Iterator[str]:
     """Yield a text for each pair of entries that contradict each other."""
-    area = specimen.effective_area
     for load in specimen.loads.values():
+        area = specimen.area_at(load.fill_pressure)
         where, preload = f"load_case.{load.name}", f"preload = {load.preload / kN:g} kN"
         borne = load.fill_pressure * area
+        right = specimen.pressure_for(load.preload)
         if abs(borne / load.preload - 1.0) > BORNE_OTHERWISE:
             yield (
                 f"{where}.{preload}, but fill_pressure = {load.fill_pressure / bar:g} bar on effective_area = "
-                f"{area:g} m2 bears {borne / kN:.4g} kN; {load.preload / area / bar:.4g} bar would bear it"
+                f"{area:g} m2 bears {borne / kN:.4g} kN; {right / bar:.4g} bar would bear it"
             )
         if load.roll_load >= load.preload:
             yield (

@@ -43,11 +43,18 @@ def pressure_that_stretches(content: float, V: float, compliance: float) -> floa
 
 
 @compiled
+def pressure_that_carries(load: float, A: float, growth: float) -> float:
+    """p_g in Pa that solves p_g (A + A_p p_g) = ``load`` (N), A being the area without pressure."""
+    return 2.0 * load / (A + sqrt(A * A + 4.0 * growth * load))
+
+
+@compiled
 def vertical_loads(
     z: float,
     gauge: float,
     A: float,
     A_1: float,
+    growth: float,
     shell: float,
     rubber: float,
     stiff: float,
@@ -60,6 +67,7 @@ def vertical_loads(
 ) -> tuple[float, float, float, float]:
     """Compression of the contact in m, F_z in N, ∂F_z/∂ζ_b at constant pressure in N/m and ∂F_z/∂p in m².
 
+    ``A`` m² is the area without pressure, ``growth`` m²/Pa its growth with the gauge pressure.
     ``rubber`` N with the stiffness ``stiff`` N/m are of what relaxes; ``f`` and ``slope`` of the friction's curve.
     """
     limit = friction_limit(friction, friction_slope, gauge)
@@ -67,9 +75,9 @@ def vertical_loads(
     K = contact_stiffness if contact > 0.0 else 0.0
     return (
         contact,
-        gauge * A - shell * z - rubber - limit * f + K * contact,
+        gauge * (A + growth * gauge) - shell * z - rubber - limit * f + K * contact,
         gauge * A_1 - shell - stiff - limit * slope - K,
-        A - (friction_slope if gauge > 0.0 else 0.0) * f,
+        A + 2.0 * growth * gauge - (friction_slope if gauge > 0.0 else 0.0) * f,
     )
 
 

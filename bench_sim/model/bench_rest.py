@@ -43,7 +43,7 @@ def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure
     x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
     x[State.SUPPLY_LINE] = supply
     for side in range(SIDES):
-        held = volume(par, side, bellows[side], 0.0) + stretch(par, side, pressure[side])
+        held = volume(par, side, bellows[side], 0.0) + stretch(par, side, bellows[side], pressure[side])
         fill_chamber(x, par, State.BELLOWS_MASS + side, pressure[side], held, T)
         fill_chamber(x, par, State.AUXILIARY_MASS + side, pressure[side], par.auxiliary_volume[side], T)
         x[State.BELLOWS_WALL + side] = x[State.AUXILIARY_WALL + side] = T

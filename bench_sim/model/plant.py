@@ -25,6 +25,7 @@ from bench_sim.model.layout import (
 )
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.rest import settle_sensors
+from bench_sim.model.spring import resting_gauge
 
 #: Length of the fixed step in s.
 STEP = 1e-3
@@ -103,7 +104,7 @@ class Plant:
             plant.inputs[Input.VERTICAL_LEFT_COMMAND + j] = force[j]
             plant.memory.mode[j] = Mode.FORCE
             plant.state[State.ACTUATOR + j] = force[j]
-        pressure = par.nominal_preload / par.effective_area + par.atmospheric_pressure
+        pressure = par.atmospheric_pressure + np.array([resting_gauge(par, side) for side in range(SIDES)])
         supply = par.sawtooth_high if par.supply_sawtooth else par.supply_pressure
         plant._settle(np.zeros(SIDES), np.zeros(SIDES), pressure, supply + par.atmospheric_pressure)
         return plant

@@ -225,6 +225,8 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("m", "extra_stop_gap", low=0.0, high=0.5, lanes=Lanes.NOT_IN_LANES),
     # gas and flow beyond the above
     *_off("m3/Pa", "bellows_compliance", low=0.0, high=1e-7, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("m2/Pa", "effective_area_growth", low=0.0, high=1e-6, shape=_SIDE, lanes=Lanes.COLUMN),
+    *_off("Pa", "area_reference_pressure", default=2.06e5, low=0.0, high=1e6, lanes=Lanes.COLUMN),
     *_off("1", "orifice_reynolds", low=0.0, high=1e3, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("1", "orifice_asymmetry", low=-0.9, high=0.9, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),

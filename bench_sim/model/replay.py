@@ -155,7 +155,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
         z_b = z
         y_b = y
         for _ in range(_ROUNDS):
-            V = volume(par, i, z_b, y_b) + stretch(par, i, pressure[i])
+            V = volume(par, i, z_b, y_b) + stretch(par, i, z_b, pressure[i])
             fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], V, temperature[i])
             relax_rubber(x, mem, i, z_b, y_b)
             hold_back(x, i, before.behind)

@@ -7,7 +7,14 @@ so that the membrane does no work and ∂F_z/∂y = ∂F_y/∂ζ at constant pre
 stack without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y, undeformed at the preload P of the
 load case. This is solved for the bellows' share (ζ_b, y_b) by Newton's method, and differentiated for its speed.
 A bellows that stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of
-the pressure; p_ref is that of the load case. Below ``contact_height`` the top plate also sits on the emergency spring.
+the pressure; p_ref is that of the load case. An effective area that grows with the gauge pressure,
+A_e + A_p (p_g − p_A), stretches the wall as well. Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and
+V = ∂Φ/∂p:
+
+    Φ = … + A_p (p_g (p_g − p_A) ζ + (p_g − p_A)² h),   h = V₀/A₀
+
+so that V grows by A_p ((2p_g − p_A) ζ + 2 (p_g − p_A) h): the bellows widens over its whole height. The cords store
+A_p (p_g² (ζ + h) − p_A² h). Below ``contact_height`` the top plate also sits on the emergency spring.
 Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
 """
 
@@ -25,6 +32,7 @@ from bench_sim.model.bellows import (
     lateral_shape,
     newton_step,
     pressure_per_volume,
+    pressure_that_carries,
     pressure_that_stretches,
     tangents,
     vertical_loads,
@@ -41,7 +49,7 @@ _CLOSE = 3e-7
 
 @compiled
 def volume(par: Any, side: int, zeta: float, y: float) -> float:
-    """Bellows volume V(ζ, y) in m³, at the pressure of the load case if it depends on that."""
+    """Bellows volume V(ζ, y) in m³ without what pressure adds to it (`stretch`)."""
     V, _, _, _, _, _ = shape(par, side, zeta, y)
     return V
 
@@ -55,7 +63,7 @@ def shape(par: Any, side: int, zeta: float, y: float) -> tuple[float, float, flo
         Y,
         Y1,
         par.bellows_volume[side],
-        par.effective_area[side],
+        unpressed_area(par, side),
         par.effective_area_slope[side],
         par.membrane_length[side],
         par.membrane_length_slope[side],
@@ -64,16 +72,40 @@ def shape(par: Any, side: int, zeta: float, y: float) -> tuple[float, float, flo
 
 
 @compiled
-def stretch(par: Any, side: int, p: float) -> float:
-    """C_V (p − p_ref) in m³, by which the bellows is larger at this absolute pressure than under its load case."""
-    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
-    return par.bellows_compliance[side] * (p - reference)
+def unpressed_area(par: Any, side: int) -> float:
+    """A₀ − A_p p_A in m²: the effective area at design height without pressure."""
+    return par.effective_area[side] - par.effective_area_growth[side] * par.area_reference_pressure
 
 
 @compiled
-def stretched_pressure(par: Any, side: int, content: float, V: float) -> float:
-    """p in Pa that solves p (V + C_V (p − p_ref)) = ``content`` (J), V being the volume at p_ref."""
-    return pressure_that_stretches(content, V + stretch(par, side, 0.0), par.bellows_compliance[side])
+def compliance(par: Any, side: int, zeta: float) -> float:
+    """C = ∂V/∂p = C_V + 2 A_p (ζ + h) in m³/Pa."""
+    height = par.bellows_volume[side] / par.effective_area[side]
+    return par.bellows_compliance[side] + 2.0 * par.effective_area_growth[side] * (zeta + height)
+
+
+@compiled
+def stretch(par: Any, side: int, zeta: float, p: float) -> float:
+    """What this absolute pressure adds to `volume`, in m³: C_V (p − p_ref) + 2 A_p (p_g ζ + (p_g − p_A) h)."""
+    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
+    height = par.bellows_volume[side] / par.effective_area[side]
+    gauge = p - par.atmospheric_pressure
+    grown = gauge * zeta + (gauge - par.area_reference_pressure) * height
+    return par.bellows_compliance[side] * (p - reference) + 2.0 * par.effective_area_growth[side] * grown
+
+
+@compiled
+def stretched_pressure(par: Any, side: int, zeta: float, content: float, V: float) -> float:
+    """p in Pa that solves p (V + `stretch`) = ``content`` (J), V being the volume without it."""
+    return pressure_that_stretches(content, V + stretch(par, side, zeta, 0.0), compliance(par, side, zeta))
+
+
+@compiled
+def resting_gauge(par: Any, side: int) -> float:
+    """p_g in Pa that carries the preload of the load case at design height."""
+    return pressure_that_carries(
+        par.nominal_preload[side], unpressed_area(par, side), par.effective_area_growth[side]
+    )
 
 
 @compiled
@@ -98,9 +130,10 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
     """Pressure, force and tangent stiffness of one bellows at its own displacement (ζ_b, y_b), into ``out``."""
     V, A, B, length, Y1, Y2 = shape(par, side, zeta, y)
     p = pressure(x[State.BELLOWS_ENERGY + side], V, par.heat_capacity_ratio)
-    if par.bellows_compliance[side] > 0.0:
-        p = stretched_pressure(par, side, p * V, V)
-        V += stretch(par, side, p)
+    growth = par.effective_area_growth[side]
+    if par.bellows_compliance[side] > 0.0 or growth != 0.0:
+        p = stretched_pressure(par, side, zeta, p * V, V)
+        V += stretch(par, side, zeta, p)
     gauge = p - par.atmospheric_pressure
 
     k_z = par.shell_stiffness_vertical[side]
@@ -117,6 +150,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
         gauge,
         A,
         par.effective_area_slope[side],
+        growth,
         k_z,
         branch_z,
         stiff_z,
@@ -141,7 +175,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
         par.friction_lateral_slope[side],
     )
     out[Algebraic.VOLUME + side] = V
-    out[Algebraic.AREA + side] = A
+    out[Algebraic.AREA + side] = A + 2.0 * growth * gauge
     out[Algebraic.LATERAL_AREA + side] = B
     out[Algebraic.PRESSURE + side] = p
     out[Algebraic.CONTACT + side] = contact
@@ -169,10 +203,10 @@ def tangent_of(side: int, out: Any) -> tuple[float, float, float, float, float, 
 
 
 @compiled
-def energy_kept(par: Any, side: int, out: Any) -> float:
+def energy_kept(par: Any, side: int, zeta: float, out: Any) -> float:
     """−dp/dV in Pa/m³ of one bellows at constant internal energy."""
     return pressure_per_volume(
-        out[Algebraic.PRESSURE + side], out[Algebraic.VOLUME + side], par.bellows_compliance[side]
+        out[Algebraic.PRESSURE + side], out[Algebraic.VOLUME + side], compliance(par, side, zeta)
     )
 
 
@@ -197,29 +231,31 @@ def share_with_emergency_spring(
             miss_z = zeta - z_b + c_z * (out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side])
             miss_y = y - y_b + c_y * out[Algebraic.STACK_LATERAL + side]
             A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(side, out)
-            p_V = energy_kept(par, side, out)
+            p_V = energy_kept(par, side, z_b, out)
             a, b, c, d = compliance_matrix(A, B, per_z, per_y, K_zz, K_zy, K_yy, c_z, c_y, p_V)
             step_z, step_y = newton_step(a, b, c, d, miss_z, miss_y)
             z_b += step_z
             y_b += step_y
             if abs(step_z) + abs(step_y) < _CLOSE:
                 break
-        carry_over(par, side, step_z, step_y, out)
+        carry_over(par, side, z_b - step_z, step_z, step_y, out)
     out[Algebraic.BELLOWS_VERTICAL + side] = z_b
     out[Algebraic.BELLOWS_LATERAL + side] = y_b
 
 
 @compiled
-def carry_over(par: Any, side: int, step_z: float, step_y: float, out: Any) -> None:
-    """Move the loads of one bellows by a last small step along their tangents."""
+def carry_over(par: Any, side: int, zeta: float, step_z: float, step_y: float, out: Any) -> None:
+    """Move the loads of one bellows by a last small step from ``zeta`` along their tangents."""
     A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(side, out)
-    p_V = energy_kept(par, side, out)
+    p_V = energy_kept(par, side, zeta, out)
     F_z, F_y, V, p = tangents(step_z, step_y, A, B, per_z, per_y, K_zz, K_zy, K_yy, p_V)
     out[Algebraic.STACK_VERTICAL + side] += F_z
     out[Algebraic.STACK_LATERAL + side] += F_y
-    out[Algebraic.VOLUME + side] += V + par.bellows_compliance[side] * p
+    out[Algebraic.VOLUME + side] += V + compliance(par, side, zeta) * p
     out[Algebraic.PRESSURE + side] += p
-    out[Algebraic.AREA + side] += par.effective_area_slope[side] * step_z
+    out[Algebraic.AREA + side] += (
+        par.effective_area_slope[side] * step_z + 2.0 * par.effective_area_growth[side] * p
+    )
 
 
 @compiled
@@ -303,7 +339,7 @@ def work_term(par: Any, out: Any, dx: Any) -> None:
             (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i],
             p,
             out[Algebraic.VOLUME + i],
-            par.bellows_compliance[i],
+            compliance(par, i, out[Algebraic.BELLOWS_VERTICAL + i]),
             kappa,
             A,
             B,

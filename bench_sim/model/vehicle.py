@@ -170,8 +170,8 @@ class Vehicle:
         for side in range(SIDES):
             zeta, y = float(bellows[side]), float(bellows[SIDES + side])
             V, V_a = volume(par, side, zeta, y), par.auxiliary_volume[side]
-            p = stretched_pressure(par, side, air[side] * par.gas_constant * T, V + V_a)
-            V += stretch(par, side, p)
+            p = stretched_pressure(par, side, zeta, air[side] * par.gas_constant * T, V + V_a)
+            V += stretch(par, side, zeta, p)
             fill_chamber(x, par, State.BELLOWS_MASS + side, p, V, T)
             fill_chamber(x, par, State.AUXILIARY_MASS + side, p, V_a, T)
             relax_rubber(x, mem, side, zeta, y)

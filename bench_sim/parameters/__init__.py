@@ -31,7 +31,7 @@ from bench_sim.parameters.sensors import SENSOR_KINDS, read_sensors
 __all__ = ["PROVENANCES", "SENSOR_KINDS", "Entry", "ParameterError", "Parameters", "load"]
 
 #: The sets that are next to this module.
-SETS: Final = ("astb",)
+SETS: Final = ("astb", "kuzyshyn_2024")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
 
 
 def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> Parameters:
-    own = name in SETS
+    own = name == SETS[0]
     path, tables = (Path(f"{name}.toml"), {}) if own else read_toml(name, SETS)
     try:
         if own:

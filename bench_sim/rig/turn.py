@@ -39,7 +39,15 @@ _REFUSED: Final = {
     "sensor_accuracy": "it only draws the bias of a transducer when the rig is built",
 }
 #: What changes the volume in which the gas is.
-VOLUMES: Final = frozenset(("bellows_volume", "auxiliary_volume", "bellows_compliance"))
+VOLUMES: Final = frozenset(
+    (
+        "bellows_volume",
+        "auxiliary_volume",
+        "bellows_compliance",
+        "effective_area_growth",
+        "area_reference_pressure",
+    )
+)
 
 
 def differing(before: Any, after: Any) -> list[str]:

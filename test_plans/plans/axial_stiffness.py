@@ -91,7 +91,7 @@ def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
         run.bench.wait(STAIR_WAIT)
         restore_the_air(run, rest)
         means.append(run.bench.averages(*names, *bearing(run.rig), over=steps.AVERAGE_OVER))
-    area = run.specimen.effective_area
+    area = run.specimen.area_at(rest["left.bellows_pressure"])
     return {
         side: run.measured(partial(_slope, side, area), run.rig, *means, averaged=AVERAGED) for side in SIDES
     }

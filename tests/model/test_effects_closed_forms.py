@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.units import kN, litre, mm
+from bench_sim.model import spring
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.gas import sonic_conductance
@@ -205,6 +206,56 @@ def test_stiffness_of_a_closed_bellows(given, load_case, name, values, expected)
     K, _ = dynamic_stiffness(plant, 0.5 * mm, 5.0, 3)
     assert K.real == pytest.approx(closed_stiffness(load_case, **expected), rel=1e-4)
     assert abs(K.imag / K.real) < 1e-6
+
+
+GROWTH = 296e-9
+
+
+def pressed_area(load_case, growth=GROWTH, reference=2.06e5):
+    """Gauge pressure (Pa) that carries the load, and ∂V/∂ζ = ∂F/∂p (m²), of F = p_g (A + A_p (p_g − p_A))."""
+    bare = A - growth * reference
+    gauge = max(np.roots([growth, bare, -LOADS[load_case]]).real)
+    return gauge, bare + 2.0 * growth * gauge
+
+
+@BOTH
+def test_rest_and_stiffness_where_the_area_grows_with_pressure(given, load_case):
+    plant = shut(given("area_pressure", {"growth": GROWTH}, load_case, BARE))
+    gauge, area = pressed_area(load_case)
+    assert plant.truth()["pressure[0]"] == pytest.approx(gauge + P_ATM, rel=1e-9)
+    assert plant.truth()["volume[0]"] == pytest.approx(
+        V_B + 2 * GROWTH * (gauge - 2.06e5) * V_B / A, rel=1e-9
+    )
+    p, V = gauge + P_ATM, V_B + 2.0 * GROWTH * (gauge - 2.06e5) * V_B / A
+    expected = KAPPA * p * area**2 / (V + KAPPA * p * 2.0 * GROWTH * V_B / A) - gauge * A_1
+    K, _ = dynamic_stiffness(plant, 0.5 * mm, 5.0, 3)
+    assert K.real == pytest.approx(expected, rel=1e-4)
+    assert abs(K.imag / K.real) < 1e-6
+    in_series = shut(given("area_pressure", {"growth": GROWTH}, load_case, ("rubber", "heat")))
+    K, _ = dynamic_stiffness(in_series, 0.5 * mm, 5.0, 3)
+    assert K.real == pytest.approx(1.0 / (1.0 / expected + 1.0 / 6e6), rel=2e-4)
+
+
+@pytest.mark.parametrize("zeta", [-0.04, 0.0, 0.03])
+def test_the_wall_of_a_growing_area_keeps_its_energy(given, zeta):
+    """Around a closed loop in height and pressure the force's work is that of the gas: ∮ p_g dV = ∮ F dζ."""
+    par = given("area_pressure", {"growth": GROWTH}, "AW0", BARE).parameters
+    plant = Plant.at_rest(par)
+
+    def force_and_volume(height, gauge):
+        V = spring.volume(par, 0, height, 0.0) + spring.stretch(par, 0, height, gauge + P_ATM)
+        plant.state[State.BELLOWS_ENERGY] = (gauge + P_ATM) * V / (KAPPA - 1.0)
+        out = np.zeros_like(plant._algebraic)
+        spring.load_bellows(plant.state, plant.memory, par, 0, height, 0.0, out)
+        assert out[Algebraic.PRESSURE] == pytest.approx(gauge + P_ATM, rel=1e-12)
+        return out[Algebraic.STACK_VERTICAL], out[Algebraic.VOLUME]
+
+    around = np.linspace(0.0, 2.0 * np.pi, 1201)
+    heights, gauges = zeta + 0.01 * np.cos(around), 3.5e5 + 1.5e5 * np.sin(around)
+    loads = np.array([force_and_volume(*at) for at in zip(heights, gauges, strict=True)])
+    by_force = np.trapezoid(loads[:, 0], heights)
+    assert np.trapezoid(gauges, loads[:, 1]) == pytest.approx(by_force, rel=1e-4)
+    assert loads[:, 0] == pytest.approx(gauges * (A + A_1 * heights + GROWTH * (gauges - 2.06e5)), rel=1e-9)
 
 
 @BOTH

@@ -64,6 +64,7 @@ SPRINGS = {
     },
     "with a capacity in its walls": {"wall_heat_capacity": 400.0, "wall_outer_heat_transfer": 3.0},
     "soft, creeping, one-way": {"bellows_compliance": 2e-9, "creep_ratio": 0.2, "orifice_asymmetry": 0.3},
+    "with an area that grows with pressure": {"effective_area_growth": 3e-7, "bellows_compliance": 2e-9},
     "with a choked, viscous orifice": {"orifice_diameter": 4e-3, "orifice_reynolds": 30.0},
     "with inertia in its connection": {"flow_inertance": 800.0},
     "with much inertia and a one-way orifice": {"flow_inertance": 5e3, "orifice_asymmetry": -0.2},

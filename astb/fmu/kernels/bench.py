@@ -12,6 +12,7 @@ from bench_sim.model.kernel import evaluate
 from bench_sim.model.layout import ACTUATORS, INPUTS, SENSORS, SIDES, Input, Mode, State
 from bench_sim.model.runge_kutta import integrate, step_scheme
 from bench_sim.model.sensors import true_values
+from bench_sim.model.spring import resting_gauge
 from bench_sim.model.step_start import begin
 
 #: Working rows: four slopes and a state, and the inputs of the model.
@@ -106,7 +107,7 @@ def start(
     bellows, height, pressure = work[1], work[2], work[3]
     for i in range(SIDES):
         if air > 0.0:
-            pressure[i] = par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
+            pressure[i] = resting_gauge(par, i) + par.atmospheric_pressure
         else:
             bellows[i], height[i] = _seated(par, i)
             pressure[i] = par.atmospheric_pressure

@@ -13,6 +13,7 @@ from bench_sim.model.layout import EXTRA_BRANCHES, SIDES, Input, State
 from bench_sim.model.replay import Before, Gas, settle
 from bench_sim.model.rest import settled_temperature
 from bench_sim.model.runge_kutta import integrate, step_scheme
+from bench_sim.model.spring import resting_gauge
 from bench_sim.model.step_start import begin
 
 #: Displacements of a motion; their speeds and accelerations stand behind them.
@@ -143,7 +144,7 @@ def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float,
     T = settled_temperature(par)
     pressure, temperature, nothing = work[5], work[6], work[7]
     for i in range(SIDES):
-        p = air * par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
+        p = air * resting_gauge(par, i) + par.atmospheric_pressure
         pressure[i] = pressure[SIDES + i] = p
         temperature[i] = temperature[SIDES + i] = T
     x[State.SUPPLY_LINE] = supply_open(u, par)

@@ -171,6 +171,29 @@ EFFECTS: Final = (
         source="size assumed",
         separated_by="fast sine at AW0 and at AW3: the loss of stiffness grows with the load",
     ),
+    # The effective area grows with the pressure.
+    #
+    #     A_e = A_0 + A_1 ζ + A_p (p_g − p_A),   F = p_g A_e
+    #
+    # in both springs, p_A being the pressure at which the area is A_0. Force and volume follow from one potential
+    # (`bench_sim.model.spring`): the wall stretches without loss, and the volume grows with the area over the height
+    # of the bellows. Source: Kuzyshyn et al., J. Vibroeng. (2024), a spring of a high-speed train: 0.231 m² at
+    # 2.5 atm to 0.306 m² at 5.0 atm, 296 cm²/bar.
+    Effect(
+        name="area_pressure",
+        family="gas",
+        title="effective area that grows with pressure",
+        plain="the effective area grows with the pressure",
+        amplitude=EffectParameter(
+            "growth", "m2/Pa", "cm2/bar", 1e-9, nominal=0.0, typical=1e-7, low=0.0, high=8e-7
+        ),
+        change=adds("effective_area_growth", "growth"),
+        touches=frozenset({"force", "gas"}),
+        confusers=("force_gain", "compliance", "area_slope"),
+        equation="A_e = A_0 + A_1 ζ + A_p (p_g − p_A)",
+        source="Kuzyshyn et al. 2024: 296 cm²/bar measured",
+        separated_by="heights held at constant pressure, at three pressures: F/p_g against p_g",
+    ),
     # The effective area changes with height differently than assumed.
     #
     #     A_1 ← A_1 + e,   A_e = A_0 + A_1 ζ

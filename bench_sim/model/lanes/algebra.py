@@ -102,13 +102,15 @@ def load_bellows(w: Any) -> None:
         w[Lane.TRY_Y + i] = y
         Y, Y1, Y2 = lateral_shape(y, w[Lane.PER_TRAVEL + i])
         A_1, kappa_1 = w[Lane.A_1 + i], w[Lane.KAPPA_1 + i]
+        growth, outside = w[Lane.GROWTH + i], w[Lane.ATMOSPHERE + i]
         V, A, B, length = envelope(
             z, Y, Y1, w[Lane.V_0 + i], w[Lane.A_0 + i], A_1, w[Lane.KAPPA_0 + i], kappa_1
         )
-        V += w[Lane.STRETCH_AT_0 + i]
+        V += w[Lane.STRETCH_AT_0 + i] - 2.0 * growth * outside * z
+        C = w[Lane.STRETCH + i] + 2.0 * growth * z
         content = (w[Lane.HEAT_RATIO + i] - 1.0) * w[STAGE + LaneState.ENERGY + i]
-        p = pressure_that_stretches(content, V, w[Lane.STRETCH + i])
-        gauge = p - w[Lane.ATMOSPHERE + i]
+        p = pressure_that_stretches(content, V, C)
+        gauge = p - outside
         k_z, k_y = w[Lane.SHELL_Z + i], w[Lane.SHELL_Y + i]
         ratios = w[Lane.RATIOS + i]
         f_z, slope_z = friction_curve(
@@ -122,7 +124,7 @@ def load_bellows(w: Any) -> None:
         grip, per_gauge = w[Lane.FRICTION_Z + i], w[Lane.FRICTION_Z_SLOPE + i]
         touch, stop = w[Lane.CONTACT_HEIGHT + i], w[Lane.CONTACT_STIFFNESS + i]
         contact, F_z, K_zz, per_z = vertical_loads(
-            z, gauge, A, A_1, k_z, pull, stiff, f_z, slope_z, grip, per_gauge, touch, stop
+            z, gauge, A, A_1, growth, k_z, pull, stiff, f_z, slope_z, grip, per_gauge, touch, stop
         )
         F_y, K_yy, per_y = lateral_loads(
             y,
@@ -137,8 +139,8 @@ def load_bellows(w: Any) -> None:
             w[Lane.FRICTION_Y + i],
             w[Lane.FRICTION_Y_SLOPE + i],
         )
-        w[Lane.VOLUME + i] = V + w[Lane.STRETCH + i] * p
-        w[Lane.AREA + i] = A
+        w[Lane.VOLUME + i] = V + C * p
+        w[Lane.AREA + i] = A + 2.0 * growth * gauge
         w[Lane.LATERAL_AREA + i] = B
         w[Lane.PRESSURE + i] = p
         w[Lane.CONTACT + i] = contact
@@ -174,7 +176,8 @@ def seek(w: Any) -> int:
         z = w[Lane.TRY_Z + i]
         y = w[Lane.TRY_Y + i]
         c_z, c_y = w[Lane.GIVE_Z + i], w[Lane.GIVE_Y + i]
-        p_V = pressure_per_volume(w[Lane.PRESSURE + i], w[Lane.VOLUME + i], w[Lane.STRETCH + i])
+        C = w[Lane.STRETCH + i] + 2.0 * w[Lane.GROWTH + i] * z
+        p_V = pressure_per_volume(w[Lane.PRESSURE + i], w[Lane.VOLUME + i], C)
         miss_z = w[Lane.HEIGHT + i] + w[STAGE + LaneState.CREEP + i] - z
         miss_z += c_z * (w[Lane.STACK_Z + i] - w[Lane.PRELOAD + i])
         miss_y = w[Lane.LATERAL + i] - y + c_y * w[Lane.STACK_Y + i]
@@ -194,7 +197,8 @@ def carry_over(w: Any) -> None:
     """Move the loads by Newton's last step along their tangents, and look at the gas."""
     for i in range(LANES):
         z, y = w[Lane.STEP_Z + i], w[Lane.STEP_Y + i]
-        p, V, C = w[Lane.PRESSURE + i], w[Lane.VOLUME + i], w[Lane.STRETCH + i]
+        p, V, growth = w[Lane.PRESSURE + i], w[Lane.VOLUME + i], w[Lane.GROWTH + i]
+        C = w[Lane.STRETCH + i] + 2.0 * growth * w[Lane.TRY_Z + i]
         A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(w, i)
         p_V = pressure_per_volume(p, V, C)
         F_z, F_y, dV, dp = tangents(z, y, A, B, per_z, per_y, K_zz, K_zy, K_yy, p_V)
@@ -202,7 +206,7 @@ def carry_over(w: Any) -> None:
         w[Lane.STACK_Y + i] += F_y
         w[Lane.VOLUME + i] = V + dV + C * dp
         w[Lane.PRESSURE + i] = p + dp
-        w[Lane.AREA + i] = A + w[Lane.A_1 + i] * z
+        w[Lane.AREA + i] = A + w[Lane.A_1 + i] * z + 2.0 * growth * dp
         w[Lane.BELLOWS_Z + i] = w[Lane.TRY_Z + i] + z
         w[Lane.BELLOWS_Y + i] = w[Lane.TRY_Y + i] + y
         R, kappa = w[Lane.GAS_CONSTANT + i], w[Lane.HEAT_RATIO + i]

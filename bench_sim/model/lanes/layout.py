@@ -127,8 +127,9 @@ class Lane(_Rows):
     CHANGED_3 = auto()
     # what the spring is made of
     V_0 = auto()
-    A_0 = auto()
+    A_0 = auto()  #: without pressure
     A_1 = auto()
+    GROWTH = auto()  #: A_p of the area
     KAPPA_0 = auto()
     KAPPA_1 = auto()
     PER_TRAVEL = auto()  #: 1/y_s of the membrane
@@ -155,8 +156,8 @@ class Lane(_Rows):
     GIVE_Y = auto()
     CREEP_GAIN = auto()
     CREEP_RATE = auto()
-    STRETCH = auto()  #: C_V of the bellows
-    STRETCH_AT_0 = auto()
+    STRETCH = auto()  #: ∂V/∂p of the bellows at design height
+    STRETCH_AT_0 = auto()  #: what no pressure adds to the volume there
     ATMOSPHERE = auto()
     GAS_CONSTANT = auto()
     HEAT_RATIO = auto()

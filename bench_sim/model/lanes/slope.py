@@ -239,7 +239,7 @@ def work(w: Any) -> None:
             (kappa - 1.0) * w[Lane.HEATING + i],
             p,
             w[Lane.VOLUME + i],
-            w[Lane.STRETCH + i],
+            w[Lane.STRETCH + i] + 2.0 * w[Lane.GROWTH + i] * w[Lane.BELLOWS_Z + i],
             kappa,
             A,
             B,

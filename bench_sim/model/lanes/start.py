@@ -30,6 +30,7 @@ from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, SID
 from bench_sim.model.orifice import effective_flow_area, nozzle_constant, nozzle_slope, reynolds_per_flow
 from bench_sim.model.quantities import QUANTITIES
 from bench_sim.model.replay import settle
+from bench_sim.model.spring import compliance, stretch, unpressed_area
 
 #: Quantities with which a lane cannot deal unless they have these values.
 _UNKNOWN: Final = {one.name: one.default or 0.0 for one in QUANTITIES if not one.lanes}
@@ -118,15 +119,14 @@ def _fill_rubber(w: Any, i: int, par: Any) -> None:
 def _fill_gas(w: Any, i: int, par: Any) -> None:
     """Volumes, areas and heat."""
     w[Lane.V_0] = par.bellows_volume[i]
-    w[Lane.A_0] = par.effective_area[i]
+    w[Lane.A_0] = unpressed_area(par, i)
     w[Lane.A_1] = par.effective_area_slope[i]
     w[Lane.KAPPA_0] = par.membrane_length[i]
     w[Lane.KAPPA_1] = par.membrane_length_slope[i]
     w[Lane.PER_TRAVEL] = 1.0 / par.membrane_travel[i]
-    w[Lane.STRETCH] = par.bellows_compliance[i]
-    w[Lane.STRETCH_AT_0] = -par.bellows_compliance[i] * (
-        par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
-    )
+    w[Lane.GROWTH] = par.effective_area_growth[i]
+    w[Lane.STRETCH] = compliance(par, i, 0.0)
+    w[Lane.STRETCH_AT_0] = stretch(par, i, 0.0, 0.0)
     w[Lane.ATMOSPHERE] = par.atmospheric_pressure
     w[Lane.GAS_CONSTANT] = par.gas_constant
     w[Lane.HEAT_RATIO] = par.heat_capacity_ratio

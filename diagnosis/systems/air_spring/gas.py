@@ -7,11 +7,12 @@ import numpy as np
 
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
-from bench_sim.model.bellows import envelope, lateral_shape, pressure_that_stretches
+from bench_sim.model.bellows import envelope, lateral_shape, pressure_that_carries, pressure_that_stretches
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import SIDES
 from bench_sim.model.replay import Gas
 from bench_sim.model.rest import settled_temperature
+from bench_sim.model.spring import compliance, stretch, unpressed_area
 from bench_sim.model.wiring import sensor_of
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.systems.air_spring.parameters import CHAMBERS
@@ -77,18 +78,12 @@ def _room(par: Any, side: int, zeta: float, y: float) -> tuple[float, float]:
     It widens, and makes the emergency spring below give way: ζ_b = ζ + (p_g A − P)/k.
     """
     Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
-    names = (
-        "bellows_volume",
-        "effective_area",
-        "effective_area_slope",
-        "membrane_length",
-        "membrane_length_slope",
-    )
-    V, area, *_ = envelope(zeta, Y, Y1, *(float(par[name][side]) for name in names))
-    load, atmosphere = par.nominal_preload[side], par.atmospheric_pressure
-    widens = float(par.bellows_compliance[side])
+    names = ("effective_area_slope", "membrane_length", "membrane_length_slope")
+    V_0, rest = float(par.bellows_volume[side]), (float(par[name][side]) for name in names)
+    V, area, *_ = envelope(zeta, Y, Y1, V_0, unpressed_area(par, side), *rest)
+    growth = float(par.effective_area_growth[side])
+    resting = pressure_that_carries(float(par.nominal_preload[side]), area, growth)
+    area += 2.0 * growth * resting
     gives = area**2 / float(par.emergency_stiffness_vertical[side]) if par.emergency_spring else 0.0
-    unloaded = (
-        V - widens * (atmosphere + load / par.effective_area[side]) - gives * (atmosphere + load / area)
-    )
-    return float(unloaded), widens + gives
+    unloaded = V + stretch(par, side, zeta, 0.0) - gives * (par.atmospheric_pressure + resting)
+    return float(unloaded), compliance(par, side, zeta) + gives

@@ -27,7 +27,8 @@ def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Par
         bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
         slope = par.effective_area_slope[i]
         if forces and bellows in outputs:
-            area = par.effective_area[i] + slope * height
+            growth = par.effective_area_growth[i] * (outputs[bellows] - par.area_reference_pressure)
+            area = par.effective_area[i] + slope * height + growth
             found[f"{side} force less pressure times area, N"] = forces[i] - outputs[bellows] * area
         warm, cold = (f"{side}.{chamber}_temperature" for chamber in ("bellows", "auxiliary"))
         if all(name in outputs for name in (bellows, auxiliary, warm, cold)):
