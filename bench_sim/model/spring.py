@@ -41,7 +41,7 @@ from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import pressure, temperature
 from bench_sim.model.layout import BRANCHES, State
 from bench_sim.model.rubber import extra_pull, friction_curve, maxwell_pull
-from bench_sim.model.surface import force_surface
+from bench_sim.model.surface import force_surface, lateral_surface, moment_surface
 
 #: Below this step (m) the tangents carry every quantity over; what they miss is of second order, 1e-6 N.
 _CLOSE = 3e-7
@@ -395,9 +395,12 @@ def spring_term(par: Any, out: Any, dx: Any) -> None:
         F_z = out[Algebraic.STACK_VERTICAL + i] + par.contact_stiffness * out[Algebraic.CONTACT + i] * loss
         if par.force_surface_displacement[1] > par.force_surface_displacement[0]:
             F_z += force_surface(par, out[Algebraic.HEIGHT + i], out[Algebraic.HEIGHT_SPEED + i])
+        shear = out[Algebraic.LATERAL + i]
         F_y = out[Algebraic.STACK_LATERAL + i] - K * par.coupling_angle * saturated
+        F_y += lateral_surface(par, shear, out[Algebraic.LATERAL_SPEED + i], theta)
         M = -(par.torsional_stiffness[i] + par.torsional_stiffness_slope[i] * gauge) * theta
-        M -= K * out[Algebraic.LATERAL + i] * (1.0 - saturated * saturated)
+        M -= K * shear * (1.0 - saturated * saturated)
+        M += moment_surface(par, shear, theta)
         out[Algebraic.VERTICAL_FORCE + i] = F_z
         out[Algebraic.LATERAL_FORCE + i] = F_y
         out[Algebraic.ROLL_MOMENT + i] = M

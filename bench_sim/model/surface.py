@@ -54,6 +54,29 @@ def force_surface(par: Any, displacement: float, speed: float) -> float:
 
 
 @compiled
+def lateral_surface(par: Any, shear: float, speed: float, roll: float) -> float:
+    """Extra force of one spring to the left in N: over (shear, asinh(v/v₀)), and over (shear, roll)."""
+    force = 0.0
+    if par.shear_surface_shear[1] > par.shear_surface_shear[0]:
+        v_0 = par.force_surface_unit_speed
+        low, high = asinh(par.shear_surface_speed[0] / v_0), asinh(par.shear_surface_speed[1] / v_0)
+        force += surface(par.shear_surface, shear, par.shear_surface_shear, asinh(speed / v_0), low, high)
+    if par.roll_surface_roll[1] > par.roll_surface_roll[0]:
+        low, high = par.roll_surface_shear[0], par.roll_surface_shear[1]
+        force += surface(par.roll_surface, roll, par.roll_surface_roll, shear, low, high)
+    return force
+
+
+@compiled
+def moment_surface(par: Any, shear: float, roll: float) -> float:
+    """Extra roll moment of one spring in N·m over (roll, shear)."""
+    if par.moment_surface_roll[1] <= par.moment_surface_roll[0]:
+        return 0.0
+    low, high = par.moment_surface_shear[0], par.moment_surface_shear[1]
+    return surface(par.moment_surface, roll, par.moment_surface_roll, shear, low, high)
+
+
+@compiled
 def surface_flow(par: Any, opening: float, p: float, p_a: float) -> float:
     """Extra flow in kg/s from a bellows to its chamber, over (p_b − p_a, p_b)."""
     if par.flow_surface_difference[1] <= par.flow_surface_difference[0]:

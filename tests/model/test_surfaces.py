@@ -6,7 +6,8 @@ from scipy.interpolate import BSpline
 
 from bench_protocol.units import bar, mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose, isolate
+from bench_sim.model.experiments import LATERAL as SHEAR
+from bench_sim.model.experiments import ROLL, VERTICAL, ImposedMotion, impose, isolate
 from bench_sim.model.layout import SURFACE, State
 from bench_sim.model.surface import surface
 
@@ -60,6 +61,40 @@ def test_a_force_surface_is_a_force(resting):
     assert np.array_equal(found.of(Algebraic.PRESSURE), base.of(Algebraic.PRESSURE)), (
         "it leaves the gas alone"
     )
+
+
+LATERAL_SPANS = {
+    "shear_surface_shear": [-10 * mm, 10 * mm],
+    "shear_surface_speed": [-0.2, 0.2],
+    "roll_surface_roll": [-5e-3, 5e-3],
+    "roll_surface_shear": [-10 * mm, 10 * mm],
+    "moment_surface_roll": [-5e-3, 5e-3],
+    "moment_surface_shear": [-10 * mm, 10 * mm],
+}
+
+
+def test_lateral_surfaces_are_a_force_and_a_moment(resting):
+    def rolled(plant):
+        isolate(plant)
+        return impose(plant, [ImposedMotion(SHEAR, 8 * mm, 1.5), ImposedMotion(ROLL, 4e-3, 1.1)], 1.0)
+
+    names = ("shear_surface", "roll_surface", "moment_surface")
+    shear, roll, moment = (GENERATOR.normal(scale=100.0, size=SURFACE) for _ in names)
+    base = rolled(resting())
+    found = rolled(resting(shear_surface=shear, roll_surface=roll, moment_surface=moment, **LATERAL_SPANS))
+    force = found.of(Algebraic.LATERAL_FORCE) - base.of(Algebraic.LATERAL_FORCE)
+    turning = found.of(Algebraic.ROLL_MOMENT) - base.of(Algebraic.ROLL_MOMENT)
+    spans = LATERAL_SPANS
+    for k in range(0, len(force), 37):
+        y, v, theta = (
+            base.of(one)[k] for one in (Algebraic.LATERAL, Algebraic.LATERAL_SPEED, Algebraic.ROLL)
+        )
+        speeds = np.arcsinh(np.array(spans["shear_surface_speed"]) / 0.01)
+        expected = oracle(shear, y, spans["shear_surface_shear"], np.arcsinh(v / 0.01), speeds)
+        expected += oracle(roll, theta, spans["roll_surface_roll"], y, spans["roll_surface_shear"])
+        assert force[k] == pytest.approx(expected, abs=1e-6)
+        expected = oracle(moment, theta, spans["moment_surface_roll"], y, spans["moment_surface_shear"])
+        assert turning[k] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_flow_surface_takes_from_one_chamber_what_it_gives_to_the_other(resting):

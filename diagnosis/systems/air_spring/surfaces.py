@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol.units import K, bar, mm
+from bench_protocol.units import K, bar, mm, mrad
 from bench_sim.model.layout import SURFACE
 from diagnosis.contracts import Array, Parameter, Surface
 
@@ -98,6 +98,33 @@ _TERMS: Final = (
         50.0,
         Span("force_surface_displacement", -20 * mm, 20 * mm, "displacement in mm", mm),
         Span("force_surface_speed", -200 * mm, 200 * mm, "speed in mm/s", mm, True),
+        frozenset({"force"}),
+    ),
+    Term(
+        "shear_surface",
+        "unknown lateral force over shear and speed",
+        "N",
+        50.0,
+        Span("shear_surface_shear", -20 * mm, 20 * mm, "shear in mm", mm),
+        Span("shear_surface_speed", -200 * mm, 200 * mm, "lateral speed in mm/s", mm, True),
+        frozenset({"force"}),
+    ),
+    Term(
+        "roll_surface",
+        "unknown lateral force over roll and shear",
+        "N",
+        50.0,
+        Span("roll_surface_roll", -16 * mrad, 16 * mrad, "roll in mrad", mrad),
+        Span("roll_surface_shear", -20 * mm, 20 * mm, "shear in mm", mm),
+        frozenset({"force"}),
+    ),
+    Term(
+        "moment_surface",
+        "unknown roll moment over roll and shear",
+        "N*m",
+        10.0,
+        Span("moment_surface_roll", -16 * mrad, 16 * mrad, "roll in mrad", mrad),
+        Span("moment_surface_shear", -20 * mm, 20 * mm, "shear in mm", mm),
         frozenset({"force"}),
     ),
     Term(
