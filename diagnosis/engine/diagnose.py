@@ -78,6 +78,8 @@ from diagnosis.finding import (
     NextSensor,
     PanelRow,
     Provenance,
+    Rival,
+    Suspect,
     Unseen,
     Verdict,
 )
@@ -151,18 +153,14 @@ def _finding(
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
     wrong = misfits(data.channels, _errors(role, extended, after), floors, config.alpha)
-    hums = humming(data, config.alpha)
+    missed, hums = [as_sentence(one, ROLES) for one in wrong], humming(data, config.alpha)
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data, wrong, hums)
     differing = _differing(judgement.verdict, verdict, (best, extended), data, floors)
-    reported = config.with_gain and role == "report"
-    gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
+    gain = _gain(before, after, floors, role, config)
     covariance = widened(named, judgement.screened.tests, residual_bound(data.of("select"), found.floors))
     accepted = _causes(found, named, covariance, hypotheses, left, config)
-    unresolved = verdict is Verdict.UNRESOLVED
-    causes = [] if unresolved else accepted
-    others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
+    causes, others, near = _reported(judgement, verdict, accepted, alike, hypotheses, config)
     next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
-    near = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous) if unresolved else []
     spread = covariance if extended is named else widened(extended, ())
     predicted = predicted_checks(checks, data.beside, best, extended, spread, seed=config.seed)
     screening, beyond = found.steps[0].screening, judgement.screened.screening
@@ -186,11 +184,7 @@ def _finding(
         panel=watching(),
         confusability=confusability(screening),
         unknowns=list(judgement.unknowns),
-        remains=[
-            *([differing] if differing else []),
-            *_remains(data, judgement, left),
-            *(as_sentence(one, ROLES) for one in wrong),
-        ],
+        remains=[*filter(None, [differing]), *_remains(data, judgement, left), *missed],
         traces=gain.traces,
         doubts=[*data.doubts, *hums, *contradicted(extended)],
         readings=list(data.readings),
@@ -198,8 +192,32 @@ def _finding(
         imitations=imitations(best, extended) if causes else [],
         checks=predicted,
     )
-    misfit = as_sentence(wrong[0], ROLES) if wrong and not (causes or near) else ""
+    misfit = missed[0] if missed and not (causes or near) else ""
     return summarised(finding, Conclusions(accepted, left, hypotheses, further(beyond), misfit, differing))
+
+
+def _gain(before: Prediction, after: Prediction, floors: Array, role: str, config: Config) -> Comparison:
+    """Compare the models on the report runs; without such runs nothing is compared."""
+    if config.with_gain and role == "report":
+        return compare(before, after, floors, seed=config.seed)
+    return Comparison()
+
+
+def _reported(
+    judgement: Judgement,
+    verdict: Verdict,
+    accepted: list[Cause],
+    alike: Sequence[Undecided],
+    hypotheses: Mapping[str, Hypothesis],
+    config: Config,
+) -> tuple[list[Cause], list[Rival], list[Suspect]]:
+    """Return the causes, alternatives and suspects that go with a verdict."""
+    if verdict is Verdict.UNRESOLVED:
+        ambiguous = config.ambiguous
+        return [], [], suspects(judgement.dismissed, judgement.found, accepted, hypotheses, ambiguous)
+    if verdict is Verdict.AMBIGUOUS:
+        return accepted, rivals(judgement.found, hypotheses, config.ambiguous, alike), []
+    return accepted, [], []
 
 
 def _worthwhile(

@@ -28,7 +28,7 @@ from test_plans.analysis.geometry import (
     shear_of,
     stop_travel_of,
 )
-from test_plans.analysis.uncertainty import EVEN
+from test_plans.analysis.uncertainty import EVEN, Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lags
 from test_plans.loads import AW0, AW3, Band, Load, SpecimenError
@@ -375,7 +375,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         )
         return
 
-    part, known_to = GIVEN_BACK[rolled > 0.0]
+    part, _ = GIVEN_BACK[rolled > 0.0]
 
     def numbers(rig: Rig, read: Values) -> tuple[float, ...]:
         K = seen.stiffness(seen.shaken, rig, read)
@@ -403,6 +403,22 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
         run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
+    _judge_roll(run, load, seen, values, rolled, leans, torque, beyond)
+    _keep(run, load, seen, values)
+
+
+def _judge_roll(
+    run: Run,
+    load: Load,
+    seen: Seen,
+    values: Values,
+    rolled: float,
+    leans: Measured,
+    torque: Measured,
+    beyond: float,
+) -> None:
+    """Check the roll stiffness ``leans`` at a pressure ``beyond`` (Pa) that of the limits, if it can be judged."""
+    part, known_to = GIVEN_BACK[rolled > 0.0]
     if other := bench_mismatch(run):
         run.not_available([ROLLED], other)
     elif abs(rolled) > GIVEN_BACK_TO:
@@ -420,14 +436,13 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         low, high = (end + more for end in (band.low or 0.0, band.high or 0.0))
         U = leans.expanded or 0.0
         if high - low < WIDTH_PER_U * U:
-            run.lack(
+            run.not_available(
                 [ROLLED],
                 f"{float(leans) / kN:.0f} ± {U / kN:.0f} kN·m/rad cannot be judged: friction gives back a part of "
                 "the roll by unequal preload; set a smaller roll or a stronger wind",
             )
         else:
             run.check(ROLLED, leans, "kN*m/rad", low=low, high=high, note=told)
-    _keep(run, load, seen, values)
 
 
 def _travel(rig: Rig, values: Values) -> float:

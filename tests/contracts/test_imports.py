@@ -204,7 +204,7 @@ def test_the_layers_are_exhaustive() -> None:
     )
     assert on_disk == set(PACKAGES)
     assert {name.strip() for layer in layers for name in layer.split("|")} == set(PACKAGES)
-    typed = {"astb_studies.mutations", "astb_studies.paper", "tools.generate"}
+    typed = {"astb_studies.mutations", "astb_studies.oscillator", "astb_studies.paper", "tools.generate"}
     assert set(CONFIG["tool"]["mypy"]["packages"]) == {*PACKAGES, *typed} - {"astb_studies"}
 
 

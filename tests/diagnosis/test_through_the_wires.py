@@ -1,7 +1,5 @@
 """A cause that is hidden in the bench is found from the recorded signals, with the whole catalogue."""
 
-import pytest
-
 from astb.diagnose import read_data
 from bench_protocol.units import Hz, mm, s
 from diagnosis.engine.config import Config
@@ -16,7 +14,6 @@ SHORT = Stretch(
 BLOCKED = 0.1
 
 
-@pytest.mark.slow
 def test_a_blocked_orifice_is_named_among_all_causes(bench_record):
     made = bench_record("blocked", [SHORT], effects={"blocked_orifice.left": {"share": BLOCKED}}, seed=3)
     simulator, dataset = read_data([made.directory], None, made.parameters)

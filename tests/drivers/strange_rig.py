@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench_protocol.clock import Clock, Task
 from drivers.errors import LinkLost, WiringError
-from drivers.wiring.contract import Transport
+from drivers.wiring.contract import Refusal, Transport
 
 
 class PointsInMemory(Transport):
@@ -26,6 +26,8 @@ class PointsInMemory(Transport):
         self._clock: Clock | None = None
         self._task: Task | None = None
         self._heard = -1
+
+    refusal: Refusal | None = None
 
     @property
     def period(self) -> float:

@@ -230,26 +230,14 @@ def ride(
         take_pose(run, home)
     times = RUN_IN, whole - RISE
     followed_as = follow(run, course, times)
-    parts = of_the_loop(
-        springs_of_the_file(run.specimen.load(load), run.rig, 0.5, 0.0),
-        followed_as,
-        noise_of(run.instruments, run.rig),
-        lambda: ride_in(*ways),
-        ridden,
-        times,
-        BEATS[by].hold,
-    )
+    again = (lambda: ride_in(*ways), ridden, times, BEATS[by].hold)
+    springs = springs_of_the_file(run.specimen.load(load), run.rig, 0.5, 0.0)
+    parts = of_the_loop(springs, followed_as, noise_of(run.instruments, run.rig), *again)
     found = judge(run, course, times, parts)
-    if run.specimen.model and not run.specimen.model.endswith(
-        ".toml"
-    ):  # of the drawing, not of these springs
-        tolerated = of_the_springs(
-            *_tolerated(run.specimen.load(load), run.rig),
-            lambda: ride_in(*ways),
-            ridden,
-            times,
-            BEATS[by].hold,
-        )
+    # A set of parameters describes the drawing, not these springs.
+    if run.specimen.model and not run.specimen.model.endswith(".toml"):
+        stated, others = _tolerated(run.specimen.load(load), run.rig)
+        tolerated = of_the_springs(stated, others, *again)
         parts = {check: {**one, **tolerated[check]} for check, one in parts.items()}
     hold_against_the_simulation(run, course, times, parts, found)
 
