@@ -189,7 +189,7 @@ class RigInMemory:
         one cycle until the message of the state has come.
         """
         rig = self.rig
-        if self._run or self.bus.staged or not stream.alone or not rig.steady:
+        if self._run or self.bus.staged or not stream.is_only_receiver or not rig.steady:
             return now
         if (status := rig.status) != self._status:
             self._status, self._quiet_from = status, now + STATE_SENT_WITHIN
@@ -218,7 +218,7 @@ class RigInMemory:
         if stream.due <= last:
             stream.send()
 
-    def _run_alone(self, ticks: int, state: tuple[Any, ...], out: Block) -> tuple[int, int, int]:
+    def _run_without_cycles(self, ticks: int, state: tuple[Any, ...], out: Block) -> tuple[int, int, int]:
         """Run ticks without a commander's cycles (`Rig.run`)."""
         done, count, happened, _ = self.run_cycles(ticks, NO_CYCLE, _NEVER, 0, 0, *state, out)
         return done, count, happened
@@ -227,7 +227,7 @@ class RigInMemory:
         ticks = until // TICK_NS - self._ticks
         if ticks > 0:
             self._ticks += ticks
-            self.bus.publish(self._run(ticks) if self._run else self.rig.run(ticks, self._run_alone))
+            self.bus.publish(self._run(ticks) if self._run else self.rig.run(ticks, self._run_without_cycles))
         self.clock.reach(until)
 
     def _name(self, kind: str) -> str:
@@ -265,7 +265,7 @@ class _Stream:
         self._sender = sender_of(port.name)
 
     @property
-    def alone(self) -> bool:
+    def is_only_receiver(self) -> bool:
         """Whether no other port receives the frames."""
         return self._memory.only(self._port)
 

@@ -35,11 +35,11 @@ def test_runs_take_the_rig_in_the_order_in_which_they_came():
     waiting = {name: threading.Event() for name in seen}
 
     def run(name: str) -> None:
-        def told(before: list[Ticket]) -> None:
+        def keep(before: list[Ticket]) -> None:
             seen[name].append([one.by for one in before])
             waiting[name].set()
 
-        with queued(RIG, ["aw0"], 60.0, name, told):
+        with queued(RIG, ["aw0"], 60.0, name, keep):
             order.append(name)
 
     with ExitStack() as first:
@@ -61,14 +61,14 @@ def test_a_killed_run_leaves_its_place():
         [sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     assert child.stdout is not None and child.stdout.readline() == "has it\n"
-    told: list[Ticket] = []
+    waiting: list[Ticket] = []
 
     def kill(before: list[Ticket]) -> None:
-        told.extend(before)
+        waiting.extend(before)
         child.kill()
 
     with queued(RIG, ["aw3"], 0.0, "B. Smith", kill):
-        (holder,) = told
+        (holder,) = waiting
         assert (holder.by, holder.plans, holder.lasts) == ("A. Miller", ["aw0"], 100.0)
         assert "until about" in str(holder)
     child.communicate()
