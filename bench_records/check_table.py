@@ -42,7 +42,7 @@ class CheckRow(NamedTuple):
     low: str
     high: str
     unit: str
-    detail: str  #: where it was measured, what is to be said of it, how sure it is
+    detail: str  #: place of the measurement, remarks and certainty
     bar: Bar | None  #: none where there is no limit
 
 
@@ -132,7 +132,7 @@ def _grouped(text: str) -> str:
 
 
 def _detail(one: Check) -> str:
-    # In which part of the run it was is known without saying; a phase tells more.
+    # The part of the run is obvious, so only the phase within it is named.
     phase = "" if one.phase in {"set-up", "main", "tear-down"} else one.phase
     requirement = f"requirement {one.requirement}" if one.requirement else ""
     return "; ".join(primed(text) for text in (requirement, phase, one.note, certainty(one)) if text)

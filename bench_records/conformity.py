@@ -36,7 +36,7 @@ def cumulative(x: float, u: float, even: float = 0.0) -> float:
 
 
 def conformity(value: float, u: float, low: float | None, high: float | None, even: float = 0.0) -> float:
-    """The probability that what was measured as ``value`` lies within its limits (JCGM 106, 7.2)."""
+    """The probability that a quantity with the measured ``value`` lies within its limits (JCGM 106, 7.2)."""
     above = 1.0 if high is None else cumulative(high - value, u, even)
     below = 0.0 if low is None else cumulative(low - value, u, even)
     return max(above - below, 0.0)

@@ -46,8 +46,8 @@ def recover(directory: Path | str) -> Recovery:
 def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
     """Write Parquet file and ``meta.json`` next to a stream, with ``meta`` added to its facts, and remove the stream.
 
-    Raises ``RecordError`` for a stream that is none of ours, and ``NotKept``, while the stream stays, for a disk that
-    refuses the record.
+    Raises ``RecordError`` if the file is not a stream of this format. Raises ``NotKept`` if the disk refuses the
+    record; the stream then stays.
     """
     with kept(stream):
         streamed = read_stream(stream)

@@ -10,7 +10,7 @@ import msgspec
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """What stands along one side of a plot."""
+    """The title, ticks and scale along one side of a plot."""
 
     label: str
     unit: str = ""
@@ -68,7 +68,7 @@ def curve(
     limits: Iterable[tuple[float | None, float | None]] = (),
     expanded: Iterable[float | None] = (),
 ) -> Curve:
-    """A curve from any two series of numbers (arrays included); what is no number becomes a gap.
+    """A curve from any two series of numbers (arrays included); NaN and infinity become gaps.
 
     ``limits`` are low and high of each point, ``expanded`` its expanded uncertainty.
     """

@@ -51,7 +51,7 @@ def of_the_disk(error: BaseException) -> bool:
 
 @contextmanager
 def kept(path: Path, what: str = "") -> Iterator[None]:
-    """Let what is written to ``path`` meanwhile be reported as NotKept if the disk refuses it."""
+    """Raise NotKept if the disk refuses a write to ``path`` inside the block."""
     import pyarrow as pa
 
     try:
@@ -62,7 +62,7 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
 
 @contextmanager
 def begun(path: Path, what: str = "") -> Iterator[None]:
-    """As `kept`, but a folder that cannot be one, or that is somebody else's, is a RecordError of whoever named it."""
+    """As `kept`, but raise RecordError if the given folder is invalid or belongs to another user."""
     try:
         yield
     except OSError as error:

@@ -35,7 +35,7 @@ _PAGE: Final = Markup("""\
 
 
 class Cell(NamedTuple):
-    """A cell with a class of its own, and a text that a pointer shows."""
+    """A cell with its own CSS class, and a text that appears under the pointer."""
 
     text: str
     kind: str = ""
@@ -64,7 +64,7 @@ class Banner(NamedTuple):
 
 
 class Document(NamedTuple):
-    """A page that stands alone; ``kind`` names it at the right of its head, ``style`` adds to the common one."""
+    """A page in a single file; ``kind`` is its name at the right of the head, ``style`` extends the common style."""
 
     title: str
     kind: str

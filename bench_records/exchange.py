@@ -1,8 +1,8 @@
-"""Records as other programs want them: a table at one rate, or MDF 4 with every sample.
+"""Records as files for other programs: a table at one rate, or MDF 4 with every sample.
 
-A column is called ``left.height [mm]``: the signal's name and the unit of its numbers. MDF keeps the numbers of the
-record (SI) with a conversion to that unit, and events and meta data in the comment of its header: what comes back is
-the record, sample for sample. CSV is a table at one rate: what comes back is that table.
+The head of a column, ``left.height [mm]``, has the signal's name and the unit of its numbers. MDF keeps the numbers of
+the record (SI) with a conversion to that unit. The comment of its header has events and meta data. So an MDF file can
+be imported again as the same record, sample for sample. A CSV file is imported as a table at one rate.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ class Comment(msgspec.Struct):
 
 
 def column_of(signal: SignalInfo) -> str:
-    """Return what a column with numbers of ``signal`` is called."""
+    """Return the head of a column with numbers of ``signal``."""
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
 def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
     """Write signals side by side at ``rate`` (Hz), in the units of their columns; return the number of rows.
 
-    Without ``names`` all of them. What was not known at an instant is empty. RecordError for an unknown name.
+    Without ``names``, write all signals. A cell is empty if the signal had no value yet. RecordError for an unknown
+    name.
     """
     frame = table_of(record, rate, names)
     frame.to_csv(path, float_format="%.9g")

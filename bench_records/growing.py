@@ -1,4 +1,4 @@
-"""A record that is read while its run goes on: every look takes in what has been written since the last one."""
+"""A record that is read during its run: every call reads the samples written since the previous call."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class GrowingRecord(Record):
 
     @property
     def phases(self) -> list[Phase]:
-        """Named stretches so far; what is open ends where the record does."""
+        """Phases so far; an open phase ends at the end of the record."""
         return phases_of(self.events, self.start_ns, self._latest_ns)
 
     def look(self) -> bool:
-        """Take in what was written since the last look; False once the run has ended and all of it is read."""
+        """Read the new samples since the previous call; False once the run has ended and all of it is read."""
         continues = is_held(self.path.parent)
         self._take_in()
         return continues
@@ -103,7 +103,7 @@ class GrowingRecord(Record):
                 chunks[:] = [(times[keep], values[keep])]
 
     def _take_in(self) -> None:
-        """Read the whole batches behind what was read; of one that is being written, nothing yet."""
+        """Read all complete new batches; leave a batch that is still being written for the next call."""
         import pyarrow as pa
 
         self._file.seek(self._read)

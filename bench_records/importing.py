@@ -94,7 +94,7 @@ def read_table(
 ) -> int:
     """Make a record in the directory ``into`` of a table with a clock, ``time_s``; return the number of samples.
 
-    RecordError, with line or column, for a table that is none, or a column that is no signal or has another unit.
+    RecordError, with line or column, if the file is not a table, or if a column is not a signal or has another unit.
     """
     _refuse_idle_keys(path, keys, ("group", "raw"), "an MDF file")
     wanted = [keys.time if keys.time is not None else TIME]
@@ -141,7 +141,7 @@ def _source(index: int, signal: str, keys: ImportKeys) -> Source:
 def _without_codes(
     path: Path, columns: Mapping[str, Series], nulls: Nulls, account: Account
 ) -> dict[str, Series]:
-    """Return columns without codes for no value; the ``account`` gets what was found."""
+    """Return columns without the codes for missing values; the ``account`` receives these codes."""
     found, remarks = without_codes(path.name, columns, nulls)
     for one in remarks:
         account.take(f"{'doubtful: ' * one.doubt}{one.sentence()}")
@@ -198,8 +198,9 @@ def read_mdf(
 ) -> int:
     """Make a record in the directory ``into`` of an MDF file; return the number of samples.
 
-    A file of ours gives back the record that it was made of. In another one channels must be called as signals are, and
-    are taken in their own unit. RecordError for what is no MDF file, or a channel that is no signal.
+    From a file that was exported from a record, the same record results. In any other file, the channels must have the
+    names of signals; the file gives their units. RecordError for a file that is not MDF, or a channel that is not a
+    signal.
     """
     others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format", "null")]
     _refuse_idle_keys(path, keys, others, "a table")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STORY = "black_box.txt"
 SAMPLES = "black_box.parquet"
 _TIME = "time_s"
-#: What is drawn of an incident whose story begins with no signal.
+#: The signals that are drawn if the story of an incident does not begin with a signal.
 _ELSE = ("left.bellows_pressure", "right.bellows_pressure")
 
 

@@ -18,11 +18,12 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure.
+    """The document: a failure is outside its limits, an error has no value, and the rig cannot measure a skipped check.
 
-    The time of a check is that since the one before, and the run itself has what comes after the last: together they
-    are the time of the suite. Only a run in real time has a time stamp. Parameters and the serial number of the
-    specimen are in the names of suite and cases: two runs of a plan would hide each other.
+    The time of a check is the time since the previous check. The test case of the run has the time after the last
+    check. Together they are the time of the suite. Only a run in real time has a time stamp. The names of suite and
+    cases include the parameters and the serial number of the specimen; without them, two runs of a plan would hide
+    each other.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
@@ -88,7 +89,7 @@ def _given(result: Result) -> str:
 
 
 def _times(result: Result) -> list[float]:
-    """How long each check took, and the run after the last of them (s); nothing for what has no time."""
+    """Duration of each check, and of the run after the last check (s); 0 for a check without a time."""
     ends = [0.0]
     for one in result.checks:
         ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))

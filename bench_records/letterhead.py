@@ -1,4 +1,4 @@
-"""What stands above a report next to the bench's own words: laboratory, customer, order number and a logo."""
+"""The letterhead of a report: laboratory, customer, order number and a logo."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BEGINS: Final = {"image/png": b"\x89PNG\r\n\x1a\n", "image/jpeg": b"\xff\xd8\xf
 
 
 class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The head of a report; what is empty is left out. In a file, ``logo`` is a path; here, the picture as a URL."""
+    """The head of a report; empty fields are omitted. In a file, ``logo`` is a path; here it is the image as a URL."""
 
     laboratory: str = ""
     customer: str = ""

@@ -1,7 +1,7 @@
-"""What a user adds to a run afterwards: comments, photos and files with time and author, next to what was signed.
+"""Notes that a user adds to a finished run: comments, photos and files with time and author. They are not signed.
 
-Notes lie in their own folder, each with the checksum of its file. They are only ever added: no file that the run
-left, and no earlier note, is touched.
+Notes are kept in their own folder, each with the checksum of its file. They are only added: the files of the run and
+earlier notes never change.
 """
 
 from __future__ import annotations

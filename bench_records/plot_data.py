@@ -97,7 +97,7 @@ class PlotData:
 
     @property
     def json(self) -> str:
-        """What the script is told of each plot, as JSON that cannot end the element in which it stands."""
+        """The script's data of each plot, as JSON that is escaped so that it cannot close its HTML element."""
         return embedded(self._plots)
 
     @property

@@ -92,13 +92,13 @@ def panel(
     return figure, axes
 
 
-#: Size of a title, and between it and what is on the right, in points.
+#: Size of a title, and the space between it and the text on the right, in points.
 _TITLE: Final = 9.5
 _BETWEEN: Final = 8.0
 
 
 def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
-    """The title on the left of the axes, what is drawn and its unit on the right; smaller where both have no room."""
+    """The title on the left, quantity and unit on the right above the axes; smaller if there is no room for both."""
     told = ", ".join(filter(None, [what, unit]))
     room = 72.0 * axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth()
     size = _TITLE * min(
@@ -128,7 +128,7 @@ def number(value: float) -> str:
 
 
 def plain_numbers(figure: Figure | SubFigure) -> None:
-    """Let all ticks of a figure be plain numbers, before it is saved: on logarithmic axes they would be markup."""
+    """Format all ticks of a figure as plain numbers before it is saved; on logarithmic axes they would be markup."""
     from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):

@@ -54,12 +54,12 @@ _TAKEN: Final = (
 
 
 class Recorder:
-    """Writes one record into a directory, which is made if need be.
+    """Writes one record into a directory, which is created if it does not exist.
 
-    ``receive`` may be called from one thread and ``event`` from another.  ``limit`` bounds the samples of the record;
-    what comes after is counted, not kept, and the record says so.  ``start_ns`` is the instant that readers
-    will call 0 s; without it, the first sample or event.  Not ``in_background``, ``receive`` itself writes each batch:
-    for virtual time, in which nothing is late.
+    ``receive`` may be called from one thread and ``event`` from another.  ``limit`` is the largest number of samples
+    of the record; later samples are counted but not kept, and the record has their number.  ``start_ns`` is the time
+    0 s of the record; without it, the first sample or event.  If ``in_background`` is false, ``receive`` itself writes
+    each batch: this is for virtual time, in which a slow disk delays no tick.
 
     Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or
     if the meta data use one of the format's own keys.
@@ -257,7 +257,7 @@ class Recorder:
             try:
                 self._drain()
             except RecordError:
-                return  # the thread has no one to tell: receive, event, flush and close will
+                return  # this thread has no caller: receive, event, flush and close raise the error
 
     def _finish_stream(self) -> None:
         import pyarrow as pa

@@ -30,7 +30,7 @@ _STATE: Final = "rig.state"
 
 
 def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
-    """What the script of the drawing is told of a run, its series kept in ``numbers``; None if it has no reading."""
+    """The data of a run for the script of the drawing; its series go to ``numbers``. None if there is no reading."""
     step = max(APART, math.ceil(1000 * record.duration / PICTURES) / 1000)
     signals = [_signal(record, one.name, one.unit, numbers, step) for one in MEASUREMENTS]
     if all(one["at"] is None for one in signals):

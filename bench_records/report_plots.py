@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-#: Of what is on the right, so that it is distinguished from the left without its colour.
+#: Dashes of the lines of the right axis, which distinguish them from the left ones without colour.
 DASH = (5.0, 1.8)
 #: Behind how many colours lines are distinguished by points, too.
 DOTS = (1.2, 1.2)
@@ -284,7 +284,7 @@ def _wide(index: int, count: int) -> float:
 
 
 def lateness(name: str, timing: Timing) -> str:
-    """How many ticks were how late, on a logarithmic scale: the rare ones are those that matter."""
+    """Histogram of tick lateness; the scale of counts is logarithmic because the rare late ticks matter."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     with style():
@@ -330,7 +330,7 @@ def _right_of_axes(paper: Sheet, share: float) -> float:
 
 
 def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
-    """The colour and the dashes of a line: what is on the right is dashed."""
+    """The colour and the dashes of a line; lines of the right axis are dashed."""
     dash = DASH if "right" in label.split() else DOTS if index >= len(PALETTE) else ()
     return PALETTE[index % len(PALETTE)], dash
 

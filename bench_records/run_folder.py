@@ -1,4 +1,4 @@
-"""What the folder of a run tells: of one that ended, of one that was cut off, and of one that goes on."""
+"""Reads the folder of a run, whether the run has ended, was interrupted, or is still running."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from bench_records.stream import is_held, read_head
 
 #: What identifies that there is a run, the best first.
 SIGNS: Final = (RESULT, STREAM, PARQUET)
-#: What `meta.json` tells next to the circumstances of a run.
+#: The entries of `meta.json` that do not describe the circumstances of a run.
 _BESIDE: Final = {"samples", "duration_s", "events"}
 _OF_THE_STREAM: Final = {"start_ns", "signals"}
 
 
 class Unfinished(StrEnum):
-    """How a run stands that has no result."""
+    """State of a run without a result."""
 
     INTERRUPTED = "interrupted"
     RUNNING = "running"
 
 
 class RunFolder(NamedTuple):
-    """A run: its result, made of the record where it left none; what is known of its origin; how it stands."""
+    """A run: its result (made from the record if the run left none), the facts of its origin, and its verdict."""
 
     result: Result
     facts: dict[str, Any]
@@ -39,7 +39,7 @@ class RunFolder(NamedTuple):
 
 
 def open_run(directory: Path) -> RunFolder:
-    """Return what the folder of a run tells. RecordError if it holds none, or none that can be read."""
+    """Return the run in a folder. RecordError if the folder holds no run, or a run that cannot be read."""
     if (directory / RESULT).exists():
         result = read_result(directory)
         return RunFolder(result, facts_of(directory), result.verdict.value)
@@ -52,7 +52,7 @@ def open_run(directory: Path) -> RunFolder:
 
 
 def result_without(record: Record) -> Result:
-    """Return the result of a run that was cut off and left none: what was judged until then, and where it was."""
+    """Return the result of an interrupted run that left none: its checks until then, and the phase of the end."""
     inside = [phase.name for phase in record.phases if phase.end >= record.duration]
     where = f", in {' › '.join(inside)}" if inside else ""
     return _unfinished(

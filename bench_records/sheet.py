@@ -1,7 +1,7 @@
-"""Axes that drawings of one size share: matplotlib draws what is in them, and the words around them are set here.
+"""Axes that drawings of one size share: matplotlib draws their contents, and this module sets the text around them.
 
-The words are text of the page, in the page's own type. matplotlib would measure each of them in its own type to
-find its place, which took two thirds of a drawing; all that it takes is where it begins, ends or has its middle.
+The text is text of the page, in the font of the page. matplotlib would measure each word in its own font to place it,
+which took two thirds of the time of a drawing. The page only needs the start, the end or the middle of a text.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Sheet:
         )
 
     def heading(self, title: str, measured: str) -> None:
-        """Set the title on the left above the axes, and on the right what is drawn and its unit."""
+        """Set the title on the left above the axes, and the quantity and its unit on the right."""
         self.write(self.left, self.top - 5, title, size=9.5, color=INK, bold=True)
         self.write(self.right, self.top - 5, measured, size=8.5, anchor="end")
 

@@ -41,7 +41,7 @@ class Instrument(NamedTuple):
 
 
 def identification(record: Record, result: Result, duration: float) -> list[Entry]:
-    """What a report says first: what every run has to tell, even if it is empty, and what this one has next to it."""
+    """The first table of a report: the entries of every run, even if empty, and the additional ones of this run."""
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [
@@ -85,9 +85,9 @@ def files_of(directory: Path) -> list[tuple[str, str]]:
 
 
 def footing(result: Result, files: list[tuple[str, str]]) -> str:
-    """What stands at the foot of every printed page, as the content of a style sheet's string.
+    """The footer of every printed page, as the content of a string in a style sheet.
 
-    Everything but letters and figures is written by its number, so that no text can end the string.
+    All characters except letters and digits are escaped by their number, so that no text can end the string.
     """
     record = next((f"record {checksum[:SHORT]}" for name, checksum in files if name == PARQUET), "")
     serial = f"no. {result.specimen.serial_number}" if result.specimen else ""

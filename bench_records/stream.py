@@ -1,7 +1,7 @@
-"""The stream that a run writes while it lasts: who holds it, and what it tells, wherever it breaks off.
+"""The stream that a run writes: its holder, and its contents, even if it is cut off at any byte.
 
-Its head is there from the first moment on, and its writer holds a lock that ends with the process, however that
-ends: a stream that no one holds is of a run that was cut off.
+Its head is written first. Its writer holds a lock, which the operating system releases when the process ends for any
+reason. So a stream without a lock belongs to a run that was cut off.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def refuse_held(directory: Path) -> None:
 
 
 def read_head(stream: Path) -> dict[str, Any]:
-    """Return what a stream says of its run, ``start_ns`` and ``signals`` included, also while it is written.
+    """Return the meta data of a stream, with ``start_ns`` and ``signals``, also while it is written.
 
-    Raises ``RecordError`` for a stream that is none of ours.
+    Raises ``RecordError`` if the file is not a stream of this format.
     """
     import pyarrow as pa
 
@@ -84,9 +84,9 @@ def read_head(stream: Path) -> dict[str, Any]:
 
 
 def read_stream(stream: Path) -> Streamed:
-    """Return what a stream holds that no one writes any more.
+    """Return the contents of a stream whose writer has ended.
 
-    Raises ``RecordError`` for a stream that is none of ours.
+    Raises ``RecordError`` if the file is not a stream of this format.
     """
     import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""The templates of pages: what they are given is in them as text, unless they say that it is a drawing."""
+"""The templates of pages: values are inserted as escaped text, except those that a template marks as a drawing."""
 
 from __future__ import annotations
 

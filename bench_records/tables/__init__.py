@@ -1,1 +1,1 @@
-"""Tables of samples that other programs wrote, as CSV, Parquet, Arrow or MDF: read, or refused, and never otherwise."""
+"""Reads tables of samples that other programs wrote, as CSV, Parquet, Arrow or MDF; refuses an ambiguous table."""

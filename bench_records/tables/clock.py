@@ -239,7 +239,7 @@ def many(rows: int) -> str:
 
 
 def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
-    """Refuse a clock that falls, or leaps by a year; tell of one that stands or leaps. Rows without time are passed."""
+    """Refuse a clock that falls or leaps by a year; report one that stands still or leaps. Skip rows without time."""
     import numpy as np
 
     rows = np.flatnonzero(np.isfinite(seconds))

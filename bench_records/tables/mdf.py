@@ -42,7 +42,7 @@ class ChannelPlace:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Give the MDF file to anyone who reads it. RecordError without asammdf, or for what is no MDF file."""
+    """Open the MDF file for a block. RecordError without asammdf, or if the file is not MDF."""
     try:
         from asammdf import MDF
     except ImportError:
@@ -131,7 +131,7 @@ def samples(
 ) -> tuple[Numbers, Numbers, str]:
     """Return times (n,), values (n,) and unit of a channel; ``texts`` gives words their numbers.
 
-    RecordError, with file and group, for what is no number, and a clock that is no time.
+    RecordError, with file and group, if a value is not a number, or if the clock is not a time.
     """
     import numpy as np
 

@@ -98,7 +98,7 @@ def read_series(
 ) -> dict[str, Series]:
     """Return the ``wanted`` columns by the name that the caller gives them.
 
-    RecordError names file, key, line or group, and what would be right; the ``account`` is told the rest.
+    RecordError names the file, the key, line or group, and the correction; the ``account`` receives all other remarks.
     """
     if format_of(path, keys) is MDF:
         return _of_mdf(path, wanted, account)

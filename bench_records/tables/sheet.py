@@ -28,7 +28,7 @@ class Column:
     unit: str = ""  #: as the file reports it
     zoned: bool = False  #: of stamps: whether they are in UTC
     there: npt.NDArray[np.bool_] | None = None
-    what: str = ""  #: of another kind: what it is
+    what: str = ""  #: for the kind "other": the type of the cells
     of_day: bool = (
         False  #: of spans: they are times of day, of which the first is at ``begin`` (ns after midnight)
     )

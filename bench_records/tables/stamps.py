@@ -52,7 +52,7 @@ class Stamps(NamedTuple):
 
 
 class NotAStamp(Exception):
-    """A cell that is none: its index, and what may be said next to."""
+    """A cell that is not a time stamp: its index, and a hint for the message."""
 
     def __init__(self, index: int, hint: str = "") -> None:
         super().__init__(index, hint)
@@ -77,7 +77,7 @@ def looks_like_a_time_of_day(text: str) -> bool:
 
 
 def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None = None) -> Stamps:
-    """Return the instants of cells of text. NotAStamp for one that is none, or is open without ``dates``."""
+    """Return the instants of cells of text. NotAStamp if a cell is not one, or is ambiguous without ``dates``."""
     import numpy as np
 
     ns = np.zeros(len(cells), np.int64)
@@ -247,7 +247,7 @@ class _Days:
 
 
 def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
-    """What comes first in dates with strokes, if a number above 12 tells; NotAStamp if they contradict each other."""
+    """Whether day or month is first in dates with slashes, if a number above 12 shows it; NotAStamp if they differ."""
     firsts, seconds = [], []
     for text in texts:
         one, other = (int(number) for number in re.findall(r"\d+", text)[:2])
@@ -263,7 +263,7 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
 def over_midnight(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], period: int = DAY
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Times of day that go on after midnight, or what begins again after another ``period`` (ns)."""
+    """Unwrap times of day that pass midnight, or counters that restart after another ``period`` (ns)."""
     import numpy as np
 
     rows = np.flatnonzero(there)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 csv.field_size_limit(
     TABLE_BYTES
-)  # what is too much, input_limits says: a cell of a line that was let in is let in
+)  # input_limits already bounds lines, so a cell needs no smaller limit
 _DELIMITERS: Final = (";", "\t", "|", ",", " ")
 _LOOKED_AT: Final = 400  # lines, for the head
 _BATCH: Final = 50_000
@@ -76,7 +76,7 @@ def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
 
 
 def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
-    """The lines of a file of text, without their ends. RecordError for what is no text."""
+    """The lines of a text file, without line ends. RecordError if the file is not text."""
     try:
         content = read_bounded(path, TABLE_BYTES)
         try:
@@ -190,7 +190,7 @@ def _names(row: Sequence[str]) -> list[str]:
 
 @dataclass
 class _Rows:
-    """The rows below a head, sorted into those that hold values and what stands around them."""
+    """The rows below a head, sorted into rows of values and other lines."""
 
     path: Path
     lines: Sequence[str]
@@ -285,7 +285,7 @@ class _Rows:
             self.batches[index].append(pa.array(cells, pa.large_string()))
 
     def sheet(self, account: Account) -> Sheet:
-        """Return the columns, and tell the ``account`` what stood around them."""
+        """Return the columns, and report the other lines to the ``account``."""
         import numpy as np
         import pyarrow as pa
 
@@ -300,7 +300,7 @@ class _Rows:
         return Sheet(self.path, columns, np.array(self.numbers, np.int64), delimiter=self.delimiter)
 
     def _units(self, account: Account) -> list[str]:
-        """The units that the file tells, in a row below the head or in the names."""
+        """The units that the file gives, in a row below the head or in the names."""
         units = [unit_in_name(name) for name in self.head[: self.width]]
         for line, row in self.above:
             if self._is_units(row) or _mostly_units([cell.strip() for cell in row if cell.strip()]):
