@@ -68,7 +68,7 @@ def curve(
     limits: Iterable[tuple[float | None, float | None]] = (),
     expanded: Iterable[float | None] = (),
 ) -> Curve:
-    """A curve from any two series of numbers (arrays included); NaN and infinity become gaps.
+    """A curve from any two series of numbers (arrays included); NaN and ∞ become gaps.
 
     ``limits`` are low and high of each point, ``expanded`` its expanded uncertainty.
     """

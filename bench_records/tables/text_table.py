@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from bench_protocol.account import Account
     from bench_records.tables.keys import ColumnName, FileKeys
 
-csv.field_size_limit(
-    TABLE_BYTES
-)  # input_limits already bounds lines, so a cell needs no smaller limit
+csv.field_size_limit(TABLE_BYTES)  # input_limits already bounds lines, so a cell needs no smaller limit
 _DELIMITERS: Final = (";", "\t", "|", ",", " ")
 _LOOKED_AT: Final = 400  # lines, for the head
 _BATCH: Final = 50_000
