@@ -93,7 +93,7 @@ def _section(found: Mapping[str, Sequence[float]]) -> Section:
 
 
 def _measured(trip: Callable[[], None], count: int, more: Callable[[], bool]) -> float:
-    """Measure, then let the other client read what it has heard of this."""
+    """Measure, then read all frames that the other client has received meanwhile."""
     found = trips(trip, count)
     while more():
         pass

@@ -19,7 +19,7 @@ ROUNDS: Final = 200
 PACKET: Final = 12
 
 
-#: What is measured, ours, whose control, and the control.
+#: Operation, our function, the library of the control, and its function.
 PAIRS: Final = (
     ("encode a frame", "encode", "cantools", "cantools encode"),
     ("decode a frame", "decode", "cantools", "cantools decode"),

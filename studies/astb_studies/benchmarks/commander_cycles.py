@@ -29,7 +29,7 @@ from drivers.wiring.own import own_wiring
 SECONDS, QUICK_SECONDS = 20, 4
 WARM_UP: Final = 1 * s
 BURNERS: Final = 4
-#: A call of a C library that does not let go of the interpreter takes this long.
+#: Duration of a call of a C library that holds the interpreter's lock.
 CALL: Final = 60 * ms
 #: The rig takes more than this for the loss of its commander.
 SILENCE: Final = 100 * ms
@@ -57,7 +57,7 @@ PLANS: Final[Mapping[str, Callable[[], object]]] = {
 
 
 class Listener(threading.Thread):
-    """A server that lets one client in and remembers when its lines came."""
+    """A server that accepts one client and stores the arrival times of its lines."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)

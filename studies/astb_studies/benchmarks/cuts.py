@@ -26,7 +26,7 @@ _PRESSURES: Final = [
 _FORCES: Final = [TABLE.index[f"{actuator}.force"] for actuator in ACTUATORS if actuator != "lateral"]
 _STATE: Final = TABLE.index["rig.state"]
 _EMERGENCY: Final = next(message.identifier for message in TABLE.messages if message.name == "Emergency")
-#: What an actuator that has let go still shows.
+#: The largest force that an actuator still shows after its release.
 _LET_GO: Final = 2 * SET_DOWN
 
 

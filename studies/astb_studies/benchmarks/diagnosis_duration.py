@@ -43,7 +43,7 @@ PURPOSES: Final = {
 
 
 class Counting:
-    """A simulator that counts its runs by what they are for."""
+    """A simulator that counts its runs by purpose."""
 
     def __init__(self, simulator: AirSpring) -> None:
         self._simulator = simulator
@@ -72,7 +72,7 @@ class Counting:
 
 @dataclass(frozen=True)
 class Measured:
-    """One diagnosis: seconds, those of one replay of all runs, megabytes at most, runs by purpose, what was named."""
+    """One diagnosis: its duration and that of one replay of all runs (s), peak memory (MB), runs by purpose, causes."""
 
     seconds: float
     replay: float

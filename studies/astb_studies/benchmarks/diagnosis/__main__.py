@@ -27,7 +27,7 @@ CHEAP: Final = 800
 NULLS: Final = 500
 COLOURED_NULLS: Final = 200
 SIBLINGS: Final = 400
-#: What a bench is asked, next to its ordinary cases.
+#: Cases of the bench, in addition to its ordinary ones.
 BENCH_NULLS: Final = 80
 BENCH_SIBLINGS: Final = 200
 
@@ -66,9 +66,9 @@ def main(
     again: bool,
     page_only: bool,
 ) -> None:
-    """Carry out the cases that were not counted yet, and write studies/docs/diagnosis-benchmark.md.
+    """Carry out the remaining cases, and write studies/docs/diagnosis-benchmark.md.
 
-    With a first seed of its own, cases are only carried out and kept.
+    With another first seed, cases are carried out and kept, but the page is not written.
     """
     console = Console() if sys.stdout.isatty() else Console(width=170)
     if again:

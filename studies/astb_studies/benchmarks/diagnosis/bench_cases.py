@@ -19,13 +19,13 @@ LIMIT: Final = 1800.0
 
 @dataclass(frozen=True)
 class Sealed:
-    """What the process that hides and measures left: measured runs, and the file that only the judge opens."""
+    """Output of the measuring process: measured runs, and the file of the hidden effects that only the judge opens."""
 
     dataset: Dataset
     truth: Path
 
     def open(self) -> GroundTruth:
-        """Read what was hidden."""
+        """Read the hidden effects."""
         return GroundTruth.read(self.truth)
 
 
@@ -37,7 +37,7 @@ class BenchCases:
 
     @cached_property
     def simulator(self) -> Simulator:
-        """What is diagnosed."""
+        """The simulator for the diagnosis."""
         from bench_sim.model.effects import CATALOGUE
         from bench_sim.parameters import load
         from diagnosis.systems.air_spring.simulator import AirSpring
@@ -45,7 +45,7 @@ class BenchCases:
         return AirSpring(load(), effects=CATALOGUE)
 
     def measure(self, seed: int, kind: Kind, condition: Condition, directory: Path) -> Sealed:
-        """Let another process hide something and measure it; read the record. Raises ScreeningFailed."""
+        """Draw and measure hidden effects in another process; read the record. Raises ScreeningFailed."""
         from astb.diagnose import with_roles
         from diagnosis.systems.air_spring.simulator import AirSpring
         from diagnosis.systems.records import read_records

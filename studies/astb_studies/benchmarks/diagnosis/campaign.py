@@ -14,7 +14,7 @@ from astb.campaigns.workers import cluster
 from astb_studies.benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
 from astb_studies.benchmarks.diagnosis.judge import Judged, failed, judge
 
-#: What was counted is part of the sources: it took days of a core, and the pages can be checked against it.
+#: The counted cases are part of the sources: they took days of a core, and the pages can be checked against them.
 COUNTED: Final = Path(__file__).parent / "counted"
 #: The kinds of cases, drawn in this order again and again: half of them ordinary, the others difficult.
 ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
@@ -72,7 +72,7 @@ def file_of(system: str, folder: Path = COUNTED) -> Path:
 
 
 def done(system: str, folder: Path = COUNTED) -> list[Judged]:
-    """Return what is kept of a system."""
+    """Return the kept cases of a system."""
     path = file_of(system, folder)
     if not path.exists():
         return []

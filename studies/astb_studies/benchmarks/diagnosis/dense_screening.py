@@ -24,7 +24,7 @@ class DenseScreening:
     errors: Array
     footprints: Array
     left: Array
-    gram: Array  #: (m, m) of what is left, with the priors of the base model as observations
+    gram: Array  #: (m, m) of the projected footprints, with the priors of the base model as observations
     score: Array
     imitators: tuple[str, ...]  #: of each footprint, the parameter of the base model that imitates it best
 
@@ -40,7 +40,7 @@ class DenseScreening:
 
     @property
     def visible(self) -> Array:
-        """Which part of each footprint is left (m,)."""
+        """Part of each footprint that the base model cannot imitate (m,)."""
         return self.norm / np.linalg.norm(self.footprints, axis=0)
 
     @property
@@ -51,7 +51,7 @@ class DenseScreening:
 
     @property
     def cosines(self) -> Array:
-        """Cosines (m, m) of what is left."""
+        """Cosines (m, m) of the projected footprints."""
         return self.gram / np.outer(self.norm, self.norm)
 
     @property

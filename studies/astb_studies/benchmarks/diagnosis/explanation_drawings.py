@@ -41,10 +41,10 @@ SPRING: Final = 500 * kN
 RELAXATION, TRAVEL = 0.13 * s, 3 * mm
 CYCLES, POINTS = 20, 1000
 
-#: Where less of a footprint is left, the drawing states what took it.
+#: If less of a footprint is left, the drawing names the parameter that imitates it.
 HIDDEN: Final = 0.3
 
-#: What is compared in the map of cosines.
+#: The effects in the map of cosines.
 COMPARED: Final = (
     "force_gain",
     "pressure_gain",
@@ -69,7 +69,7 @@ def _oscillator(hidden: Effects) -> DenseScreening:
 
 
 def footprints(path: Path) -> None:
-    """What the base model takes away from two footprints, and how what is left matches the errors."""
+    """Two footprints before and after projection on the base model, and the match of the rest with the residuals."""
     screened = _oscillator({"coulomb": {"amplitude": 0.5}})
     time = 0.01 * np.arange(*WINDOW)
 

@@ -1,4 +1,4 @@
-"""What is hidden in a specimen: drawn from a seed, and written to a file that only the judge opens."""
+"""The hidden effects of a specimen: drawn from a seed, and written to a file that only the judge opens."""
 
 from functools import cache
 from pathlib import Path
@@ -31,7 +31,7 @@ LAMBDA: Final = (5.0, 500.0)
 LAMBDA_CLEAR: Final = (20.0, 400.0)
 #: Springs beyond so many standard deviations of a delivery are sent back.
 DELIVERED: Final = 2.5
-#: λ of what is in no model, as a part of the λ of what is hidden, and where nothing is.
+#: λ of the unmodelled term: relative to the λ of the hidden effects, and absolute if there are none.
 ROUGH: Final = 0.02
 ROUGH_ALONE: Final = 0.2
 
@@ -39,8 +39,8 @@ ROUGH_ALONE: Final = 0.2
 class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     """One specimen: its effects with their values (SI) and λ in white noise, its base model's parameters, its noise.
 
-    ``roughness`` is the λ of a smooth random term that no one models; ``outside`` the term that is in no catalogue,
-    with its size; ``form`` what a sibling has of another form, with its size.
+    ``roughness`` is the λ of a smooth random term that is in no model. ``outside`` has a term that is in no catalogue,
+    with its size. ``form`` has the model form in which a sibling differs, with its size.
     """
 
     seed: int
@@ -55,7 +55,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def weakest(self) -> float:
-        """λ of the weakest of what is hidden; 0 where nothing is."""
+        """λ of the weakest hidden effect; 0 if there is none."""
         return min(self.lambdas.values(), default=0.0)
 
     @property
@@ -161,7 +161,7 @@ def _effect(
 
 
 def _shape(rng: np.random.Generator, shape: EffectParameter) -> float:
-    """Between the middle of what is possible and half of the way to its ends."""
+    """Draw a shape parameter between its nominal value and half of the way to its limits."""
     if shape.logarithmic:
         low, high = np.sqrt(shape.nominal * shape.low), np.sqrt(shape.nominal * shape.high)
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))

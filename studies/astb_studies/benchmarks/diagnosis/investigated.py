@@ -1,10 +1,10 @@
-"""One sealed rig is investigated: drawn from a seed as those of the other benchmark are, written, and judged.
+"""One sealed rig: drawn from a seed as in the diagnosis benchmark, written, investigated, and judged.
 
-It has the springs of a delivery, a little roughness, and one effect, a near miss, a pair or nothing. Most near misses
-are so faint that a screening alone cannot tell them from their kin. `astb investigate` gets the rig as a file in a
-process of its own and decides what is run.
+It has the springs of a delivery, a little roughness, and one effect, a near miss, a pair or no effect. Most near misses
+are so faint that a screening alone cannot distinguish them from similar effects. `astb investigate` reads the file of
+the rig in a separate process and selects the plans.
 
-This is not part of the command, whose own names no other process can import.
+This module is separate from the command, because other processes cannot import names from the main module.
 """
 
 import subprocess
@@ -27,7 +27,7 @@ from bench_protocol.written_values import write_value
 from bench_sim.parameters.effects import find_effect
 from bench_sim.parameters.model_file import Model, write_model
 
-#: What is hidden: as in the other benchmark, or a near miss of a part of the size.
+#: Kinds of hidden effects: as in the diagnosis benchmark, or a near miss of reduced size.
 Asked = Kind | Literal["faint"]
 FAINT: Final = 0.2
 #: An investigation may take so many seconds of a busy machine.
@@ -35,7 +35,7 @@ LIMIT: Final = 3 * 3600.0
 
 
 class Investigated(msgspec.Struct, frozen=True, kw_only=True):
-    """What was hidden in a rig, and how its investigation went; ``minutes`` are those of the bench."""
+    """The hidden effects of a rig, and the result of its investigation; ``minutes`` is the time of the bench."""
 
     seed: int
     kind: str
@@ -53,18 +53,18 @@ class Investigated(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def right(self) -> bool:
-        """Whether it ended with exactly what was hidden, and with no doubt about it."""
+        """Whether exactly the hidden effects were named, with no other possible cause."""
         return not self.failure and sorted(self.causes) == sorted(self.hidden) and not self.rivals
 
     @property
     def wrong(self) -> bool:
-        """Whether it ended with a cause that is neither there nor next of kin of what is, and no right one instead."""
+        """Whether a named cause is neither hidden nor similar to a hidden one, and no hidden one is an alternative."""
         free = {*self.hidden, *(near for name in self.hidden for near in kin(name))}
         return bool(set(self.causes) - free) and not set(self.rivals) & set(self.hidden)
 
 
 def hidden_in(seed: int, asked: Asked) -> GroundTruth:
-    """Draw what a rig is given."""
+    """Draw the hidden effects of a rig."""
     if asked != "faint":
         return draw(seed, asked)
     truth = draw(seed, "near")
@@ -100,7 +100,7 @@ def write_rig(truth: GroundTruth, directory: Path) -> tuple[Path, Path]:
 
 
 def investigated(case: tuple[int, Asked], budget: str) -> Investigated:
-    """Draw a rig, let `astb investigate` have it, and read what came of it; a failure is a result too."""
+    """Draw a rig, run `astb investigate` on it, and read the result; a failure is also a result."""
     seed, kind = case
     truth, start = hidden_in(seed, kind), time.perf_counter()
     known = Investigated(seed=seed, kind=kind, hidden=list(truth.effects), weakest=truth.weakest)

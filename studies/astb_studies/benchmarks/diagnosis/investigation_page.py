@@ -32,7 +32,7 @@ counted with [scores next to a strained candidate](../../docs/decisions/23-accep
 
 
 class Figure(NamedTuple):
-    """A rate that is reported, with the least or (below a half) the largest that was aimed at; NaN for none."""
+    """A reported rate and its target: a lower limit, or below 0.5 an upper limit; NaN for no target."""
 
     what: str
     aim: float
@@ -40,7 +40,7 @@ class Figure(NamedTuple):
 
 
 def figures(all_: Sequence[Investigated]) -> list[Figure]:
-    """Return how often what came of investigations was right."""
+    """Return the rates of right and wrong results of investigations."""
     hidden = [one for one in all_ if one.hidden]
     doubtful = [one for one in hidden if one.first == Verdict.AMBIGUOUS.value]
     return [
@@ -64,7 +64,7 @@ def summary(all_: Sequence[Investigated]) -> list[str]:
 
 
 def write(all_: Sequence[Investigated], path: Path, budget: str) -> None:
-    """Write the page from what is known of investigations, each of which had a ``budget`` of time."""
+    """Write the page about finished investigations, each with a ``budget`` of time."""
     lines = [
         _INTRODUCTION.format(budget=budget, faint=100 * FAINT),
         *(f"* {key}: {value}" for key, value in machine().items()),

@@ -1,7 +1,7 @@
 """Investigates sealed rigs and counts the right names: ``python -m astb_studies.benchmarks.diagnosis.investigations``.
 
-Every rig takes minutes of a core. What is known of each is kept at once as a line of JSON, and a count goes on where it
-stopped. In the end the page is written.
+Every rig takes minutes of a core. Each result is stored at once as a line of JSON, so an interrupted count resumes.
+At the end, the page is written.
 """
 
 from collections.abc import Callable, Sequence
@@ -52,7 +52,7 @@ def count(
 
 
 def read(kept: Path) -> list[Investigated]:
-    """Return what is known so far."""
+    """Return the results so far."""
     if not kept.exists():
         return []
     return [msgspec.json.decode(line, type=Investigated) for line in kept.read_bytes().splitlines() if line]
@@ -73,7 +73,7 @@ def main(number: int, processes: int, budget: str, first_seed: int, kept: Path, 
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
-    # The page among the docs is of what is kept next to it.
+    # The page in the docs shows only the results kept in the repository.
     if page is None and (kept, budget) == (INVESTIGATIONS, BUDGET):
         page = PAGE
     if page is not None:

@@ -1,4 +1,4 @@
-"""The judge compares a finding with what was hidden, which it reads after the diagnosis."""
+"""The judge compares a finding with the hidden effects, which it reads after the diagnosis."""
 
 from collections.abc import Sequence
 from statistics import NormalDist
@@ -13,22 +13,23 @@ from diagnosis.engine.laws import alike_laws
 from diagnosis.estimates import Z95
 from diagnosis.finding import Estimate, Finding, Verdict
 
-#: From this λ on, what is hidden must be seen.
+#: From this λ on, a hidden effect must be detected.
 CLEAR: Final = 10.0
-#: No honest interval is missed by so many standard deviations.
+#: An error of more standard deviations than this counts as a wrong interval.
 FAR: Final = 4.5
 #: Levels of the intervals that are checked.
 LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
-    """One case: what was hidden, what was said, and how right that was.
+    """One case: the hidden effects, the finding, and its errors.
 
-    ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden, on the bench in the noise of the
-    case; ``apart`` is what next of kin leave of the least one. ``laws`` are others of the phenomenon of a cause, from
-    which the finding does not report it. ``errors`` are those of the amplitudes of rightly named causes,
-    relative to the truth; ``deviations`` the same in standard deviations as the finding reports them, ``base`` those of
-    the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
+    ``weakest`` and ``strongest`` are the least and the largest λ of the hidden effects, on the bench in the noise of
+    the case. ``apart`` is the part of the least λ that similar effects cannot imitate. ``laws`` are other laws of the
+    phenomenon of a cause, which the finding does not distinguish from it. ``errors`` are errors of the amplitudes of
+    correctly named causes, relative to the truth; ``deviations`` are the same errors in reported standard deviations.
+    ``base`` has the errors of the parameters of the base model. ``fraction`` and ``noise_ratio`` are the gain on the
+    report runs.
     """
 
     system: str
@@ -51,28 +52,28 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     fraction: float | None = None
     noise_ratio: float | None = None
     elapsed: float = 0.0
-    failure: str = ""  #: why there is no finding: the case counts as neither right nor wrong, and is told
+    failure: str = ""  #: why there is no finding: the case is listed, and counts as neither right nor wrong
 
     @property
     def detected(self) -> bool:
-        """Whether anything was seen."""
+        """Whether an effect was detected."""
         return self.verdict != Verdict.NO_EFFECT.value
 
     @property
     def exact(self) -> bool:
-        """Whether exactly what was hidden was named, and nothing else was left possible."""
+        """Whether exactly the hidden effects were named, with no other possible cause."""
         return sorted(self.causes) == sorted(self.hidden) and not self.rivals and not self.laws
 
     @property
     def in_family(self) -> bool:
-        """Whether what was hidden is among the laws of a phenomenon that is named, of which none is told plainly."""
+        """Whether the finding names a phenomenon that includes the hidden effects, but leaves its law open."""
         told = {*self.causes, *self.rivals, *self.laws}
         open_ = bool(self.rivals or self.laws)
         return open_ and set(self.hidden) <= told <= {*self.hidden, *self.near}
 
     @property
     def wrong_law(self) -> bool:
-        """Whether a next of kin of what was hidden is told plainly in its place."""
+        """Whether the finding names a similar effect instead of the hidden one, without naming the hidden one."""
         return bool(set(self.causes) & set(self.near)) and not set(self.hidden) <= {
             *self.causes,
             *self.rivals,
@@ -81,14 +82,14 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reported(self) -> bool:
-        """Whether all that was hidden is in the finding: as a cause, what may be one instead, or as a suspect."""
+        """Whether the finding includes all hidden effects: as a cause, an alternative cause, or a suspect."""
         return set(self.hidden) <= {*self.causes, *self.rivals, *self.suspects, *self.laws}
 
     @property
     def wrong(self) -> list[str]:
-        """Causes that are named, are not there, and for which the finding offers no right one instead.
+        """Named causes that are not hidden, and for which the finding offers no right alternative.
 
-        Next of kin of what is hidden do not count: one relaxation time instead of two is no lie about the cause.
+        Effects similar to a hidden one do not count: one relaxation time instead of two is not a wrong cause.
         """
         free = {*self.rivals, *self.laws} & set(self.hidden)
         strange = [c for c in self.causes if c not in self.hidden and c not in self.near]
@@ -107,7 +108,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
         if self.failure:
             return f"no finding: {self.failure}"
         if self.kind == "null":
-            # Of a sibling it is right to see something: it is not the bench of the model.
+            # A detection on a sibling is right, because its form differs from the model.
             wrong = self.causes if self.condition == "sibling" else self.detected
             return f"false alarm: {said}" if wrong else ""
         if self.wrong:
@@ -196,7 +197,7 @@ def covered(deviations: Sequence[float], level: float) -> int:
 
 
 def _deviation(told: Estimate, value: float) -> list[float]:
-    """Return how far a truth is from what was told of it, in units in which its 95 % interval ends at 1.96."""
+    """Return the error of an estimate, scaled so that the end of its 95 % interval is 1.96."""
     if told.value is None or told.low is None or told.high is None:
         return []
     half = told.high - told.value if value > told.value else told.value - told.low

@@ -1,4 +1,4 @@
-"""Of causes that are laws of a phenomenon: how many were told exactly, as the phenomenon, wrongly, or not at all."""
+"""Causes that are laws of a phenomenon: how many were named exactly, as the phenomenon, wrongly, or not at all."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -52,7 +52,7 @@ class LinearisedBase:
     def lambda_apart(
         self, run: Callable[[Experiment, Effects], Array], effects: Effects, entries: Sequence[Candidate]
     ) -> float:
-        """Return what is left of λ of ``effects`` next to the one of the candidates that imitates them best."""
+        """Return λ of the part of ``effects`` that the most similar candidate cannot imitate."""
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries]
         further = self._differences(steps)
         both = zip(self._whiten, self._columns(run, [effects]), further, strict=True)

@@ -13,7 +13,7 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.systems.air_spring.simulator import OUTPUTS, channels
 
 Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibling"]
-#: What is measured, next to what identifies the motion: these sensors have noise of a colour.
+#: The measured outputs without the signals of the motion: these sensors have coloured noise.
 COLOURED: Final = [*FORCES, *PRESSURES]
 COLOURS: Final[Mapping[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 BITS: Final = 2.0**-12

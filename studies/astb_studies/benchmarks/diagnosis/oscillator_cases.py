@@ -40,7 +40,7 @@ UNIT_OF_FORM: Final = {"tiring": 1.0, "softening": 50.0, "warming": 50.0, "seati
 #: Where the stop begins to act (m).
 GAP: Final = 0.02
 LAMBDA: Final = (4.0, 400.0)
-#: λ of what siblings have of another form, beside whichever effect imitates it best: the rest cannot be told from that.
+#: λ of the other form of a sibling, without the part that the most similar effect of the catalogue imitates.
 LAMBDA_FORM: Final = (5.0, 50.0)
 COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 
@@ -49,7 +49,7 @@ COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 class FinelyIntegrated(Oscillator):
     """The same oscillator, integrated in a quarter of the step; its drive is a line between samples in both.
 
-    ``form`` is what a sibling has besides.
+    ``form`` has the additional terms of a sibling.
     """
 
     form: Mapping[str, float] = field(default_factory=dict)
@@ -64,14 +64,14 @@ class FinelyIntegrated(Oscillator):
 
 @dataclass(frozen=True)
 class OscillatorCases:
-    """Draws, hides and measures: runs of ``samples``, ten seconds unless told otherwise."""
+    """Draws hidden effects and measures runs of ``samples``, by default ten seconds."""
 
     name: str = "oscillator"
     samples: int = 1000
 
     @cached_property
     def simulator(self) -> Oscillator:
-        """What is diagnosed."""
+        """The simulator for the diagnosis."""
         return Oscillator(surfaces=(force_surface(),))
 
     def draw(self, seed: int, kind: Kind, condition: Condition) -> GroundTruth:
@@ -169,7 +169,7 @@ class OscillatorCases:
         return LinearisedBase(self.simulator, quiet.of("fit"))
 
     def lambda_of(self, effects: Effects) -> float:
-        """Return λ of what is hidden, of any size."""
+        """Return λ of hidden effects of any size."""
         return self._base.lambda_of(lambda e, given: self.simulator.run(e, {}, given), effects)
 
 

@@ -1,10 +1,11 @@
-"""Sibling oscillators: one that remembers, warms or tires, in a way that no parameter of the model and no effect has.
+"""Sibling oscillators with memory, warming or fatigue, which no parameter of the model and no effect describes.
 
 Theory of operation
 -------------------
-A further force h on the mass that depends on time and on what the mass has done so far is a part of the drive:
-m ẍ + c ẋ + k x = f − h. So the oscillator is run with the drive alone, h is taken from its motion, and it is run again
-with f − h until the motion stays what it is; h is small next to f, and a few rounds do. The ground feels h as well.
+An additional force h on the mass depends on time and on the past motion. It acts as a part of the drive:
+m ẍ + c ẋ + k x = f − h. First, the oscillator is run with the drive alone, and h is computed from its motion. Then it
+is run with f − h, again and again, until the motion converges. A few rounds are enough, because h is small relative to
+f. The force on the ground includes h.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +17,7 @@ import numpy as np
 from astb_studies.oscillator import Oscillator
 from diagnosis.contracts import Array, Effects, Experiment
 
-#: Rounds until the motion stays what it is.
+#: Rounds until the motion has converged.
 _ROUNDS: Final = 5
 #: Work per damping (m²/s) after which a damper has tired, amplitude after which a spring has softened, and mean of two
 #: turning points at which the seat of the spring has moved (m).

@@ -1,4 +1,4 @@
-"""The drawings of the page of rates: confusion, power over λ, and how far intervals hold what they promise."""
+"""The drawings of the page of rates: confusion, power over λ, and coverage of the intervals."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -23,7 +23,7 @@ NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
 
 
 def confusion(path: Path, judged: Sequence[Judged]) -> None:
-    """What was hidden (rows), by family of causes for the bench, against what was said (columns)."""
+    """Hidden effects (rows; for the bench, families of causes) against the findings (columns)."""
     single = [j for j in judged if len(j.hidden) <= 1]
     rows = sorted({_one(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
     said = {name: [_named_cause(j) for j in single if _one(j.hidden) == name] for name in rows}
@@ -52,7 +52,7 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
 
 
 def power(path: Path, judged: Sequence[Judged]) -> None:
-    """Rates over λ of single effects: seen, among what is reported, named exactly."""
+    """Rates over λ of single effects: detected, included in the finding, named exactly."""
     single = [j for j in judged if j.kind == "single"]
     with style():
         from matplotlib.figure import Figure
@@ -96,7 +96,7 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
 
 
 def reliability(path: Path, judged: Sequence[Judged]) -> None:
-    """How often intervals hold the truth, against what they promise: amplitudes, and the parameters of the base."""
+    """Coverage of intervals against their nominal level: amplitudes, and the parameters of the base model."""
     named = [j for j in judged if j.exact and j.hidden]
     series = (
         ("amplitudes", [d for j in named for d in j.deviations], "o", PALETTE[0]),

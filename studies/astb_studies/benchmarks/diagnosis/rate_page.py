@@ -1,4 +1,4 @@
-"""The page of rates: what was aimed at, what was measured and how sure that is, drawings, and every failure by seed."""
+"""The page of rates: targets, measured rates with intervals, drawings, and every failure by seed."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ DRAWINGS: Final = PAGE.parent.parent / "gallery"
 #: Of fewer cases no rate is reported: its interval would hold nearly everything.
 LEAST: Final = 20
 SIBLING: Final = "sibling"
-#: Told intervals over the scatter of the errors: between them, 91 and 99 % of normal errors are covered.
+#: Limits of the reported interval width over the scatter of errors: here 91 and 99 % of normal errors are covered.
 WIDTHS: Final = (0.87, 1.31)
 #: Of fewer cases no drawing is made.
 FEW: Final = 100
@@ -120,7 +120,7 @@ meets it.
 
 
 def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Path:
-    """Write the page and its drawings from what is kept of so many cases ``asked`` of each system; return its path."""
+    """Write the page and its drawings from the ``kept`` of the ``asked`` cases of each system; return its path."""
     good = {system: [j for j in cases if not j.failure] for system, cases in kept.items()}
     lines = [_INTRODUCTION]
     lines += [f"* {system}: {len(cases)} of {asked[system]} cases counted" for system, cases in kept.items()]
@@ -157,7 +157,7 @@ def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Pat
 
 
 def _later(folder: Path) -> list[str]:
-    """Return the table of what was counted with a later diagnosis, and its failures."""
+    """Return the table of the cases of a later diagnosis, and its failures."""
     kept = {path.stem: done(path.stem, folder) for path in sorted(folder.glob("*.jsonl"))}
     many = ", ".join(f"{len(cases)} of the {system}" for system, cases in kept.items())
     lines = [f"## {folder.name.capitalize().replace('_', ' ')}", "", f"Cases: {many}.", ""]
@@ -319,9 +319,10 @@ def _gains(named: Sequence[Judged], nulls: Sequence[Judged]) -> list[str]:
 
 
 def _beyond_sound(named: Sequence[Judged], nulls: Sequence[Judged]) -> list[float]:
-    """Return (b² − a²)/(b² − s²): s is left of sound cases of the same noise, over the noise alone as a and b are.
+    """Return (b² − a²)/(b² − s²): the explained fraction relative to sound cases of the same noise.
 
-    The fraction that a finding tells is that for s = 1, from which b follows.
+    b and a are the residuals before and after the diagnosis, s is the residual of sound cases; all are relative to the
+    noise alone. The reported fraction assumes s = 1, so b follows from it.
     """
     found = []
     for j in named:
@@ -352,7 +353,7 @@ def _coverage(what: str, aim: str, deviations: Sequence[float], limits: tuple[fl
 
 
 def _width(what: str, deviations: Sequence[float]) -> str:
-    """Return the row of how many times as wide as the middle 95 % of the errors the told intervals are."""
+    """Return the row of the width of the reported intervals over the width of the middle 95 % of the errors."""
     if len(deviations) < LEAST:
         return ""
     within = sorted(map(abs, deviations))[math.ceil(0.95 * len(deviations)) - 1]

@@ -1,8 +1,8 @@
 """Measures a bench with a hidden effect and writes only files: ``python -m astb_studies.benchmarks.diagnosis.sealed``.
 
 The rig integrates the free bolster under its actuators every millisecond, the diagnosis replays an imposed motion every
-2.5 ms. Every reading crosses the rig's own CAN and Modbus encoders. The record says nothing of what is hidden; the
-truth goes into its own file.
+2.5 ms. Every reading passes the rig's own CAN and Modbus encoders. The record does not contain the hidden effects;
+they are written to a separate file.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ class ScreeningFailed(RuntimeError):
 
 
 def parameters_of(truth: GroundTruth) -> Parameters:
-    """Return the bench of a truth: its springs, its effects, what is outside, its roughness and its noise."""
+    """Return the bench of a truth: its springs, effects, terms outside the catalogue, roughness and noise."""
     bench = load()
     springs = {
         name: [truth.base.get(f"{side}.{name}", truth.base.get(name)) for side in SIDES]

@@ -1,9 +1,9 @@
-"""The screening of the benchmark: six runs of twenty seconds in which nearly every effect of the catalogue shows.
+"""The screening of the benchmark: six runs of twenty seconds that show nearly every effect of the catalogue.
 
-It is as short as it is because a case costs what its samples cost, and rates need a thousand cases. What the plan
-`screening` does in a minute is done here once, by fewer cycles. Three runs have the differential pressure valve
-connected, so that its leak shows. The leveling valves stay shut: where one opens, a step of 2.5 ms is not fine enough,
-and healthy benches were told of another dead zone.
+It is short because the cost of a case grows with its samples, and rates need a thousand cases. The minutes of the plan
+`screening` are done once here, with fewer cycles. Three runs have the differential pressure valve connected, so that
+its leak shows. The leveling valves stay shut: if one opens, a step of 2.5 ms is too coarse, and the diagnosis of
+healthy benches reported a wrong dead zone.
 """
 
 from typing import Final

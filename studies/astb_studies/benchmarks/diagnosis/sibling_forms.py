@@ -1,17 +1,18 @@
-"""Sibling rigs: the same bench with another form somewhere, which no parameter of the model and no effect covers.
+"""Sibling rigs: the same bench with one law of another form, which no parameter of the model and no effect covers.
 
 Theory of operation
 -------------------
-Parameters that differ between springs are fitted, effects are candidates. A sibling differs in what is neither: how
-rubber remembers small loops, the law of the orifice where hardly any pressure drives it, a wall that is not as warm
-as the hall, an actuator that is slower than its data sheet, bellows whose area is curved over the height.
+Parameters that differ between springs are fitted, and effects are candidates. A sibling differs in neither of them, but
+in one of these: the memory of rubber in small loops, the law of the orifice at a very small pressure difference, a wall
+temperature that differs from the hall, an actuator slower than its data sheet, or an area of the bellows that is curved
+over the height.
 
 The curved area needs a term that the model does not have: V = V_0 + A_0 ζ + ½ A_1 ζ² + (1/6) A_2 ζ³. Around the present
 height ζ_0 that is, to the third order of ζ − ζ_0, the parabola of a spring with
 
     A_1' = A_1 + A_2 ζ_0,   A_0' = A_0 − ½ A_2 ζ_0²,   V_0' = V_0 + (1/6) A_2 ζ_0³
 
-which is given to the rig again and again while it runs.
+which is sent to the rig again and again while it runs.
 """
 
 from collections.abc import Callable, Mapping
@@ -59,7 +60,7 @@ def drawn(rng: np.random.Generator) -> dict[str, float]:
 
 
 def parameters(forms: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters of the set that a sibling has otherwise."""
+    """Return the parameters of the set that differ in a sibling."""
     found: dict[str, float] = {}
     for name, size in forms.items():
         if name in _PARAMETERS:

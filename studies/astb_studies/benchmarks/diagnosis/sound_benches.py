@@ -1,13 +1,13 @@
-"""What sound benches show by themselves: how much of each effect a replay imitates, and how it changes with time.
+"""Scores of sound benches: how much of each effect a replay imitates, and how it changes with time.
 
 ``python -m astb_studies.benchmarks.diagnosis.sound_benches`` makes the table again.
 
-Sound benches are screened like those of the
-benchmark, with seeds of their own. Scores should be standard normal: what they scatter beyond that, about 0, is the
-doing of the replay. Its motion is smoothed, its friction turns a little earlier or later than that of the bench. So is
-what stretches of a run show beyond chance in the directions of an effect (`diagnosis.engine.constancy`).
+Sound benches are screened as in the benchmark, with other seeds. Scores should be standard normal. The replay causes
+additional scatter about 0, because its motion is smoothed, and its friction reverses a little earlier or later than in
+the bench. It also causes variations between sections of a run in the directions of an effect
+(`diagnosis.engine.constancy`).
 
-``--effects`` makes the rows of some effects, of new ones say, each with its number of benches; the others stay.
+``--effects`` replaces only the rows of the given effects (for example new ones), each with its number of benches.
 """
 
 import os

@@ -23,7 +23,7 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The exact 95 % interval: beyond its ends, what was seen would have a chance of at most 2.5 %."""
+        """The exact 95 % interval: beyond either end, the observed count would have a probability of at most 2.5 %."""
         from scipy.stats import beta
 
         k, n = self.hits, self.count
