@@ -37,6 +37,7 @@ from diagnosis.engine.p_values import bonferroni
 BLOCKS: Final = 12
 #: Ordinates of the periodogram on each side of a line that are its background, beyond those next to it.
 NEIGHBOURS: Final = 24
+LEAST_NEIGHBOURS: Final = 4
 #: A line, or a walk, is told as such from this part of the excess on.
 MOST: Final = 0.8
 
@@ -118,20 +119,29 @@ def ljung_box(values: Array) -> float:
 def _correlations(values: Array) -> Array:
     """Return the autocorrelations of a series at the lags of Ljung and Box's test."""
     e = values - values.mean()
-    return np.array([e[:-k] @ e[k:] for k in range(1, LJUNG_BOX_LAGS + 1)]) / (e @ e)
+    power = e @ e
+    if not power > 0.0:  # a constant error has no scatter
+        return np.zeros(LJUNG_BOX_LAGS)
+    return np.array([e[:-k] @ e[k:] for k in range(1, LJUNG_BOX_LAGS + 1)]) / power
 
 
 def strongest_line(values: Array, step: float) -> Line:
-    """Return the clearest sine in a series (n,), by F tests of its periodogram; slow drift is taken out first."""
+    """Return the clearest sine in a series (n,), by F tests of its periodogram; slow drift is taken out first.
+
+    A series too short for a background, or without scatter, has none (p = 1).
+    """
     time = np.linspace(-1.0, 1.0, len(values))
     left = values - np.polynomial.Polynomial.fit(time, values, 2)(time)
     power = np.abs(np.fft.rfft(left))[1:-1] ** 2
-    kernel = np.ones(2 * NEIGHBOURS + 5)
-    kernel[NEIGHBOURS : NEIGHBOURS + 5] = 0.0
+    neighbours = min(NEIGHBOURS, (len(power) - 5) // 2)
+    if neighbours < LEAST_NEIGHBOURS or not power.sum() > 0.0:
+        return Line(0.0, 0.0, 1.0)
+    kernel = np.ones(2 * neighbours + 5)
+    kernel[neighbours : neighbours + 5] = 0.0
     around = np.convolve(power, kernel, "same") / np.convolve(np.ones_like(power), kernel, "same")
     ratio = power[2:] / around[2:]  # what is slower than three periods is a drift
     best = int(np.argmax(ratio)) + 2
-    p = bonferroni(float(f.sf(ratio[best - 2], 2, 4 * NEIGHBOURS)), len(ratio))
+    p = bonferroni(float(f.sf(ratio[best - 2], 2, 4 * neighbours)), len(ratio))
     inside = power[max(best - 2, 0) : best + 3].sum()
     return Line((best + 1) / (len(values) * step), float(inside / power.sum()), p)
 

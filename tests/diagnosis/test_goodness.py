@@ -139,3 +139,14 @@ def test_a_hum_at_rest_makes_no_effect_doubtful():
     finding = diagnose(with_force(replace(data, runs=quiet), hum), lab.simulator, Config(workers=1))
     assert finding.verdict in {Verdict.DOUBTFUL, Verdict.UNRESOLVED}
     assert any(one.startswith("force shows a sine of 6") for one in finding.doubts)
+
+
+@pytest.mark.parametrize("samples", [80, 81, 95, 110, 400])
+def test_a_short_series_is_compared_too(samples):
+    """A report run may leave fewer ordinates than the background of a line has elsewhere."""
+    assert found(np.zeros(samples)) == []
+    values = series(1, "walk", 6.0)[:samples]
+    walk = found(6.0 * (values - values.mean()) / values.std())
+    assert [one.ratio for one in walk] == pytest.approx([6.0])
+    sine = np.sin(0.31 * np.arange(samples)) + 1e-3 * np.random.default_rng(2).standard_normal(samples)
+    assert strongest_line(sine, 0.01).frequency == pytest.approx(4.93, abs=1.0 / (0.01 * samples))
