@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-#: What a run is for: parameters are fitted on some runs, models chosen on others, and the gain is told from the last.
+#: Role of a run: *fit* runs fit parameters, *select* runs choose models, *report* runs measure the gain.
 Role = Literal["fit", "select", "report"]
 ROLES: Final[tuple[Role, ...]] = ("fit", "select", "report")
 
@@ -38,7 +38,7 @@ class Parameter:
     logarithmic: bool = False  #: fitted as its logarithm (time constants)
     display: str = ""  #: unit that people read, with ``scale`` SI per unit
     scale: float = 1.0
-    #: The input along which it is a length, or "time": no finer than that moves between samples is it told.
+    #: The input along which it is a length, or "time". The step of this input between samples limits its resolution.
     along: str = ""
 
     @property
@@ -78,14 +78,15 @@ class Hypothesis:
     equation: str = ""
     source: str = ""
     #: Amplitude that errors of the simulator itself, or of the way in which its inputs were measured, may imitate, as
-    #: one standard deviation, for each point of the grid (none: 0): an effect of this size is not told from them.
+    #: one standard deviation, for each point of the grid (none: 0). An effect of this size cannot be separated from
+    #: them.
     imitated: tuple[float, ...] = ()
-    #: χ² of what stretches of sound rigs show in the directions of this effect, per χ² of what chance shows there.
+    #: Ratio of χ² in the directions of this effect: stretches of sound rigs over pure noise.
     overdispersion: float = 1.0
-    plain: str = ""  #: what is so where the effect is, a sentence without its end; "": the title says it
-    #: What it is one law of, such as "friction of the rubber", where others of the catalogue describe the same.
+    plain: str = ""  #: consequence of the effect, a clause without full stop; "": the title is enough
+    #: The phenomenon that it describes, such as "friction of the rubber", if the catalogue has several laws of it.
     phenomenon: str = ""
-    separated_by: str = ""  #: the run that tells it from what it is easily mistaken for
+    separated_by: str = ""  #: the run that separates it from similar effects
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -129,7 +130,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """What was done: equidistant ``time`` (n,) and the inputs (n,) that drive the simulator, by name."""
+    """Equidistant ``time`` (n,) and the inputs (n,) that drive the simulator, by name."""
 
     name: str
     time: Array
@@ -154,7 +155,7 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredRun:
-    """An experiment and what came of it: ``outputs`` (n, c), NaN where nothing was measured.
+    """An experiment and its measured ``outputs`` (n, c), NaN where nothing was measured.
 
     ``scored`` (n,) leaves out stretches in which the model does not claim to hold, such as the first cycle that
     friction needs to forget; ``rest`` (n,) marks stretches without motion, which show the noise alone.
@@ -192,9 +193,10 @@ class DataQuality:
 class Dataset:
     """Measured runs with the same channels; ``digest`` is the hash of the files they came from.
 
-    ``quality`` is what checks of the data found; its doubtful rows are among the ``doubts``. ``doubts`` are sentences
-    on what of the data cannot be right: they are told before the verdict. ``readings`` are sentences on how files were
-    taken and what was left out of them. ``beside`` are runs of which only figures are compared (`CheckFigures`).
+    ``quality`` holds the results of the data checks; its doubtful rows are among the ``doubts``. ``doubts`` are
+    sentences on data that cannot be right; reports print them before the verdict. ``readings`` are sentences on how
+    files were read and which rows were skipped. ``beside`` are runs of which only figures are compared
+    (`CheckFigures`).
     """
 
     channels: tuple[Channel, ...]
@@ -284,9 +286,9 @@ class CompleteSimulator:
     least_batch: int = 1
     #: Names of nuisances and effects that rough outputs do not distinguish : differences in them are never rough.
     too_alike: frozenset[str] = frozenset()
-    #: Errors of its inputs that its nuisances imitate exactly, so that no data tell of them: what one standard
-    #: deviation of each does to the nuisances, by name in their own units. The zero of a height sensor makes every
-    #: volume and area another one, and leaves no trace together with that.
+    #: Errors of its inputs that its nuisances imitate exactly, so that no data can show them. Each entry holds the
+    #: shift of the nuisances by one standard deviation of the error, by name in their own units. For example, the zero
+    #: of a height sensor changes every volume and area, and the outputs stay the same.
     unseen_errors: Sequence[Mapping[str, float]] = ()
     #: How nuisances are learnt otherwise, such as by a calibration: what to do, by the name of the nuisance.
     references: Mapping[str, str] = MappingProxyType({})
@@ -296,7 +298,7 @@ class CompleteSimulator:
         raise NotImplementedError
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        """Yield the outputs (n, c) of each job in order, as they are done: several may share what they have in common.
+        """Yield the outputs (n, c) of each job in order, as they are done; jobs may share intermediate results.
 
         They are those of ``run`` to within the rounding of the arithmetic. It may be called from several threads.
         """
@@ -314,8 +316,8 @@ class CompleteSimulator:
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
         """Return the hypotheses to be tried instead of those of their names in the catalogue; mostly none.
 
-        These are shapes that no point of a grid would meet, told by the data before anything is fitted: the period of
-        what repeats for minutes is known to a part in a hundred thousand, or it explains nothing. ``channels`` are
+        These are shapes that no point of a grid would meet. The data show them before any fit. A period that repeats
+        for minutes must be known to a part in a hundred thousand, or the effect explains nothing. ``channels`` are
         those of the runs' outputs.
         """
         return {}

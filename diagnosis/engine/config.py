@@ -1,4 +1,4 @@
-"""What a diagnosis may be told, and every level that its argument rests on, in the order of the steps that use them.
+"""Settings of a diagnosis, and all its levels and limits, in the order of the steps that use them.
 
 ``Config`` is what a caller may change. The constants below it were chosen once and measured with it: the rates of false
 alarms and of right names in studies/docs/diagnosis-benchmark.md hold for these numbers. A change of any of them is a
@@ -22,7 +22,7 @@ class Config:
     alpha: float = (
         0.003  #: step 5: probability that any score exceeds the threshold in data that hold nothing
     )
-    alpha_unknown: float = 0.002  #: step 7: the same of the omnibus test for what has no name
+    alpha_unknown: float = 0.002  #: step 7: the same for the omnibus test of unknown terms
     seed: int = 1
     workers: int = 2
     max_effects: int = 3  #: step 6: so many causes at most
@@ -33,7 +33,7 @@ class Config:
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
     with_panel: bool = True  #: step 1: whether the panel of tests is computed; no verdict depends on it
-    with_gain: bool = True  #: step 9: whether the gain is told in numbers and curves; the verdict is the same
+    with_gain: bool = True  #: step 9: whether the gain is computed; the verdict is the same
 
 
 # -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
@@ -101,13 +101,13 @@ HOPELESS_STEP: Final = 0.02
 ROUGH_OPTIMUM: Final = 4.0
 #: Better columns are not worth their simulations for a predicted decrease of χ² below this.
 WORTH_NEW_COLUMNS: Final = 1.0
-#: A step that fails though it is damped so much lets the columns of the nuisances be doubted.
+#: If a step fails with at least this damping, the columns of the nuisances are computed again.
 DOUBTFUL_DAMPING: Final = 0.01
 #: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.
 BROYDEN_SHARE: Final = 0.01
 #: Differences on both sides of a point that are apart by this part of their square are apart by more than curvature.
 SPOILT: Final = 1e-4
-#: The same of footprints, of which one step is half of the other, as a part of the square of what is left of them.
+#: The same for footprints at a step and at half of it, as a part of the square of the projected footprint.
 SPOILT_FOOTPRINT: Final = 0.1
 #: Part of the largest eigenvalue below which one is rounding: some hundred times the precision of a double.
 EIGENVALUE_FLOOR: Final = 1e-13
@@ -152,7 +152,7 @@ RANGE_CHI2: Final = 4.0
 STRAINED_PRIOR: Final = 4.0
 #: … and a cause is blamed for it if it asks for so many more than the model without it.
 FURTHER_STRAIN: Final = 1.0
-#: At so many of them whatever was named is doubted: it is told before the verdict.
+#: At so many of them every named cause is doubted; the report prints this before the verdict.
 CONTRADICTED_PRIOR: Final = 10.0
 #: A noise floor is known to about a tenth, and the replay of a measured motion leaves a tenth more of a sound bench: in
 #: squares, together a quarter. Below it there is no misfit of which a cause could be asked to explain a part.
@@ -174,7 +174,7 @@ FINITE_FITS: Final = 3
 #: What changes the outputs by so many times all errors there diverges.
 LARGEST_CHANGE: Final = 1e3
 
-# -- step 7, what has no name: unknown.py ------------------------------------------------------------------------------
+# -- step 7, unknown terms: unknown.py ---------------------------------------------------------------------------------
 
 #: A surface acts where its coefficients are so many standard deviations from 0 …
 CLEAR_COEFFICIENT: Final = 2.0
@@ -187,7 +187,7 @@ VISITED: Final = 0.5
 
 #: Part of the χ² explained by the causes from which on a significant rest belongs to the verdict.
 REMAINDER: Final = 0.01
-#: A surface that predicts the select runs no better is told only if chance makes it with less than this probability.
+#: A surface that predicts the select runs no better is reported only if its p-value is below this.
 UNKEPT_SURFACE_P: Final = 1e-6
 #: Part of what a cause gains that it must still gain together with a surface which imitates it. A stop that was called
 #: a cubic spring kept a hundredth, measured friction under its right name three to seven.
@@ -198,31 +198,31 @@ IMITATED_INFORMATION: Final = 0.9
 WIDER_SURFACE: Final = 10.0
 #: An amplitude saturates where its absence costs so many times the root of χ² that its standard deviation promises.
 SATURATED: Final = 2.0
-#: Whole runs, halves, quarters and eighths are asked whether a cause is the same in them: constancy.py.
+#: Whole runs, halves, quarters and eighths are tested for a constant cause: constancy.py.
 STRETCHES: Final = (1, 2, 4, 8)
-#: Chance finds a cause inconstant with this probability; it then costs what is hardly seen its name, and no more.
+#: False-positive probability of the constancy test; it can only remove the name of a cause that is hardly visible.
 CONSTANCY_ALPHA: Final = 0.05
-#: Part of the largest eigenvalue below which a stretch does not tell a cause from its imitation: difference quotients
-#: are no better.
+#: Part of the largest eigenvalue below which a stretch does not separate a cause from its imitation. Difference
+#: quotients are no more exact.
 LEAST_EIGENVALUE: Final = 1e-6
 #: λ of a named cause must be so many times the λ of what the model's form owes in the cause's own directions. Of
 #: oscillators of another form, clear false causes reached 2.4 times at most; of true causes under a roughness of a
 #: fiftieth, on oscillators and benches, none stayed below eight times.
 CLEAR_OF_FORM: Final = 3.0
-#: What is left of the error on the select runs, as a root over all channels, by a cause that owes nothing to the form.
+#: Largest residual on the select runs (RMS over all channels, relative) of a cause that is not due to model form error.
 #: Friction of seals leaves 0.18 there, however rough its own law; false causes of oscillators of another form 0.3 to 1.
 PREDICTED_SHARE: Final = 0.25
 #: So many times the noise on the report runs are worth a sentence.
 NOISE_RATIO_SHOWN: Final = 1.2
-#: A model that leaves more than so many times the noise on unseen runs lacks something together with what was named …
+#: A model that leaves more than so many times the noise on unseen runs lacks a further cause …
 REMAINDER_RATIO: Final = 2.0
-#: … and if more than this part of the error is left, what was named is a relative of the cause.
+#: … and if more than this part of the error is left, the named effect is only similar to the cause.
 RELATIVE: Final = 0.5
 #: A cause that takes less than this part of the error on unseen runs away gains nothing there worth telling …
 NO_GAIN: Final = 0.01
 #: … unless the log predictive density of the select runs rises by this: half of a BIC gap that decides.
 GAINS_DENSITY: Final = 5.0
-#: A part of the error that is smaller than this is reported as what it is.
+#: A smaller part of the error than this is reported as a small gain.
 GAINS_LITTLE: Final = 0.1
 #: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
 #: predicts them as well.
@@ -239,7 +239,7 @@ SHOWN_INFORMATION: Final = 100.0
 #: Variances of a cause's amplitude for each unit of χ² that the form of the model owes in its directions. Of 46 causes
 #: rightly named on oscillators of another form intervals hold 45 with it, as with four times as much, and 38 without.
 OWED_TO_INTERVAL: Final = 0.25
-#: Where χ² at the end of an interval differs by more than this part from what a parabola has there, a valley bends …
+#: Where χ² at the end of an interval differs by more than this part from the parabola, the valley bends …
 BENT: Final = 0.2
 #: … and its own end is sought with at most so many fits.
 PROFILE_STEPS: Final = 6
@@ -278,7 +278,7 @@ EXPLAINABLE: Final = 1.05
 
 #: A parameter is reported by runs that leave less than this part of the standard deviation with which it was assumed.
 IDENTIFIED: Final = 0.5
-#: The scores of what is identified have the threshold of a diagnosis.
+#: False-alarm probability of the scores of an identification, as in a diagnosis.
 IDENTIFIED_ALPHA: Final = 0.003
 
 # -- the contract of a simulator: contract_check.py, simulation.py, belief.py ------------------------------------------
@@ -295,7 +295,7 @@ ROUNDING: Final = 1e-12
 STEPS_OF_SIZE: Final = 100.0
 #: So many parameters are reported with an error, those first that are not at their nominal values.
 PARAMETERS_SHOWN: Final = 12
-#: So many base parameters far from what is assumed are reported, those furthest away first.
+#: So many base parameters far from their priors are reported, those furthest away first.
 PRIORS_SHOWN: Final = 3
 
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
@@ -307,5 +307,5 @@ LEAST_ROUGH: Final = 4
 
 # -- memory: memory.py -------------------------------------------------------------------------------------------------
 
-#: Pages from which on an array of columns has pages of its own: of fewer, most would be half empty.
+#: Arrays of columns of at least so many pages get separate pages; those of smaller arrays would be half empty.
 OWN_PAGES: Final = 64

@@ -1,6 +1,6 @@
 """The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed.
 
-The argument has nine steps, told with examples in docs/explanation/how-the-diagnosis-works.md. Each has its file,
+The argument has nine steps; docs/explanation/how-the-diagnosis-works.md explains them with examples. Each has its file,
 with its theory of operation at the head; levels and limits of all of them are in `config.py`.
 
     1  residual           residual/panel.py
@@ -8,13 +8,13 @@ with its theory of operation at the head; levels and limits of all of them are i
     3  noise              noise_estimate.py, noise.py, whitening.py
     4  footprint, score   footprints.py, screening.py
     5  threshold          threshold.py
-    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, second_look.py (what acts
-                          only now and then), backward.py
-    7  what has no name   omnibus.py, unknown.py, doubt.py
+    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, second_look.py (causes
+                          that act only now and then), backward.py
+    7  unknown terms      omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
-                          substitutes.py (steps 6 to 8 without what displaced a better cause);
-                          laws.py (laws of one phenomenon that these runs do not distinguish );
-                          then confusability.py (what was not seen) and next_run.py (what would decide)
+                          substitutes.py (steps 6 to 8 without effects that displaced a better cause);
+                          laws.py (laws of one phenomenon that these runs do not distinguish);
+                          then confusability.py (detection limits) and next_run.py (runs that would decide)
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals);
                           goodness.py (each channel against its noise: it may contradict *no effect*)
 
@@ -94,7 +94,7 @@ def diagnose(
     menu: Sequence[Experiment] = (),
     checks: CheckFigures | None = None,
 ) -> Finding:
-    """State what the data tell of the simulator: what it lacks, how sure that is, and what adding it gains.
+    """Find the effects that the simulator lacks, their uncertainty, and the gain in prediction by adding them.
 
     Runs that all have the same role are split by ``split``. ``menu`` holds the runs that the rig could do next, each
     with its minutes; ``checks`` state what the models predict of plans.
@@ -119,7 +119,7 @@ def diagnose(
     found = search(problem, tell)  # steps 2 to 6
     tell("looking for unknown effects", 0.91)
     judgement = without_substitutes(problem, judge(problem, found))  # steps 7 and 8
-    del found  # The columns of all candidates are large, and no more is asked of them.
+    del found  # The columns of all candidates are large and no longer needed.
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu, checks)  # steps 1 and 9
 
@@ -300,7 +300,7 @@ def _causes(
     left: Remainder,
     config: Config,
 ) -> list[Cause]:
-    """Return what was accepted as the finding has it, each with the laws of its phenomenon that it is not told from."""
+    """Return the accepted causes for the finding, each with the laws of its phenomenon that fit as well."""
     fits = indistinguishable_laws(found, hypotheses, config.ambiguous, config.rough)
     causes = []
     for one in found.accepted:
@@ -324,7 +324,7 @@ def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) 
 def _deciding(
     judgement: Judgement, alike: Sequence[Undecided], config: Config, menu: Sequence[Experiment]
 ) -> tuple[list[NextRun], list[NextSensor]]:
-    """Rank the runs that would part what these runs do not, and what could be known otherwise."""
+    """Rank the runs that would separate undecided causes, and the parameters whose calibration would."""
     model = judgement.screened.model
     others = [
         *(one.model for one in alike),
@@ -343,7 +343,7 @@ def _deciding(
 
 
 def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
-    """Return sentences on what is still not explained, or could not be checked."""
+    """Return sentences on unexplained errors, and on checks that were not possible."""
     screening = judgement.screened.screening
     sentences = [
         f"{screening.candidates[i].effect.title} still has a score of {screening.z[i]:.1f}, "

@@ -1,15 +1,14 @@
-"""Identification: all parameters of a simulator as runs tell them, together with what was assumed, and as others would.
+"""Identification: all parameters of a simulator from runs and priors, and the expected accuracy from future runs.
 
 Theory of operation
 -------------------
 It is the first half of a diagnosis with nothing to look for: the base model is fitted (step 2) under the noise that it
-leaves (step 3), with priors so wide that the data use. The surfaces of step 7 tell by how much the form of the model
-is wrong, and the scatter between runs how far the rest of its errors goes; both widen the intervals
-(`model_error.py`). What comes out much narrower than it was assumed is reported by these runs; what does not is not,
-and its value is the belief.
+leaves (step 3), with wide priors. The surfaces of step 7 show the form error of the model, and the scatter between runs
+shows its other errors. Both widen the intervals (`model_error.py`). A parameter whose interval is much narrower than
+its prior is determined by these runs. The value of any other parameter is its prior.
 
-How well runs would tell that no one has made follows from the same linear model: their columns, under the noise of the
-runs there are or of the data sheets, add their information to what is known.
+The same linear model predicts the accuracy of runs that have not been made yet. Their columns, under the noise of the
+existing runs or of the data sheets, add their information to that of the priors and runs.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """A parameter as runs tell it: its value and standard deviation, in SI."""
+    """A parameter identified from runs: its value and standard deviation, in SI."""
 
     parameter: Parameter
     value: float
@@ -58,7 +57,7 @@ class Identified:
 
     @property
     def determined(self) -> bool:
-        """Whether the runs tell it."""
+        """Whether the runs determine it."""
         return self.share < IDENTIFIED
 
 
@@ -66,7 +65,7 @@ class Identified:
 class Identification:
     """A model at its best fit, and the covariance (k, k) of its numbers with the errors of the model in it.
 
-    ``doubts`` are sentences on what the data and what was assumed of them do not agree in.
+    ``doubts`` are sentences on contradictions between the data and the assumptions.
     """
 
     model: FittedModel
@@ -106,7 +105,7 @@ def identify(
     workers: int = 2,
     progress: Progress = lambda _text, _part: None,
 ) -> Identification:
-    """Return all parameters of a simulator as the runs of a dataset tell them, whatever the role of each.
+    """Identify all parameters of a simulator from the runs of a dataset, whatever the role of each run.
 
     Raises ``DiagnosisError`` for data that cannot be replayed.
     """

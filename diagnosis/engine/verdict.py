@@ -1,29 +1,29 @@
-"""Step 8, the verdict: which of six things may be said, with the surfaces of step 7 together with the named causes.
+"""Step 8, the verdict: one of six statements, from the named causes together with the surfaces of step 7.
 
 Theory of operation
 -------------------
-The search has named what it could. The simulator's surfaces now represent everything that the catalogue lacks: the
-noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
-select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest surface
-makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, those whose interval
-holds 0, and those that may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What
-is owed to the form helps little on runs that it was not fitted to: a cause that takes most of the error from the select
-runs, as fitted, is none of that, however rough its own equation. What remains passes all gates again (`backward.py`),
-and the test is made again without them. Then the surface is fitted; but where a cause left that may be owed to the
-form, and no surface showed together with it, none is told that shows in its absence. What a known cause explains as
-well is not without a name.
+The search has named the causes that it could. The simulator's surfaces now represent everything that the catalogue
+lacks. The noise is estimated once more without the part that they explain. The surfaces are tested (`omnibus.py`) on
+the fit runs and the select runs together, because an unknown term is often clearest where nothing was fitted. Causes
+that the clearest surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates,
+those whose interval holds 0, and those that may only compensate a model form error (`constancy.py`). Such a cause helps
+little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as fitted, is
+therefore kept, however rough its own equation. The remaining causes pass all gates again (`backward.py`), and the test
+is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate a form error, and no
+surface was visible together with it, then a surface that appears in its absence is not reported: a known cause explains
+the same error.
 
-The verdict follows from what remains, and none is forced:
+The verdict follows from the remaining causes and scores, and no cause is forced:
 
 * no cause: `unknown` where a surface predicts better, `unresolved` where anything is seen, else `no effect`;
 * causes with a rival that explains the data nearly as well: `ambiguous`;
-* causes, and a surface or a score that is more than a small part of what they explain: `named + unexplained
+* causes, and a surface or a score that is more than a small part of the χ² that they explain: `named + unexplained
   remainder`;
 * else `named`.
 
-What is left on unseen runs may still change it (`final`, from `remainder.py`): `no effect` and a plain `named` are for
-what reaches the noise, what leaves most of the error in every channel is not named at all, and between both the runs
-that nothing was fitted to choose among rivals (`undecided.py`).
+The residual on unseen runs may still change the verdict (`final`, from `remainder.py`). `no effect` and a plain `named`
+require that the residual reaches the noise. A cause that leaves most of the error in every channel is not named at all.
+Between both, the unseen runs choose among rivals (`undecided.py`).
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ OWED: Final = "its evidence does not exceed the model's structural error"
 class Judgement:
     """The verdict with the surfaces that were fitted.
 
-    ``found`` is what the search found less what is doubtful, ``screened`` the model with those effects and what still
-    scores against it; ``model`` holds the surfaces that were kept as well. ``dismissed`` is what was doubtful.
+    ``found`` is the search result without doubtful effects. ``screened`` is the model with the remaining effects, and
+    the scores against it. ``model`` also holds the surfaces that were kept. ``dismissed`` are the doubtful effects.
     """
 
     verdict: Verdict
@@ -96,14 +96,14 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
 
 
 def without_surfaces(judgement: Judgement, config: Config) -> Judgement:
-    """Return a judgement without its surfaces, which predict unseen runs no better; what is clear is still told."""
+    """Return a judgement without its surfaces, which predict unseen runs no better; clear ones are still reported."""
     unknowns = tuple(dropped(one) for one in judgement.unknowns if (one.p or 0.0) < UNKEPT_SURFACE_P)
     verdict = _verdict(judgement.found, judgement.screened.screening, unknowns, config)
     return replace(judgement, verdict=verdict, model=judgement.screened.model, unknowns=unknowns)
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:
-    """Return the model of what was found with all other scores, and the surfaces that clearly see something."""
+    """Return the model of the found effects with all other scores, and the surfaces with a clear effect."""
     replay, select, config = problem.replay, problem.select, problem.config
     current = found.state.current
     if not replay.simulator.surfaces:
@@ -135,7 +135,7 @@ def _leaving(
         beside = f" with a fitted surface ({clear[0].surface.title})" if clear else ""
         return {unsure[0]: f"it may be zero{beside or ', by its interval'}"}
     owed = owed_to_form(model, found.accepted)
-    if owed and clear:  # what has no name may be all that is wrong with the form
+    if owed and clear:  # an unknown term may be the whole form error
         explained, _ = explain(model, clear[0], screened.screening, problem.select)
         owed = owed_to_form(explained, found.accepted)
     owed = (*owed, *no_clearer(model, clear, found.accepted))
@@ -165,7 +165,7 @@ def _with_select(
 
 
 def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:
-    """Return the verdict in the light of what is left on unseen runs, and of ``rivals`` that predict them as well."""
+    """Return the verdict adapted to the residual on unseen runs, and to ``rivals`` that predict them as well."""
     if verdict is Verdict.NO_EFFECT and left.large:
         return Verdict.UNRESOLVED
     if verdict not in {Verdict.NAMED, Verdict.REMAINDER}:

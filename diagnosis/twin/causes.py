@@ -1,11 +1,12 @@
-"""What may have made a rig part from its model: each cause of the catalogue by what it explains of a stretch.
+"""Possible causes of a deviation: each cause of the catalogue, by the part of the χ² of a stretch that it explains.
 
-A cause may have been there from the start of the stretch, or since about when rig and model parted. What it does since
-then is the difference of two replays that begin there, with the cause and without: they begin in motion, which is not
-known well, but that is the same in both.
+A cause may act from the start of the stretch, or from about the start of the deviation. Its effect is the difference of
+two replays that begin there, with the cause and without. They begin in motion, from a state that is not known well, but
+this state is the same in both.
 
-A quick look, linear in the size of the cause and of all parameters: a diagnosis (`astb diagnose`) is slower, and knows
-more. A cause explains a stretch if the twin that has it does not part from the rig (`diagnosis.twin.detector`).
+This search is fast: it is linear in the size of the cause and in all parameters. A diagnosis (`astb diagnose`) is
+slower and more exact. A cause explains a stretch if the twin with this cause does not deviate from the rig
+(`diagnosis.twin.detector`).
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ _FIRSTS: Final = 2
 _SIZES: Final = (1.0, 5.0)
 #: A cause that began so many s after the start of a stretch is distinguished from one that was there before.
 _LATE: Final = BLOCK
-#: Causes that explain as much as the best but for so much of χ² are told together with it.
+#: Causes within so much χ² of the best one are reported together with it.
 _ALIKE: Final = 9.0
 
 
-#: Bins before and after the parting at which a cause may have begun: whole blocks.
+#: Bins before and after the start of the deviation at which a cause may have begun: whole blocks.
 _NEAR: Final = tuple(BINS * block for block in (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2))
 #: The same where it is looked for closely.
 _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
@@ -79,9 +80,9 @@ def explanations(
     since: float,
     known: Callable[[], Work[Sequence[SizedCause]]],
 ) -> Work[Explained]:
-    """Return what explains a stretch that parted ``since`` s of it, in slices.
+    """Return the causes that explain a stretch which deviates ``since`` s after its start, in slices.
 
-    ``known`` tells causes that explain it where it is shorter: one of them may still be one of two.
+    ``known`` returns causes that explain a shorter part of the stretch: one of them may still be one of two.
     """
     look = _Look(run, columns, belief, simulator, since)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
@@ -175,7 +176,7 @@ class _Closely:
         return [one for one in self._all if one.left <= self.best.left + POSSIBLE]
 
     def learn(self, near: list[_Near]) -> None:
-        """Take over a round: the next size is where what is found would be what was simulated, by the secant."""
+        """Use the results of a round: the secant gives the size at which fitted and simulated size are equal."""
         if not near:
             self.size = 0.0
             return
@@ -204,7 +205,7 @@ class _Look:
         self.growth = Growth(self._stretch, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
-        """Return what acts of all causes at all points of their grids, at so many times typical sizes, since a bin."""
+        """Return the effects of all causes at all grid points, at so many times typical sizes, since a bin."""
         tried: list[_Tried] = []
         sizes = [(cause, shapes, bounded(cause, times * typical(cause))) for cause, shapes in self._points]
         for (cause, shapes), column in zip(self._points, self._replays.columns(sizes, onset), strict=True):
@@ -216,7 +217,7 @@ class _Look:
         return tried
 
     def closely(self, chosen: Sequence[_Tried]) -> Work[list[_Closely]]:
-        """Return causes as they look closely, at the size and with the beginning that simulations at that size tell.
+        """Return causes with the size and start time refined by simulations at that size.
 
         All that may have begun with a bin are simulated together.
         """
@@ -246,7 +247,7 @@ class _Look:
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
         asked = [_asked(look) for look in looks]
-        for place in (0, *places(self._since, bins)):  # what was there before can be gone, too
+        for place in (0, *places(self._since, bins)):  # a cause from before the stretch may end in it, too
             for one, column in zip(steps, self._replays.columns(asked, place), strict=True):
                 yield
                 if column is not None:
@@ -311,7 +312,7 @@ class _Look:
         return tuple(once.values())
 
     def _simulate(self, looks: Sequence[_Closely]) -> Work[None]:
-        """Simulate causes at their present sizes with all beginnings near theirs, and take over what that tells."""
+        """Simulate causes at their present sizes with all start times near theirs, and update them."""
         fitted: list[list[_Near]] = [[] for _ in looks]
         for onset in sorted(set[int]().union(*(one.near for one in looks))):
             some = [k for k, one in enumerate(looks) if onset in one.near and one.size]

@@ -1,4 +1,4 @@
-"""The twin of a run: follows its record, judges what can be judged, and looks for a cause where rig and model part."""
+"""The twin of a run: follows its record, compares it with the model, and searches for causes of deviations."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ from diagnosis.twin.stretches import (
     stretches,
 )
 
-#: A motion is smoothed by what comes after it: so much of the end (s) waits for that.
+#: Smoothing a motion needs later samples, so the last part (s) of the record waits for them.
 _WAITS: Final = 0.5
-#: A stretch that parted is looked at again for its cause when what came since is so many times as long.
+#: The cause of a deviation is searched again when the stretch has grown by this factor.
 _AGAIN: Final = 1.6
-#: Where two causes may act, the first one is looked for in what came until so many s after it was reported.
+#: Where two causes may act, the first one is searched for in samples until so many s after its report.
 _SOON: Final = 2.0
-#: What is left of a cause that is over: less than so much of its size (k = 2).
+#: A cause is over when less than this part of its size is left (k = 2).
 _GONE: Final = 0.5
-#: A parting that nothing explained is over after so many times the time that it took to be reported, and so many s.
+#: A deviation without an explanation is over after so many times the time that it took to be reported, and so many s.
 _AS_LONG: Final = 2.0
 _LONG: Final = 20.0
 #: A stretch is replayed from that one on which it goes on from: so many s before it begins, at most.
@@ -63,10 +63,10 @@ _BACK: Final = 300.0
 
 
 class Seen(NamedTuple):
-    """A stretch as it is judged: what was measured, and what is assumed where its replay starts."""
+    """A stretch to be judged: its measured run, and the state assumed at the start of its replay."""
 
     start: float  #: s, of the replay
-    gas: dict[str, float] | None  #: settings that tell it there, if it does not rest
+    gas: dict[str, float] | None  #: settings of the gas at the start, if the rig is not at rest
     run: MeasuredRun
     channels: tuple[Channel, ...]
     columns: Columns
@@ -75,7 +75,7 @@ class Seen(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """A search for what explains a parting, by what had come until ``end`` s."""
+    """A search for the cause of a deviation, from samples received until ``end`` s."""
 
     work: Sliced[tuple[Deviation, tuple[SizedCause, ...]]]
     start: float  #: s, of the replay
@@ -89,7 +89,7 @@ class Twin:
     """
 
     def __init__(self, record: Record, parameters: Parameters, model: str) -> None:
-        # Thermometers are too slow and too coarse to part on; a stretch begins from what they read.
+        # Thermometers are too slow and too coarse to show deviations; their readings only start a stretch.
         judged = tuple(
             name for name in OUTPUTS if not name.endswith("_temperature") and name in record.signals
         )
@@ -100,9 +100,9 @@ class Twin:
         self._parameters = parameters_of(self._simulator)
         self._belief = Belief.prior(self._parameters)
         self._detector = Detector(len(self._simulator.channels), BLOCK)
-        self._noise: Array | None = None  # of sensors, from the first stretch that goes along
+        self._noise: Array | None = None  # of sensors, from the first stretch that agrees with the model
         self._gas = GasOf(parameters)
-        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and what is assumed after it
+        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and the belief after it
         self._carried: Carried | None = None  # of it into the present one
         self._closed: list[Judged] = []
         self._deviations: tuple[Deviation, ...] = ()
@@ -121,7 +121,7 @@ class Twin:
 
     @property
     def searches(self) -> bool:
-        """Whether causes of what has parted are still looked for."""
+        """Whether a search for the cause of a deviation is still in progress."""
         return self._search is not None
 
     @property
@@ -147,9 +147,9 @@ class Twin:
         )
 
     def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
-        """Judge what has come since the last look, and return all that can be said by now.
+        """Judge the samples received since the last look, and return all results so far.
 
-        Causes that are to be looked for ``later`` are looked for by `search`, if the run has not ended.
+        With ``later``, causes are left to `search` if the run has not ended.
         """
         self._later = later and not ended
         if not self._later and self._waiting:
@@ -190,7 +190,7 @@ class Twin:
             self._open = course.extend_deviation(self._open or deviation, deviation, end)
 
     def _close(self, one: Judged) -> None:
-        """Take over a stretch that is judged for good, and what was said of it."""
+        """Add a finished stretch and its results."""
         self._closed.append(one)
         if one.along is None:
             self._before = None
@@ -333,7 +333,7 @@ class Twin:
         return explained, first + found.worse
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
-        """Say that a parting of an earlier stretch is over, if this one, which goes along, would have shown it."""
+        """Report the end of an earlier deviation, if this stretch agrees with the model and would have shown it."""
         last = self._deviations[-1] if self._deviations else None
         if last is None or not last.lasts or self._waiting:
             return
