@@ -48,7 +48,7 @@ def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float)
     stroke = par.actuator_stroke[j]
     beyond = d - min(max(d, -stroke), stroke)
     if beyond != 0.0:
-        # The cushion brakes on the way in and lets go on the way out.
+        # The cushion brakes only while the piston moves into it.
         braking = par.frame_damping[j] * d_speed if beyond * d_speed > 0.0 else 0.0
         force -= sense * (par.frame_stiffness[j] * beyond + braking)
     return force

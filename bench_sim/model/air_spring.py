@@ -28,10 +28,10 @@ _SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 
 @compiled
 def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Begin ``dx`` (STATES) with what gas, rubber, valves and springs contribute; fill their part of ``out``.
+    """Write the derivatives of gas, rubber, valves and springs to ``dx`` (STATES), and their part of ``out``.
 
-    The forces on what is on the springs gather in the derivatives of its speeds, to be divided by its mass. Extra
-    branches that are not fitted have no place in ``dx``: nothing is written there.
+    The forces on the mass that the springs carry are summed in the derivatives of its speeds. The caller divides them
+    by that mass. Extra branches that are not fitted have no elements in ``dx``, so nothing is written for them.
     """
     for k in range(_SUMMED):
         dx[k] = 0.0

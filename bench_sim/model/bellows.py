@@ -1,7 +1,8 @@
-"""The laws of the bellows and of the emergency spring in series with it, as functions of numbers without branches.
+"""The equations of the bellows and of the emergency spring in series with it, as functions of numbers without branches.
 
-`bench_sim.model.spring` calls them for the two springs of a bench, and the lanes for eight springs in lock-step, where
-each becomes vector instructions: what is decided is selected, and a division that serves twice is a reciprocal.
+`bench_sim.model.spring` calls them for the two springs of a bench. The lanes call them for eight springs in lock-step,
+where each call becomes vector instructions. Decisions are therefore selections, and a division that is needed twice is
+computed once as a reciprocal.
 """
 
 from math import sqrt

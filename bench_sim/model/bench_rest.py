@@ -33,10 +33,10 @@ def seated_height(par: Any, side: int) -> tuple[float, float]:
 
 
 def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure: Any, supply: float) -> None:
-    """Put the bolster where the springs are so high, with relaxed rubber and gas as warm as its walls.
+    """Place the bolster where the springs have these heights, with relaxed rubber and the gas at the wall temperature.
 
-    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have a number for each side. Actuators have always
-    been asked for what they do.
+    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The commands of the
+    actuators are assumed to be constant since long before.
     """
     T = settled_temperature(par)
     x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])

@@ -41,11 +41,11 @@ def stop_force(displacement: float, par: Any) -> float:
 
 @compiled
 def felt_acceleration(roll: float, lateral: float, vertical: float, angular: float, par: Any) -> float:
-    """ÿ + (g + z̈)φ − h_m φ̈ in m/s²: what an accelerometer h_m above the bolster's centre reads across the bolster.
+    """Return ÿ + (g + z̈)φ − h_m φ̈ in m/s²: the reading of a lateral accelerometer h_m above the bolster's centre.
 
-    It reads its own acceleration less that of gravity, along an axis that leans with the bolster. Left side up leans
-    that axis up on the left, where the weight is felt as an acceleration to the left, and moves what is above the
-    centre to the right.
+    The accelerometer measures its acceleration minus that of gravity, along an axis that rolls with the bolster. When
+    the left side is up, this axis points up on the left. Gravity then reads as an acceleration to the left, and points
+    above the centre move to the right.
     """
     return lateral + (par.gravity + vertical) * roll - par.accelerometer_height * angular
 

@@ -277,6 +277,6 @@ class Ride:
         )
 
     def since(self, start: float) -> "Ride":
-        """Return what comes ``start`` s or later."""
+        """Return the part of the ride from ``start`` s on."""
         first = int(np.searchsorted(self.time, start - 1e-9))
         return Ride(self.time[first:], self.rows[first:], self.algebraic[first:])

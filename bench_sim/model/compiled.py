@@ -24,9 +24,10 @@ def compiled_within(function: Callable[..., Any]) -> Any:
 
 
 def compiled_once(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for what is large and called from several places: compiled once and called.
+    """As `compiled`, for large functions with several callers: compiled once and called, not copied.
 
-    numba compiles it with what its first caller has: called by a `compiled` function, it is copied all the same.
+    numba compiles it with the options of its first caller. If that caller is `compiled`, the function is copied into
+    it.
     """
     return _compile(function, _nrt=False)
 

@@ -1,9 +1,9 @@
-"""A bench whose springs are computed elsewhere: by a library of another user's that only knows its own steps.
+"""A bench whose springs are computed by an external library, which has a fixed communication step.
 
-Once per communication step the library is told how its springs are moved, goes on by that step, and states what they do
-at its end. The displacements at that end are predicted from place, speed and acceleration at its beginning, so that
-they are right to the third order; the forces go in a straight line from what they were to what they will be, and
-the bench around is integrated under them as it is with springs of its own.
+Once per communication step the library receives the motion of the springs, takes that step, and returns the forces at
+its end. The displacements at the end are predicted from position, speed and acceleration at the beginning, with an
+error of third order. Between the two ends the forces are interpolated linearly, and the rest of the bench is integrated
+under them in the same way as with built-in springs.
 """
 
 from enum import IntEnum
@@ -30,7 +30,7 @@ from bench_sim.model.valves import (
 
 
 class Feed(IntEnum):
-    """What the bench can tell springs from elsewhere, SI; pairs hold left and right."""
+    """Quantities that the bench can send to external springs, SI; pairs hold left and right."""
 
     HEIGHT = 0  #: over design height, m
     HEIGHT_SPEED = 2
@@ -115,12 +115,12 @@ class ExternalSprings(NamedTuple):
 
     @classmethod
     def none(cls) -> "ExternalSprings":
-        """Of a bench with springs of its own."""
+        """Return the record of a bench with built-in springs."""
         return cls.of_size(0, 0, 0)
 
     @classmethod
     def of_size(cls, instances: int, inputs: int, outputs: int) -> "ExternalSprings":
-        """Return one with room for so many of each, in memory of its own."""
+        """Return a record with room for so many of each, in newly allocated memory."""
         return cls(*(np.zeros(shape, kind) for shape, kind in layout(instances, inputs, outputs)))
 
 
@@ -152,7 +152,7 @@ _VALVES: Final = Input.DPV_CONNECTED + 1
 
 @compiled
 def know_outputs(e: Any) -> None:
-    """Turn the outputs into what is known at the end of the step."""
+    """Convert the outputs to the known values at the end of the step."""
     for k in range(e.numbers[Place.TAKES]):
         e.known[1, k] = e.take_scale[k, 0] * e.outputs[k] + e.take_scale[k, 1]
 

@@ -86,9 +86,10 @@ def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> 
 
 @compiled_entry
 def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps: int) -> None:
-    """``steps`` fixed steps in place with the inputs held; a fitted pipe divides what is integrated (`pipe_steps`).
+    """Take ``steps`` fixed steps in place with constant inputs; a fitted pipe divides each step (`pipe_steps`).
 
-    Both records lie in arrays of one, which cross from Python ten times faster than records do.
+    Both records are passed as arrays of one element, because numba takes these from Python ten times faster than
+    records.
     """
     mem, par = memory[0], parameters[0]
     work = np.empty((5, STATES))

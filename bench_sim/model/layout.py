@@ -45,7 +45,7 @@ class Mode(IntEnum):
     OFF = 0  #: unloads softly and then follows without force
     FORCE = 1  #: command in N
     DISPLACEMENT = 2  #: command in m
-    SHUT_IN = 3  #: valve closed, the oil holds the piston; command in m/s, at which a throttle lets it go
+    SHUT_IN = 3  #: valve closed, the oil holds the piston; command: release speed through the throttle, m/s
 
 
 class Input(IntEnum):
@@ -107,7 +107,7 @@ class Sensor(IntEnum):
 class State(IntEnum):
     """The continuous states, in the order of the state vector.
 
-    Those of what is rarely fitted stand at the end: a step integrates as far as the last one that can move
+    States of rarely fitted parts are at the end. A step integrates only up to the last state that can change
     (`bench_sim.model.runge_kutta.integrated_states`).
     """
 

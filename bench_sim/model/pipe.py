@@ -3,20 +3,20 @@
     dG/dt = (A_p/L_p) (p_b − p_a − Δp),   Δp = R T_u/p_u · (1/(2 ε² (C_d A)²) + f L_p/(2 A_p² D_p)) G|G|
 
 G is the mass flow from the bellows, p_u and T_u belong to the chamber that the air leaves. ε² (`expansion`) makes the
-steady flow that of the nozzle, choking included; without it nearly twice the choked flow would leave a full spring. The
-column moves as one piece, which holds well below the quarter wave of the pipe (57 Hz at 1.5 m); the air in it
-(3 litres) and its kinetic energy (some joules) are left out, so that the chambers alone hold all mass and energy.
+steady flow equal to that of the nozzle, choking included; without it nearly twice the choked flow would leave a full
+spring. The column moves as one piece, which holds well below the quarter wave of the pipe (57 Hz at 1.5 m); the air in
+it (3 litres) and its kinetic energy (some joules) are left out, so that the chambers alone hold all mass and energy.
 
 G|G| has a slope of zero at rest: unlike an orifice alone, whose flow leaps with √Δp, a pipe needs no laminar zone.
-What is stiff is the other end. The loss pulls G towards its balance at the rate
+The equation is stiff at high flow. The loss pulls G towards its balance at the rate
 
     λ = 2 (A_p/L_p) Δp/G = 2 (A_p/L_p) √(R T_u) (1−r)/(C_d A ψ(r)),   r = p_down/p_up
 
 A bellows moved by 10 mm at 25 Hz (1 − r = 0.12) makes that 2300/s with a plate of 13 mm and 3900/s with 10 mm; a full
 spring before an empty chamber 19000/s with 10 mm, and a valve that closes anything. The step of 1 ms is therefore
-divided (`pipe_steps`) until a piece times ``PIPE_RATE`` is 2, where the fourth-order Runge-Kutta method stands 2.78.
-Whatever would be faster is slowed down to that rate, drive and loss alike, and keeps its balance: a flow that settles
-in an eighth of a millisecond has no inertia left to speak of.
+divided (`pipe_steps`) until a piece times ``PIPE_RATE`` is 2, where the fourth-order Runge-Kutta method is stable up to
+2.78. Faster rates are limited to that rate, for drive and loss alike, so that the balance stays the same. The inertia
+of a flow that settles in an eighth of a millisecond is negligible.
 """
 
 from math import ceil, pi, sqrt

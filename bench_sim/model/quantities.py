@@ -191,7 +191,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("m", "load_ahead", low=-0.5, high=0.5, lanes=Lanes.NOT_IN_LANES),
     *_off("1", "support_softness", low=0.0, high=100.0, shape=_UPRIGHT_CELLS, lanes=Lanes.NOT_IN_LANES),
     *_off("N", "platform_twist", low=-5e4, high=5e4, lanes=Lanes.NOT_IN_LANES),
-    # acquisition: how late the readings of a group of sensors arrive
+    # acquisition: latency of the readings of a group of sensors
     *_off(
         "s",
         "force_latency",

@@ -38,7 +38,7 @@ from bench_sim.model.step_start import begin
 
 #: Displacements of a motion, in the order of the states: bolster lateral, vertical, roll; platform the same.
 DIRECTIONS: Final = 6
-#: Longest step in s that a replay takes unless it is told otherwise.
+#: Default of the longest step of a replay, s.
 STEP: Final = 2.5e-3
 
 #: Rounds of settling: relaxed rubber is softer than its tangent, so that each leaves some of the error.
@@ -316,14 +316,15 @@ def replay(
     rows: NDArray[np.float64] | None = None,
     changes: ParameterChanges | None = None,
 ) -> NDArray[np.float64]:
-    """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
+    """Return the readings of each sensor (n, SENSORS) for ``motion`` of the bench, without noise and quantisation.
 
-    ``parameters`` is a record (``bench_sim.parameters.Parameters.record``), ``inputs`` (n, INPUTS) holds the valves
-    over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
-    relaxed rubber but for what that remembers of ``before``, ``start`` s after the bench was switched on: sensors drift
-    from then on. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled
-    with what lies behind the readings. At its ``changes`` masses, energies and dash-pots stay, and what drifts does so
-    from then on; what comes late must have done so from the start, by however little. Other threads run meanwhile.
+    ``parameters`` is a record (``bench_sim.parameters.Parameters.record``). ``inputs`` (n, INPUTS) holds the valves
+    over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. The replay starts at rest with
+    relaxed rubber, except for the deformation that the rubber remembers from ``before``. It starts ``start`` s after
+    the bench was switched on; sensors drift from that moment. The steps are equal parts of an interval, at most
+    ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At its
+    ``changes`` masses, energies and dash-pots stay the same, and new drifts start there. A reading that is delayed
+    after a change must have a delay, however small, from the start. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(

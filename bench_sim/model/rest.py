@@ -32,7 +32,7 @@ def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, t
 
 @compiled
 def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
-    """Let the rubber of one bellows have stood for ever where it is displaced by (z, y) m, vertical and lateral."""
+    """Set the rubber of one bellows to the state long after a displacement of (z, y) m, vertical and lateral."""
     for j in range(BRANCHES):
         x[State.VERTICAL_DASHPOT + side * BRANCHES + j] = z
         x[State.LATERAL_DASHPOT + side * BRANCHES + j] = y
@@ -56,7 +56,7 @@ def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
 
 @compiled
 def hold_back(x: Any, side: int, behind: Any) -> None:
-    """Let the extra dash-pots of one relaxed bellows be ``behind`` it, (EXTRA_BRANCHES, EXTRA_DASHPOTS) m."""
+    """Set the extra dash-pots of one relaxed bellows to lag by ``behind``, (EXTRA_BRANCHES, EXTRA_DASHPOTS) m."""
     for j in range(EXTRA_BRANCHES):
         x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, side]
         x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, SIDES + side]

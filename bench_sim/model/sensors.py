@@ -19,7 +19,7 @@ from bench_sim.model.noise import normal
 
 #: Which of the vertical cells carry more and which less where the platform is twisted.
 DIAGONAL = (1.0, -1.0, -1.0, 1.0)
-#: What a sensor is off by as time goes on: the rate, and what it is at time 0.
+#: Errors of a sensor that grow with time: the name of the rate, and the name of the error at time 0.
 DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency"))
 
 
@@ -27,16 +27,15 @@ DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "press
 def load_cell_term(par: Any, out: Any, values: Any) -> None:
     """Reactions in the six load cells that carry the platform, from forces and moments of springs and actuators.
 
-    F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force that springs and bump stop do to the
-    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring
-    Σ (M_i + s_i b F_z,i − h F_y,i). A seat that stands x_i ahead of the middle, and actuators that press x_l ahead of
-    it, bring Σ x_k F_k = Σ x_i F_z,i + x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The platform's
-    own weight is tared; of its inertia the cells see m z̈_P and m ÿ_P of what lies on them (``platen_mass``, 0 in a rig
-    that compensates it).
+    F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force of springs and bump stop on the
+    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring Σ (M_i + s_i b F_z,i −
+    h F_y,i). A seat x_i ahead of the middle, and actuators that press x_l ahead of it, bring Σ x_k F_k = Σ x_i F_z,i +
+    x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The platform's own weight is tared; of its inertia
+    the cells measure m z̈_P and m ÿ_P of the mass on them (``platen_mass``, 0 in a rig that compensates it).
 
-    What four supports bear against each other, a (1, −1, −1, 1), no balance tells. The least energy does: a rigid
-    platform on supports whose compliance is (1 + δ_k) of the common one, of which that under cell k is cut too short
-    for its plane by as much as bears the twist w on equal supports: a = (4w − Σ ±_k δ_k F_k) / (4 + Σδ_k).
+    The balance of forces does not determine the twist a (1, −1, −1, 1) of four supports. It follows from the least
+    energy of a rigid platform on supports with (1 + δ_k) times the common compliance. The supports are not in one
+    plane; if they were equally stiff, this error would cause the twist w: a = (4w − Σ ±_k δ_k F_k) / (4 + Σδ_k).
     """
     left = out[Algebraic.VERTICAL_FORCE]
     right = out[Algebraic.VERTICAL_FORCE + 1]
@@ -123,7 +122,7 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
 
 @compiled
 def curves(mem: Any) -> tuple[float, float]:
-    """1.0 for a bend and for a twist; 0.0 in the first steps, when what was before is not known to be on the curve."""
+    """Return 1.0 for a bend and for a twist; 0.0 in the first steps, when earlier values may not lie on the curve."""
     return (1.0 if mem.step > 1 else 0.0), (1.0 if mem.step > 2 else 0.0)
 
 
@@ -182,7 +181,7 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
 
 @compiled
 def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
-    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; cubics between the steps."""
+    """Return the value delivered ``delay`` ago by one sensor that delivers ``value`` now; cubics between the steps."""
     back = min(delay / mem.lag_step, HISTORY - 3.0)
     steps = int(back)
     part = back - steps
@@ -225,7 +224,7 @@ def move_lags(mem: Any, par: Any, values: Any) -> None:
 
 @compiled
 def deliver(mem: Any, par: Any, values: Any) -> None:
-    """Let the true values of one sampling instant pass the sensors' lags and delays, in place."""
+    """Apply the sensors' lags and delays to the true values of one sampling instant, in place."""
     bends, twists = curves(mem)
     for k in range(SENSORS):
         values[k] = lagged(mem, k, values[k], bends, twists)

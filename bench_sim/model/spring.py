@@ -43,7 +43,7 @@ from bench_sim.model.layout import BRANCHES, State
 from bench_sim.model.rubber import extra_pull, friction_curve, maxwell_pull
 from bench_sim.model.surface import force_surface, lateral_surface, moment_surface
 
-#: Below this step (m) the tangents carry every quantity over; what they miss is of second order, 1e-6 N.
+#: Below this step (m) all quantities are extrapolated by their tangents; the error is of second order, 1e-6 N.
 _CLOSE = 3e-7
 
 

@@ -41,7 +41,7 @@ def note_solution(mem: Any, par: Any, out: Any) -> bool:
 
 @compiled_within
 def begin(slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """Switch and turn what has to at ``mem.time``, and leave the slope there in ``dx``.
+    """Switch valves and friction where ``mem.time`` requires it, and write the slope there to ``dx``.
 
     ``slope`` and ``given`` are those of `bench_sim.model.runge_kutta`.
     """

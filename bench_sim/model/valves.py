@@ -110,10 +110,10 @@ def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 def chamber_flow(
     supply: float, p: float, T: float, fill: float, exhaust: float, par: Any
 ) -> tuple[float, float]:
-    """Flow in kg/s into a chamber from the supply or to the atmosphere, and the enthalpy that it carries in W.
+    """Return the flow (kg/s) into a chamber from the supply or to the atmosphere, and the enthalpy that it carries (W).
 
-    ``fill`` and ``exhaust`` are conductances. A check valve keeps air from flowing back into the supply; an open
-    exhaust lets air in where the chamber is below atmosphere.
+    ``fill`` and ``exhaust`` are conductances. A check valve prevents flow back into the supply. Through an open exhaust
+    air flows into a chamber below atmospheric pressure.
     """
     c_p = enthalpy_per_kelvin(par)
     b = par.valve_critical_ratio
@@ -189,12 +189,13 @@ def ahead(now: float, before: float) -> float:
 
 @compiled
 def switch_dpv(difference: float, mem: Any, par: Any) -> None:
-    """Let the differential pressure valve open above its opening and shut below its reclosing pressure of |p_L − p_R|.
+    """Open the differential pressure valve above its opening pressure of |p_L − p_R|; shut it below its reclosing
+    pressure.
 
-    It does so somewhere within a step, but for the first one: where, the line through the ``difference`` at its start
-    (Pa) and that a step ago tells, and that ``dpv_share`` of the step it is open. What passes then depends smoothly on
-    all parameters, not on where steps begin. A line goes further than a peak: the valve opens as well at one that stays
-    within a thousandth below its opening.
+    Except in the first step, it switches at an instant within the step. This instant is extrapolated linearly from
+    ``difference`` at the start of the step (Pa) and its value one step before. The valve is open for the fraction
+    ``dpv_share`` of the step. The flow then depends smoothly on all parameters, not on the start times of steps. A line
+    overshoots a peak, so the valve also opens at a peak that stays within a thousandth below its opening pressure.
     """
     now = abs(difference)
     then = ahead(now, abs(mem.dpv_difference))

@@ -43,9 +43,10 @@ class NaturalMode:
 class Vehicle:
     """Half a car on one bogie, with the bench's parameter record for its springs and a record ``CAR`` for the rest.
 
-    The body weighs what the springs carry at their nominal preloads, m = (P_L + P_R)/g. ``state``, ``inputs`` and
-    ``memory`` mean what they mean in `Plant`, with the car body as the bolster and the bogie as the platform. Made at
-    rest without wind; leveling valves isolated unless ``leveling``, the differential pressure valve connected.
+    The mass of the body is the load of the springs at their nominal preloads, m = (P_L + P_R)/g. ``state``, ``inputs``
+    and ``memory`` have the same meaning as in `Plant`, with the car body as the bolster and the bogie as the platform.
+    The vehicle starts at rest without wind. Leveling valves are isolated unless ``leveling``; the differential pressure
+    valve is connected.
     """
 
     def __init__(
@@ -106,10 +107,10 @@ class Vehicle:
     def lean(self, wind: float) -> "Vehicle":
         """Put the vehicle at its equilibrium under a steady ``wind`` N on this half of the car; returns itself.
 
-        Each spring keeps its air, which is as warm as its walls were at first; the rubber has relaxed, friction holds
-        nothing, and the emergency spring has crept no further. Leveling valves do not act here: with them, let it
-        settle by `ride`. Raises ValueError where there is no equilibrium or the differential pressure valve would
-        open on the way.
+        Each spring keeps its air, at the initial temperature of its walls. The rubber is relaxed, friction holds no
+        force, and the emergency spring has not crept further. Leveling valves do not act here; to include them, settle
+        the vehicle with `ride`. Raises ValueError where there is no equilibrium, or where the differential pressure
+        valve would open on the way.
         """
         air = [
             float(self.state[State.BELLOWS_MASS + i] + self.state[State.AUXILIARY_MASS + i])

@@ -75,10 +75,10 @@ def dimensions_of(parameters: Parameters) -> dict[str, float]:
 
 
 def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Parameters:
-    """Return the set of a rig with these ``dimensions`` (SI, by name); what they do not state stays as it is.
+    """Return the parameters of a rig with these ``dimensions`` (SI, by name); other parameters stay as they are.
 
-    ParameterError for dimensions that the simulated bench cannot have: lasers stand at the springs, both sides are
-    alike, and six load cells stand upright at four corners and across before and behind.
+    ParameterError for dimensions that the simulated bench cannot have. Its lasers are at the springs and both sides are
+    alike. Of its six load cells, four are vertical at the corners, and two are lateral, in front and behind.
     """
     if further := [cell for cell in LOAD_CELLS if cell not in _CELLS and place(cell)[0] in dimensions]:
         raise ParameterError(f"{', '.join(further)}: the simulated bench has six load cells")

@@ -1,4 +1,4 @@
-"""A model file: a parameter set by name, what is changed in it, the effects that it has, and where all that comes from.
+"""A model file: the name of a parameter set, changes to it, its effects, and the source of each value.
 
 For example (lists have the shape of the parameter, a property of the sensors is a table by sensor):
 
@@ -36,7 +36,7 @@ from bench_sim.parameters.loading import ParameterError, read_toml, unknown
 from bench_sim.parameters.sensors import sensor_units
 from bench_sim.parameters.values import read_value
 
-#: What is said of the keys of a table, by its parameter, effect or surface.
+#: Notes on the keys of a table, by its parameter, effect or surface.
 Notes = Mapping[str, Mapping[str, str]]
 
 _TABLES: Final = ("based_on", "change", "effect", "surface", "finding")
@@ -114,7 +114,7 @@ def read_model(tables: Mapping[str, Any]) -> Model:
 def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return changes of parameters in SI, as `Model.changes` has them, from texts with units.
 
-    Raises `ParameterError` for an unknown name and for what is no number in a fitting unit.
+    Raises `ParameterError` for an unknown name, and for a text that is not a number with a suitable unit.
     """
     changes = {}
     for name, given in table.items():
@@ -207,7 +207,7 @@ def _written(name: str, value: Any, digits: int | None) -> Any:
 
 
 def _map_numbers(name: str, value: Any, change: Callable[[Any, str, str], Any]) -> Any:
-    """Apply ``change(element, what it is called, its SI unit)`` to every number of a change."""
+    """Apply ``change(element, its name in messages, its SI unit)`` to every number of a change."""
     if name not in _BY_SENSOR:
         return _nested(value, lambda element: change(element, name, _UNITS[name]))
     units = sensor_units(_BY_SENSOR[name])
@@ -254,7 +254,7 @@ def _key(key: str) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return ``value`` as TOML writes it; tables inside a table stand on one line."""
+    """Return ``value`` as TOML; a table inside a table is written on one line."""
     match value:
         case str():
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

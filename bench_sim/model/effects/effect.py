@@ -1,4 +1,4 @@
-"""What an effect is: a named cause that changes the plant's parameters, by an amount that is zero when it is absent."""
+"""An effect is a named cause that changes the plant's parameters. Its amplitude is 0 when it is not present."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ def springs(place: int | None) -> slice | int:
 
 
 class ShownBy(Enum):
-    """What has to be done with a bench for an effect to show in its readings."""
+    """The test that makes an effect visible in the readings of a bench."""
 
     MOTION = "the springs are moved, leveling and differential pressure valves isolated"
     CONNECTED_VALVES = "the springs are moved while these valves are connected and open"
@@ -30,7 +30,7 @@ class ShownBy(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect, in SI: what it is without further knowledge, how far it may lie, what is possible."""
+    """A parameter of an effect, in SI: its nominal and typical values, and its limits."""
 
     name: str
     unit: str  #: SI
@@ -117,18 +117,19 @@ class Effect:
     title: str
     amplitude: EffectParameter
     change: Change
-    plain: str = ""  #: what is so where the effect is, as a sentence; {side} represents its place
+    plain: str = ""  #: sentence that describes the plant with the effect; {side} is replaced by its place
     shapes: tuple[EffectParameter, ...] = ()
     grid: tuple[tuple[float, ...], ...] = ((),)
     places: tuple[str, ...] = ()  #: () or `PLACES`
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
     confusers: tuple[str, ...] = ()
     richer: tuple[str, ...] = ()
-    #: What it is one law of, where others describe the same; {side} represents its place.
+    #: The phenomenon of which this effect is one law, if other effects describe the same; {side} is replaced by its
+    #: place.
     phenomenon: str = ""
     equation: str = ""
     source: str = ""
-    separated_by: str = ""  #: the run that tells it from its confusers
+    separated_by: str = ""  #: the run that distinguishes it from its confusers
     shown_by: ShownBy = ShownBy.MOTION
     loses_air: bool = False  #: air leaves the springs through it
     smooth: bool = True  #: False: readings jump as the amplitude grows, whichever size it has
@@ -139,5 +140,5 @@ class Effect:
 
     @property
     def diagnosable(self) -> bool:
-        """Whether a replay of the measured motion can tell it; otherwise only the rig can have it."""
+        """Whether a replay of the measured motion can identify it; if not, only the simulated rig can have it."""
         return self.smooth and self.shown_by is not ShownBy.COMMANDS

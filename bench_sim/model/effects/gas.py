@@ -62,9 +62,9 @@ EFFECTS: Final = (
     #
     #     G = k (p² − p_atm²)
     #
-    # Source: compressible Poiseuille flow; what a pneumatic test chamber loses can follow it (Zillen, TU Delft
-    # 2021), and only a wide range of pressures tells it from an orifice. Sizes assumed: 0.5 g/(min·bar²) is 70 mg/s
-    # at AW0, much like a hole of 0.1 mm².
+    # Source: compressible Poiseuille flow; the leak of a pneumatic test chamber can follow it (Zillen, TU Delft
+    # 2021), and only a wide range of pressures distinguishes it from an orifice. Sizes assumed: 0.5 g/(min·bar²) is
+    # 70 mg/s at AW0, much like a hole of 0.1 mm².
     Effect(
         name="leak_laminar",
         family="gas",

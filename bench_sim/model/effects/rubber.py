@@ -241,12 +241,12 @@ EFFECTS: Final = (
         source="Iwan 1966, Berg 1998; sizes assumed",
         separated_by="one frequency at amplitudes from 0.2 to 20 mm",
     ),
-    # The emergency spring goes on giving way under the load that it carries.
+    # The emergency spring creeps under the load that it carries.
     #
     #     ζ = ζ_b − (F_z − P)/k_z − q,   dq/dt = (r F_z/k_z − q)/τ
     #
     # a Kelvin element in series with each emergency spring, of r times its elastic compliance. It has not yet crept
-    # when the simulation begins: a load that has stood for longer shows a smaller r. A replay is told how far it
+    # when the simulation begins: a load that has stood for longer shows a smaller r. A replay gets as input how far it
     # has crept where it begins. Height at constant pressure and mass, or pressure at constant height, drift by an
     # exponential that ends. Source: creep of layered rubber, some percent of the deflection per decade of time
     # (Freakley & Payne, Theory and Practice of Engineering with Rubber, 1978); sizes assumed.

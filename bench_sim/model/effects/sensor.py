@@ -94,9 +94,9 @@ EFFECTS: Final = (
         source="span error of a transmitter",
         separated_by="a reference gauge or a known mass: without it, it looks like a wrong effective area",
     ),
-    # Sensor offset: what one spring is measured with is off zero, s_m = s + b.
+    # Sensor offset: a sensor of one spring has a zero error, s_m = s + b.
     #
-    # Of forces these are the two load cells under a spring, with half of the offset each, or one load cell alone.
+    # For forces, this is one load cell, or the two load cells under a spring with half of the offset each.
     Effect(
         name="force_offset",
         family="sensor",

@@ -48,7 +48,7 @@ class LaneState(_Rows):
 
 
 class Lane(_Rows):
-    """Everything else of a spring: what it is given, what follows, and what it is made of."""
+    """All other values of a spring: its inputs, the values computed from them, and its parameters."""
 
     # where the plates are
     HEIGHT = auto()  #: and the next as in `Algebraic`
@@ -110,7 +110,7 @@ class Lane(_Rows):
     AUXILIARY_PRESSURE = auto()
     AUXILIARY_TEMPERATURE = auto()
     PASSAGE = auto()  #: C_d A of the orifice as its valve and the sense of the flow leave it
-    FLOW = auto()  #: kg/s from bellows to auxiliary chamber, and what it is without inertia
+    FLOW = auto()  #: kg/s from bellows to auxiliary chamber, and the flow without inertia
     STEADY_FLOW = auto()
     NOTED_STEADY_FLOW = auto()  #: the same where the step began, and what inertia held back of it
     NOTED_MISSING_FLOW = auto()

@@ -186,7 +186,7 @@ def gas_surfaces(w: Any, parameters: Any) -> None:
 
 @compiled
 def relax(w: Any, extra: int) -> None:
-    """Dash-pots of the rubber, what they do to the forces, and creep of the emergency spring."""
+    """Compute the dash-pots of the rubber, their effect on the forces, and the creep of the emergency spring."""
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         z, y = w[Lane.BELLOWS_Z + i], w[Lane.BELLOWS_Y + i]
@@ -258,9 +258,10 @@ def work(w: Any) -> None:
 
 @compiled_once
 def lane_slope(w: Any, ahead: float, active: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
+    """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and all values that follow from the states.
 
-    What is rare, and has no rows in ``w``, is in ``memory`` and ``parameters`` (LANES), at the ``sides`` (LANES).
+    Rarely used values have no rows in ``w``. They are in ``memory`` and ``parameters`` (LANES), at the ``sides``
+    (LANES).
     """
     lane_algebra(w, ahead, active.extra, active.frictions)
     orifice(w)

@@ -1,20 +1,20 @@
-"""Springs between plates that a motion moves, eight at a time in lock-step: their trajectories, step by step.
+"""Integrate springs between plates with a given motion, eight at a time in lock-step.
 
 Theory of operation
 -------------------
-In a replay left and right meet only in the readings (`bench_sim.model.replay`), unless air passes between them. So
-one spring is one lane, whichever side, run or parameters it belongs to, and what a spring has gone through is a
-`TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.lanes.traces`). Where air passes
-between them, both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
+In a replay the left and the right spring meet only in the readings (`bench_sim.model.replay`), unless air flows between
+them. So each spring is one lane, for any side, run or parameter set. Its trajectory is a `TRACE`. Every reading follows
+from the trace, the motion and the parameters (`bench_sim.model.lanes.traces`). Where air flows between the springs,
+both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
 
-The method, its step and what happens once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
-`bench_sim.model.step_start`), which is the oracle: pressures agree to a thousandth of a pascal, the width that the
-scalar Newton's method leaves. Friction turns lane by lane, by the same function.
+The method, its step and the actions once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
+`bench_sim.model.step_start`), which is the test oracle. Pressures agree to a thousandth of a pascal, the tolerance of
+Newton's method in the scalar replay. Friction is switched lane by lane, by the same function.
 
-How stiff a spring is tell the second and the third stage of a step, which lie at one instant: their slopes differ by
-the Jacobian times half a step times what the slopes of the first two differ by, so that h |λ| is twice the ratio of
-both differences (Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2). Summed over a run, it
-is that of what moves. A bench has 0.1 at a step of 2.5 ms.
+The stiffness of a spring is estimated from the second and the third stage of a step, which lie at one instant. The
+difference of their slopes is the Jacobian times half a step times the difference of the slopes of the first two
+stages. So h |λ| is twice the ratio of both differences (Hairer and Wanner, Solving Ordinary Differential Equations II,
+section IV.2). The sums over a run weight the moving parts of the spring. A bench has 0.1 at a step of 2.5 ms.
 """
 
 from collections.abc import Hashable, Iterable, Sequence
@@ -73,7 +73,7 @@ class Course(NamedTuple):
 
     step: float  #: s
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
-    valves: NDArray[np.float64]  #: (rows, GIVEN) what they do during each step, from `Lane.OPENING` on
+    valves: NDArray[np.float64]  #: (rows, GIVEN) values during each step, from `Lane.OPENING` on
     fed: bool  #: whether air comes from elsewhere, or goes there, at any time
 
 
@@ -108,7 +108,7 @@ class LaneSpring:
 
 
 def key_of(springs: Sequence[LaneSpring]) -> Hashable:
-    """`LaneSpring.key` of what is integrated together: one spring, or left and right with a valve between them."""
+    """Return `LaneSpring.key` of a group that is integrated together: one spring, or both with a valve between them."""
     own = tuple(spring.key for spring in springs)
     return own if len(springs) == 1 else (*own, springs[0].all_of(JOINING))
 
@@ -218,7 +218,7 @@ def note_trace(w: Any, n: int, traces: Any) -> None:
 
 @compiled
 def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
-    """Let the memories of all lanes begin where their columns say."""
+    """Load the memories of all lanes from their columns."""
     for i in range(LANES):
         side = sides[i]
         mem = memory[i]
@@ -257,7 +257,7 @@ def active_terms(w: Any, surfaces: bool, fed: bool, joined: bool) -> ActiveTerms
 def move_valves(
     w: Any, n: int, active: ActiveTerms, valves: Any, rows: Any, sides: Any, memory: Any, parameters: Any
 ) -> None:
-    """Do with all valves what they do at the start of step ``n``."""
+    """Set all valves at the start of step ``n``."""
     gather_valves(w, n, valves, rows, active.fed or active.joined)
     if active.fed:
         switch_leveling_valves(w, sides, memory, parameters)
@@ -316,8 +316,8 @@ def integrate_lanes(
 ) -> None:
     """Integrate all lanes to the end of the longest by steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
 
-    Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE); ``courses``
-    and ``valves`` are tuples of what is in a `Course`.
+    Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE). ``courses``
+    and ``valves`` are tuples of the arrays in a `Course`.
     """
     saved = np.empty(LENGTH)
     turned = np.zeros(LANES, np.bool_)
@@ -359,10 +359,10 @@ def integrate_lanes(
 
 
 def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]]:
-    """Return the trace (rows, TRACE) of each of at most LANES springs, all with one step; other threads run meanwhile.
+    """Return the trace (rows, TRACE) of each of at most LANES springs with one step; other threads run meanwhile.
 
-    Lanes that are left over repeat the last spring. What is too stiff for a step longer than that of a replay has a
-    trace of NaN: near the end of what is stable nothing grows beyond all bounds, but the gas swings as it should not.
+    Unused lanes repeat the last spring. A spring that is too stiff for a step longer than that of a replay gets a trace
+    of NaN: near the stability limit its values stay finite, but the gas oscillates in a way that is not physical.
     """
     _check(springs, len(springs), LANES, "springs")
     return _integrate([*springs, *[springs[-1]] * (LANES - len(springs))], joined=False)[: len(springs)]

@@ -111,7 +111,7 @@ def read_samples(
                 read_exactly(mem, par, ideal, read)
         move_lags(mem, par, values)
         if k == 0:
-            if not late:  # What is read then is where the lags have just moved to.
+            if not late:  # These readings are at the times to which the lags have just advanced.
                 express(mem, par, mem.sensor_output, read)
             for j in range(sensors.shape[0]):
                 readings[j, n] = read[sensors[j]]
@@ -127,9 +127,10 @@ def feeds(inputs: NDArray[np.float64]) -> bool:
 class TracedReplay:
     """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
 
-    What it is given is as for `bench_sim.model.replay.replay`. ``parameters`` say where the springs stand under the
-    bolster. Springs go each by itself while no air passes between them: `leaks_between` says so beforehand,
-    `stays_shut` of the differential pressure valve afterwards.
+    Its arguments are those of `bench_sim.model.replay.replay`. ``parameters`` contain the positions of the springs
+    under the bolster. The springs are integrated separately while no air flows between them. `leaks_between` reports
+    before the integration whether air can flow. `stays_shut` reports after it whether the differential pressure valve
+    opened.
     """
 
     def __init__(
@@ -191,9 +192,10 @@ class TracedReplay:
         before: Before | None = None,
         supply_error: float = 0.0,
     ) -> tuple[LaneSpring, LaneSpring]:
-        """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion.
+        """Return both springs at their start with ``gas``, their plates ``shift`` m to the left of the motion.
 
-        ``before`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was reported.
+        ``before`` is as for `bench_sim.model.replay.replay`. The supply is ``supply_error`` Pa below the reported
+        pressure.
         """
         x = np.zeros(STATES)
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
@@ -248,7 +250,7 @@ class TracedReplay:
 
 
 def _quick(parameters: Any, step: float) -> bool:
-    """Whether anything happens within a step longer than that of a replay: what is late by a part of it, too."""
+    """Whether the parameters have latencies, air inertia or rubber relaxation too fast for a ``step`` longer than a replay's."""
     par = parameters
     late = (
         par.force_latency,

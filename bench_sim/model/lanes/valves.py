@@ -25,7 +25,7 @@ from bench_sim.model.valves import (
 
 @compiled
 def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> None:
-    """Let the valves of all lanes do what their courses say of step n, or the reservoir valves alone."""
+    """Set the valves of all lanes as in step n of their courses, or the reservoir valves alone."""
     given = GIVEN if everything else 1
     for i in range(LANES):
         row = min(n, rows[i] - 1)
