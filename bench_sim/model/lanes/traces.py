@@ -250,7 +250,7 @@ class TracedReplay:
 
 
 def _quick(parameters: Any, step: float) -> bool:
-    """Whether the parameters have latencies, air inertia or rubber relaxation too fast for a ``step`` longer than a replay's."""
+    """Whether a ``step`` longer than that of a replay is too long for the latencies, pipes and rubber of a record."""
     par = parameters
     late = (
         par.force_latency,
