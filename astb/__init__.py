@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from drivers import errors
     from test_plans import analysis
 
-#: Where the public names are: each is imported when it is requested, so that `import astb` costs nothing.
+#: Modules of the public names: each is imported at its first use, so that `import astb` is fast.
 _HOME: Final = {
     "analysis": "test_plans",
     "diagnose_record": "astb.api",
@@ -26,7 +26,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'astb' has no attribute {name!r}; it offers {', '.join(__all__)}")
     home = _HOME[name]
-    # Of a package it is a module, of a module what is in it.
+    # The name is a module of a package, or a name inside a module.
     value = getattr(import_module(home), name) if "." in home else import_module(f"{home}.{name}")
     globals()[name] = value
     return value

@@ -1,1 +1,1 @@
-"""Acceptance of a rig before plans run on it: can its wiring be, and what does it do when it is asked."""
+"""Acceptance of a rig before plans run on it: checks of its wiring, its answers and its reactions to commands."""

@@ -1,1 +1,1 @@
-"""What can be told of a rig before a plan runs on it: by listening, and by one small move of each axis."""
+"""Check of a rig before a plan runs on it: its readings at rest, and one small move of each axis."""

@@ -1,4 +1,4 @@
-"""Plans that a rig cannot run because it lacks signals or dimensions, and what aw0 and aw3 could not measure."""
+"""Plans that a rig cannot run because it lacks signals or dimensions, and the blocked checks of aw0 and aw3."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
 
 
 def plans_by_need() -> dict[str, set[str]]:
-    """Return the names of the plans that cannot begin without it, by signal or dimension."""
+    """Return the names of the plans that need each signal or dimension to begin."""
     found: dict[str, set[str]] = {}
     for name, plan in plans().items():
         for need in plan.needs:
@@ -21,7 +21,7 @@ def plans_by_need() -> dict[str, set[str]]:
 
 
 def missing(absent: Iterable[str]) -> list[Missing]:
-    """Return what is ``absent`` and needed, each name once, grouped by the plans that it blocks; most plans first."""
+    """Return the needed names of ``absent``, each once, grouped by the plans that they block; the most plans first."""
     needed, groups = plans_by_need(), dict[tuple[str, ...], list[str]]()
     for name in dict.fromkeys(absent):
         if blocked := needed.get(name):
@@ -31,7 +31,7 @@ def missing(absent: Iterable[str]) -> list[Missing]:
 
 
 def checks_without(absent: Mapping[str, str]) -> dict[str, str]:
-    """Return what aw0 and aw3 cannot measure without the signals ``absent``, each with what it lacks."""
+    """Return the checks of aw0 and aw3 that need the signals ``absent``, each with its missing signals."""
     needs = {
         "standing without being held sideways": carrying.FREE_SIDEWAYS,
         **{f"{side} vertical stiffness": vertical_needs({}, side) for side in SIDES},

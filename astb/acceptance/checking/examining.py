@@ -1,4 +1,4 @@
-"""What a rig says while no one of ours commands it: every signal with its source, rate, age and value."""
+"""Examination of a rig without commands: every signal with its source, rate, age and value."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from drivers.receiver import Capture
 from drivers.wiring.sequences import READ
 from test_plans.discovery import plans
 
-#: How long a rig is listened to, and how long it may be silent first.
+#: Time to listen to a rig, and the longest silence before the first message (s).
 LISTEN: Final = 2 * s
 WITHIN: Final = 3 * s
-#: What nothing but a rig of ours says; of others it is no gap.
+#: Signals that only our own rigs send; other rigs may lack them.
 _OURS: Final = ("control.", "lease.", "emergency.", "action.", "interlock.", "rig.")
 _EXPECTED: Final = (
     "rig.state",
@@ -36,7 +36,7 @@ _EXPECTED: Final = (
 
 
 def examine(listening: Listening, rig: str = "", dimensions: Dimensions | None = None) -> CheckReport:
-    """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves.
+    """Listen for a while, and return the findings about ``rig``. Nothing is written, and nothing moves.
 
     Dimensions that plans need and ``dimensions`` does not state are missing, as absent signals are.
     """
@@ -44,7 +44,7 @@ def examine(listening: Listening, rig: str = "", dimensions: Dimensions | None =
 
 
 class _Examination:
-    """One look at a rig."""
+    """One examination of a rig."""
 
     def __init__(self, listening: Listening) -> None:
         self._receiver, self.clock = listening.receiver, listening.clock
@@ -104,7 +104,7 @@ class _Examination:
         if not times.size:
             last, time = self._receiver.latest(self.table.index[signal.name])
             limit = int(self.wiring.freshness[self.table.index[signal.name]])
-            if time >= 0 and now - time <= limit:  # said on events only, or seldom
+            if time >= 0 and now - time <= limit:  # sent on events only, or seldom
                 return self._line(signal, last, source, age=(now - time) / NS)
             return SignalLine(
                 name=signal.name,
@@ -120,7 +120,7 @@ class _Examination:
         return self._line(signal, mean, source, rate=times.size / LISTEN, age=age)
 
     def _asked(self, signal: Signal) -> SignalLine:
-        """Return the line of what does not come by itself."""
+        """Return the line of a signal that the rig sends only on request."""
         source = self.wiring.source(signal.name)
         try:
             value = self.wiring.read([signal.name])[signal.name]

@@ -1,4 +1,4 @@
-"""Motions without air that show the dimensions of a rig, and the fit of all of them next to what is stated."""
+"""Motions without air that show the dimensions of a rig, and a fit that compares all of them with the stated values."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from test_plans.steps.shaking import generator_cycles
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: The bolster hangs so far above the place where it rests, and nearer to it while one side is lowered.
+#: The bolster hangs this far above its place of rest, and closer to it while one side is lowered.
 HIGH: Final = 12 * mm
 LOW: Final = 6 * mm
 RATE: Final = 10 * mm / s
-#: One spring at a time is pressed with this force beyond the hanging bolster, in steps; from `CONTACT` on it carries.
+#: One spring at a time is pressed with this force beyond the hanging bolster, in steps. From `CONTACT` on it carries.
 PRESSED: Final = 20 * kN
 CONTACT: Final = 3 * kN
 PRESS_STEP: Final = 0.5 * mm
@@ -60,7 +60,7 @@ LEAST: Final = 5 * s
 #: use that, and stays clear of the bump stop.
 SIDEWAYS: Final = 48 * s
 CLEAR: Final = 0.6
-#: Of what the lateral actuator may push with.
+#: Maximum share of the available force of the lateral actuator.
 PART: Final = 0.5
 ALIGNED: Final = 200 * Hz
 #: Sines of the hanging bolster: axis, amplitude (m or rad), frequency.
@@ -74,12 +74,12 @@ HANGING: Final = (
     ("lateral", 1 * mm, 12 * Hz),
     ("platform_roll", 5 * mrad, SLOW),
 )
-#: And of the bolster that is pressed on both stops.
+#: The same for the bolster while it is pressed on both stops.
 ON_THE_STOPS: Final = (("vertical", 1 * mm, SLOW), ("roll", 1 * mrad, SLOW), ("vertical", 1 * mm, 2 * Hz))
-#: Fastest wave where the bench streams it, and how many samples a cycle needs.
+#: Fastest wave if the bench streams it, and the samples needed for each cycle.
 STREAMED: Final = 4 * Hz
 SAMPLES: Final = 5
-#: Set-points of a streamed wave, with straight lines between them, which make (πf/rate)²/3 of it something else.
+#: Rate of the set-points of a streamed wave. Straight lines between them cause a relative error of (πf/rate)²/3.
 STREAM: Final = 50 * Hz
 READ: Final = (
     *LASERS,
@@ -96,7 +96,7 @@ _SETPOINT: Final = {"platform_roll": "platform.roll_setpoint", "lateral": "later
 
 
 class Measuring:
-    """Moves a ``bench`` that is armed and without air, and compares what the motions show with what is stated."""
+    """Moves a ``bench`` that is armed and without air, and compares the measured dimensions with the stated ones."""
 
     def __init__(self, bench: Bench, lines: list[MoveLine]) -> None:
         self._bench, self._lines = bench, lines
@@ -104,11 +104,11 @@ class Measuring:
         self._instruments = bench.instruments or NO_INSTRUMENTS
         self._motions: list[Motion] = []
         self._names = tuple(name for name in READ if bench.has(name))
-        #: Where the pistons stand while the bolster rests on its stops.
+        #: Positions of the pistons while the bolster rests on its stops.
         self._resting = dict[str, float]()
 
     def resting(self) -> None:
-        """Note where the bolster rests."""
+        """Record the position of rest of the bolster."""
         self._resting = {name: self._bench.average(name, over=REST) for name in PISTONS}
 
     def hanging(self) -> None:
@@ -120,7 +120,7 @@ class Measuring:
                 self._shake(axis, amplitude, frequency)
 
     def one_by_one(self) -> None:
-        """Press one spring while the other hangs free: moment over force of the cells is where it stands."""
+        """Press one spring while the other hangs free: the moment divided by the force of the cells is its position."""
         for side in SIDES:
             self._to(LOW, LOW)
             before = self._still()
@@ -141,7 +141,7 @@ class Measuring:
         self._report_undetermined()
 
     def compare(self) -> None:
-        """Fit all dimensions at once, and note each next to what is stated."""
+        """Fit all dimensions at once, and record each with its stated value."""
         lacking = self._bench.lacks(*LASERS, *PISTONS, *FORCES)
         if lacking or not self._motions:
             self._lines.append(_untold("dimensions", f"cannot be measured: {lacking or 'nothing moved'}"))
@@ -159,13 +159,13 @@ class Measuring:
     # -- motions -----------------------------------------------------------------------------------------------------
 
     def _to(self, left: float, right: float, rate: float = RATE) -> None:
-        """Bring the pistons to so much above where they rest (m)."""
+        """Move the pistons to this height above their position of rest (m)."""
         resting = [self._resting[name] for name in PISTONS]
         self._bench.vertical.move_to(resting[0] + left, resting[1] + right, rate=rate)
         self._bench.wait(SETTLE)
 
     def _tilt(self, side: str, up: float) -> None:
-        """Bring one piston to ``up`` m above its place of rest, and turn the bolster about the other spring."""
+        """Move one piston to ``up`` m above its position of rest, and turn the bolster about the other spring."""
         names = ("spring_half_spacing", across(f"vertical_{side}"))
         spring, piston = (1.0, 1.0) if self._rig.lacks(*names) else (abs(self._rig[name]) for name in names)
         other = LOW + (up - LOW) * (spring - piston) / (spring + piston)
@@ -173,14 +173,14 @@ class Measuring:
         self._to(left, right, PRESS_RATE)
 
     def _keep(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
-        """Keep the change of all readings since ``before``; only the spring of one ``side`` has moved."""
+        """Store the change of all readings since ``before``; only the spring of one ``side`` has moved."""
         after = self._still()
         change = {name: complex(after[name][0] - before[name][0]) for name in self._names}
         noise = {name: hypot(after[name][1], before[name][1]) for name in self._names}
         self._motions.append(Motion(0.0, change, noise, side))
 
     def _shake(self, axis: Any, amplitude: float, frequency: float) -> tuple[Samples, dict[str, Samples]]:
-        """Keep the amplitudes of all readings for a sine; return its samples, aligned."""
+        """Store the amplitudes of all readings for a sine; return its samples, aligned."""
         bench = self._bench
         names = [name for name in self._names if bench.receiver.rates.get(name, inf) >= SAMPLES * frequency]
         streamed = not bench.wiring.capabilities.generator
@@ -214,7 +214,7 @@ class Measuring:
         return times[steady], {name: series[steady] for name, series in values.items()}
 
     def _press(self, side: str) -> None:
-        """Lower one side until its spring carries `PRESSED`, and keep the change since it has carried `CONTACT`."""
+        """Lower one side until its spring carries `PRESSED`, and store the change since it carried `CONTACT`."""
         bench, force = self._bench, FORCES[SIDES.index(side)]
         hanging = bench.average(force, over=SETTLE)
         low, step, before, carried = 1 * mm, PRESS_STEP, None, 0.0
@@ -234,7 +234,7 @@ class Measuring:
             self._keep(before, side)
 
     def _still(self) -> dict[str, tuple[float, float]]:
-        """Return mean of each reading at rest, and its standard deviation."""
+        """Return the mean of each reading at rest, and its standard deviation."""
         with self._bench.capture(*self._names) as capture:
             self._bench.wait(REST)
         found = {}
@@ -249,7 +249,7 @@ class Measuring:
         return found
 
     def _step(self, name: str) -> float:
-        """Return the standard deviation of a reading by the step of its converter."""
+        """Return the standard deviation that the resolution of the converter causes in a reading."""
         piece = self._instruments.pieces.get(name)
         return STEP * (piece.instrument.resolution if piece else self._bench.table[name].step)
 
@@ -306,7 +306,7 @@ class Measuring:
         )
 
     def _note(self, one: Estimate) -> None:
-        """Note an estimate next to what is stated."""
+        """Record an estimate with its stated value."""
         stated = self._rig.stated(one.name)
         if one.name == CELLS_ACROSS:
             known = [
@@ -341,7 +341,7 @@ class Measuring:
 
 
 def _sine(times: Samples, values: Samples, frequency: float) -> tuple[complex, float]:
-    """Return the complex amplitude of a sine on a slow drift, and the standard deviation of each of its parts."""
+    """Return the complex amplitude of a sine on a slow drift, and the standard deviation of each component."""
     turn = tau * frequency * times
     columns = np.column_stack([np.cos(turn), -np.sin(turn), np.ones_like(times), times - times.mean()])
     solved, *_ = np.linalg.lstsq(columns, values, rcond=None)

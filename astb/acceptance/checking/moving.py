@@ -1,9 +1,9 @@
-"""One small move of each axis, without air: what it is measured by, with which sign and scale, and how soon.
+"""One small move of each axis, without air: its readings, their sign and scale, and their delay.
 
-The bolster is first lifted by 5 mm, off what it rests on; then each axis goes 2 mm (2 mrad) and
-back, and the lateral actuator pushes with 500 N where it can. Each axis is first tried with a tenth of it. Then follow
-the motions of `measuring`, whose fit is compared with what is stated of the rig's dimensions. Whatever happens, the
-bench is brought to rest at the end.
+The bolster is first lifted by 5 mm, off its stops. Then each axis goes 2 mm (2 mrad) and back, and the lateral
+actuator pushes with 500 N if it can. Each axis is first tried with a tenth of the move. Then the motions of `measuring`
+follow, and their fit is compared with the stated dimensions of the rig. In every case, the bench is brought to rest
+at the end.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ RATE: Final = 10 * mm / s
 _WITHIN: Final = 6 * s
 _SETTLE: Final = 0.5 * s
 _OVER: Final = 0.4 * s
-#: Air in the springs would make another move of it.
+#: Air in the springs would change the move.
 _EMPTY: Final = 0.3 * bar
-#: By what part a change may be off, of what the other transducer says.
+#: Permitted relative difference between a change and that of the other transducer.
 _BAND: Final = 0.2
 _NOISE: Final = {"m": 0.3 * mm, "rad": 0.3 * mrad, "N": 0.15 * kN}
 _LATENCY_MAX: Final = 500 * ms
 
 
 def move_each(bench: Bench) -> list[MoveLine]:
-    """Return what moves have shown of a connected ``bench``, which is at rest without air, and is so afterwards."""
+    """Return the findings of the moves of a connected ``bench``. It is at rest without air before and after them."""
     book = _Moves(bench)
     if why := _not_now(bench):
         book.note("all moves", False, why, "at rest, without air")
@@ -54,7 +54,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
                 part(bench, book)
             except NotAvailable as error:
                 book.skip(part.__name__.strip("_"), str(error))
-    except (BenchError, ValueError) as error:  # a place out of its range is no set-point
+    except (BenchError, ValueError) as error:  # a position out of its range is no set-point
         book.note("the moves", False, str(error), "no fault")
     finally:
         _back(bench, book)
@@ -80,11 +80,11 @@ def _back(bench: Bench, book: _Moves) -> None:
 
 
 class _Moves:
-    """Makes moves and writes down what they have shown."""
+    """Makes moves and records their results."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        self._known: set[str] = set()  #: axes that have been felt
+        self._known: set[str] = set()  #: axes that have made their first small move
         self.lines: list[MoveLine] = []
         self.dimensions = Measuring(bench, self.lines)
 
@@ -96,9 +96,9 @@ class _Moves:
         self.lines.append(MoveLine(what=what, verdict=Plausibility.UNTOLD, found=why))
 
     def by(self, targets: Mapping[str, float], rate: float, *also: str) -> dict[str, float]:
-        """Change readings ``targets`` by so much (SI); return by how much they and ``also`` have changed.
+        """Change readings ``targets`` by these amounts (SI); return the measured changes of them and of ``also``.
 
-        The ramps are waited for; what is measured need not arrive, which is what is looked at.
+        This waits for the ramps only. The measured values need not arrive, because they are the subject of the test.
         """
         bench = self._bench
         names = [name for name in dict.fromkeys([*targets, *also]) if bench.has(name)]
@@ -142,7 +142,7 @@ class _Moves:
         self.compare(f"{name} follows its set-point", name, found, wanted)
 
     def compare(self, what: str, name: str, found: float, right: float) -> None:
-        """Note whether a change is as another one, within the noise of the signal ``name`` and a fifth."""
+        """Record whether two changes agree, within the noise of the signal ``name`` and a fifth."""
         signal = self._bench.table[name]
         noise = _NOISE[signal.si]
         good = abs(found - right) <= max(noise, _BAND * abs(right))
@@ -151,7 +151,7 @@ class _Moves:
         )
 
     def _latency(self, name: str, times: np.ndarray, values: np.ndarray, change: float, lasts: float) -> None:
-        """Note how long after its set-point a reading is half-way, if it got there."""
+        """Record the time from the set-point until a reading has made half of its change, if it does."""
         if values.size < 2 or abs(values[-1] - values[0]) < 0.5 * abs(change):
             return
         past = np.abs(values - values[0]) >= 0.5 * abs(values[-1] - values[0])
@@ -179,7 +179,7 @@ def _sum(changes: Mapping[str, float], names: tuple[str, ...]) -> float | None:
 
 
 def _lift(bench: Bench, book: _Moves) -> None:
-    """Lift both sides: heights go with the actuators, and what these carry the cells no longer do."""
+    """Lift both sides: heights follow the actuators, and the load cells lose the weight that the actuators carry."""
     _in_displacement(bench, "vertical")
     book.dimensions.resting()
     pistons = {f"vertical_{side}.displacement": LIFT for side in SIDES}
@@ -202,7 +202,7 @@ def _lift(bench: Bench, book: _Moves) -> None:
 
 
 def _sides(bench: Bench, book: _Moves) -> None:
-    """Lift one side only: its own laser sees it, and not the other one."""
+    """Lift one side only: its own laser measures the lift, and the other does not."""
     for side, other in (SIDES, SIDES[::-1]):
         name = f"vertical_{side}.displacement"
         changes = book.by({name: STEP}, RATE, *(f"{one}.height" for one in SIDES))
@@ -221,7 +221,7 @@ def _sides(bench: Bench, book: _Moves) -> None:
 
 
 def _hanging(bench: Bench, book: _Moves) -> None:
-    """Shake what hangs on the actuators, and the platform below it."""
+    """Shake the bolster that hangs on the actuators, and the platform below it."""
     _in_displacement(bench, "lateral")
     book.dimensions.hanging()
 
@@ -232,13 +232,13 @@ def _one_by_one(bench: Bench, book: _Moves) -> None:
 
 
 def _pressed(bench: Bench, book: _Moves) -> None:
-    """Shake the bolster on what it rests on, and compare all that was measured with what is stated."""
+    """Shake the bolster on its stops, and compare all measured dimensions with the stated ones."""
     book.dimensions.pressed()
     book.dimensions.compare()
 
 
 def _platform(bench: Bench, book: _Moves) -> None:
-    """Move the platform along each of its axes; up, it takes height from both springs."""
+    """Move the platform along each of its axes; a move up reduces the height of both springs."""
     for axis in PLATFORM_AXES:
         name = f"platform.{axis}"
         if lacking := bench.lacks(name, f"{name}_setpoint"):
@@ -254,7 +254,7 @@ def _platform(bench: Bench, book: _Moves) -> None:
 
 
 def _sideways(bench: Bench, book: _Moves) -> None:
-    """Move the bolster to the left: the force shows in the lateral cells, which hold against it."""
+    """Move the bolster to the left: the lateral cells measure the reaction force."""
     _in_displacement(bench, "lateral")
     for step in (STEP, -2 * STEP, STEP):
         changes = book.by({"lateral.displacement": step}, RATE, "lateral.force", *SHEAR_CELLS)
@@ -262,7 +262,7 @@ def _sideways(bench: Bench, book: _Moves) -> None:
 
 
 def _push(bench: Bench, book: _Moves) -> None:
-    """Push to the left with a force, if that can be."""
+    """Push to the left with a force, if the bench has force control."""
     if lacking := bench.lacks("lateral.force", "lateral.force_setpoint"):
         book.skip("a push sideways", lacking)
         return

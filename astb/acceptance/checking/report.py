@@ -1,4 +1,4 @@
-"""What a check of a rig comes to: a line for each signal, one for each move, and what the rig lacks."""
+"""The result of a check of a rig: a line for each signal, one for each move, and the missing signals."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import msgspec
 
 
 class Plausibility(StrEnum):
-    """What is to be thought of a signal or of a move."""
+    """Plausibility of a signal or of a move."""
 
     FINE = "fine"
     DOUBTFUL = "doubtful"
-    ABSENT = "absent"  #: no wiring gives it
-    UNTOLD = "not told"  #: nothing that rest shows: what is only written, or of no plausible value
+    ABSENT = "absent"  #: the wiring does not have it
+    UNTOLD = "not told"  #: cannot be judged at rest: a signal that is only written, or has no plausible value there
 
 
 class SignalLine(msgspec.Struct, frozen=True, kw_only=True):
-    """One signal: where it comes from, what it reads, and whether that can be."""
+    """One signal: its source, its value, and its plausibility."""
 
     name: str
     verdict: Plausibility
     source: str = ""
-    shown: str = ""  #: its mean, as people read it
-    value: float | None = None  #: the same, SI
-    rate: float | None = None  #: samples per second; None for what is read when asked
-    age: float | None = None  #: s, of the last sample
+    shown: str = ""  #: the mean with its unit, as text
+    value: float | None = None  #: the mean, SI
+    rate: float | None = None  #: samples per second; None if it is only read on request
+    age: float | None = None  #: age of the last sample, s
     remark: str = ""
 
 
 class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that a move has shown."""
+    """One result of a move."""
 
     what: str
     verdict: Plausibility
     found: str
     right: str = ""
-    value: float | None = None  #: of a dimension, SI
-    uncertainty: float | None = None  #: the expanded one, SI
+    value: float | None = None  #: estimate of a dimension, SI
+    uncertainty: float | None = None  #: its expanded uncertainty, SI
 
 
 class Missing(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,26 +48,26 @@ class Missing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ConnectionLine(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that was noticed of a connection to the rig."""
+    """One observation about a connection to the rig."""
 
-    name: str  #: of the transport
-    verdict: Plausibility  #: doubtful where readings are lost by it
+    name: str  #: name of the transport
+    verdict: Plausibility  #: doubtful if readings are lost on it
     remark: str
 
 
 class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
-    """All that was found."""
+    """All findings of a check."""
 
     rig: str
     identity: str
     state: str
     capabilities: list[str]
     signals: list[SignalLine]
-    connections: list[ConnectionLine] = []  #: what was noticed of the transports
-    remembered: list[str] = []  #: settings that no point reads back
-    plans: int = 0  #: how many plans there are
-    missing: list[Missing] = []  #: what keeps plans from beginning
-    checks: dict[str, str] = {}  #: what aw0 and aw3 then cannot measure, and what that lacks
+    connections: list[ConnectionLine] = []  #: observations about the transports
+    remembered: list[str] = []  #: settings that cannot be read back
+    plans: int = 0  #: number of plans
+    missing: list[Missing] = []  #: missing signals that block plans
+    checks: dict[str, str] = {}  #: checks that aw0 and aw3 cannot measure, with their missing signals
     moves: list[MoveLine] = []
 
     @property
@@ -77,7 +77,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def summary(self) -> list[str]:
-        """What matters most, in a few lines: plans that can run, what they lack, what is doubtful."""
+        """The main results in a few lines: plans that can run, their missing signals, doubtful readings."""
         lines = [f"{self.plans - len(self.blocked)} of {self.plans} plans can run"]
         for one in self.missing:
             everything = len(one.plans) == self.plans
@@ -93,7 +93,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def doubtful(self) -> list[str]:
-        """What is doubted, by name."""
+        """Names of doubtful signals and moves."""
         return [
             *(one.name for one in self.signals if one.verdict is Plausibility.DOUBTFUL),
             *(f"transport {one.name}" for one in self.connections if one.verdict is Plausibility.DOUBTFUL),

@@ -1,4 +1,4 @@
-"""What a sound bench reads at rest, disarmed and without air; and what a wrong reading may come from."""
+"""Expected readings of a sound bench at rest, disarmed and without air, and likely causes of wrong readings."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _CELSIUS: Final = 273.15 * K
 _GRAVITY: Final = 9.81
 
 
-#: A gauge that reads the atmosphere, give or take the weather and the transducer.
+#: Readings of an absolute gauge at atmospheric pressure, with the spread of the weather and the transducer.
 _WEATHER: Final = 80 * mbar
-#: By how much the sides may differ, and a laser from the actuator next to it.
+#: Permitted difference between the sides, and between a laser and the actuator on its side.
 _UNEVEN: Final = 30 * mm
 _APART: Final = 10 * mm
 _HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
@@ -26,7 +26,7 @@ _CELLS: Final = BY_GROUP[Group.VERTICAL_LOAD_CELL]
 
 
 def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest: bool) -> dict[str, str]:
-    """Return what is wrong with the readings ``means`` (SI), by signal; of a bench in motion only what never can be."""
+    """Return errors of the readings ``means`` (SI), by signal; for a moving bench only impossible values."""
     found = {}
     for name, value in means.items():
         signal = signals[name]
@@ -46,12 +46,12 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
 
 
 def _in_range(signal: Signal, value: float) -> bool:
-    """Whether a rig that rounds can mean a value of the signal's range by it."""
+    """Whether a value is in the range of its signal, within the rounding of the rig."""
     return signal.low - signal.step <= value <= signal.high + signal.step
 
 
 def _unset(signal: Signal, value: float) -> bool:
-    """Whether a rig has 0 where an absolute pressure is set: no one has set it since the power came."""
+    """Whether an absolute set pressure reads 0, because it was not set since power-on."""
     return signal.kind is Kind.SETTING and signal.si == "Pa" and abs(value + ATMOSPHERE) <= signal.step
 
 
@@ -61,7 +61,7 @@ def _fits(group: Group, value: float) -> bool:
 
 
 def _guess(signal: Signal, value: float) -> str:
-    """Return what the value may come from, if that is easily said."""
+    """Return a likely cause of the value, if it is simple."""
     if signal.group in (Group.PRESSURE, Group.SUPPLY_PRESSURE):
         if abs(value - ATMOSPHERE) < _WEATHER:
             return ': an absolute pressure? then calibration = { offset = "-1.01325 bar" }'
@@ -84,7 +84,7 @@ def _guess(signal: Signal, value: float) -> str:
 
 
 def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict[str, str]:
-    """Return what readings say of one another."""
+    """Return contradictions between readings."""
     found = {}
     cells = [name for name in _CELLS if name in means]
     for name in cells:

@@ -1,6 +1,6 @@
 """Least-squares fit of a bench as one rigid body: all dimensions at once, from motions without air, with covariance.
 
-Bolster and actuators obey, at each frequency ω and between any two rests (ω = 0):
+Bolster and actuators follow these equations, at each frequency ω and between any two rests (ω = 0):
 
     piston       q_s = z + a_s φ − F_s / (k + iωc)
     vertical     −m ω² z = F_z − Σ F_s
@@ -10,7 +10,7 @@ Bolster and actuators obey, at each frequency ω and between any two rests (ω =
     one spring   M = ± b F_z − K_t φ   (the other spring hangs free)
 
 z and φ come from the lasers, F_z, F_y and M (about the middle of the top plates) from the load cells. Unknown are the
-dimensions, the gain and the lag of each transducer, J and K_t. What is stated of them is a prior with its uncertainty.
+dimensions, the gain and the lag of each transducer, J and K_t. The stated values are a prior with their uncertainty.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ LATERAL_FORCE: Final = "lateral.force"
 LATERAL: Final = "lateral.displacement"
 ACCELEROMETER: Final = "lateral.acceleration"
 
-#: Relative errors of the equations themselves: harmonics of friction, angles that are not small, play.
+#: Relative errors of the equations themselves: harmonics of friction, large angles, play.
 METHOD: Final = 1e-3
 GEOMETRY: Final = 3e-4
-#: Change of the force of a spring without air that does not move (N): it relaxes.
+#: Change of the force of a spring without air at constant travel (N): it relaxes.
 RELAXES: Final = 60.0
-#: Gain and lag of a transducer that no file describes.
+#: Prior of the gain and the lag of a transducer that no file describes.
 UNSURE: Final = 0.02
 UNSURE_LAG: Final = 20 * ms
-#: A dimension that is stated as exact is taken to be known so well.
+#: Uncertainty of a dimension that is stated as exact.
 EXACT: Final = 1e-4
 #: Prior of a dimension that is not stated, or no longer assumed, relative to its scale.
 UNKNOWN: Final = 1.0
-#: What the file does not state is looked for from here.
+#: Start values of dimensions that the file does not state.
 START: Final[Values] = {
     "bolster_mass": 1500.0,
     "gravity": 9.81,
@@ -71,16 +71,16 @@ START: Final[Values] = {
 }
 #: 2 % of this at least, of a height or place that may be 0; of a direction it is the tilt.
 SCALE: Final = {"m": 0.2, "1": 1.0, "s": 1 * ms}
-#: Half-width within which a value has to be known to be compared, relative to its scale.
+#: Largest half-width of a value that is compared, relative to its scale.
 WANTED: Final = 0.02
 WANTED_LAG: Final = 0.5 * ms
-#: Number of standard deviations from which a statement is contradicted.
+#: Number of standard deviations from which a deviation contradicts the stated value.
 SURE: Final = 3.0
-#: Explanations of a contradiction whose χ² differs by less cannot be distinguished.
+#: Explanations of a contradiction cannot be distinguished if their χ² differ by less.
 ALIKE: Final = 6.0
 ITERATIONS: Final = 8
 UNSEEN: Final = "no motion of this check depends on it"
-#: So many of the worst are tried as the cause of a contradiction.
+#: Number of the largest deviations that are tried as the cause of a contradiction.
 TRIED: Final = 10
 #: All places of the upright cells across, by one factor: a wrong drawing of the platform.
 CELLS_ACROSS: Final = "places of the load cells across"
@@ -96,11 +96,11 @@ class Motion:
     values: Mapping[str, complex]
     noise: Mapping[str, float]  #: of the real and of the imaginary part
     carrying: str = ""  #: the side whose spring alone carries more than before
-    rough: float = 0.0  #: how far, relatively, the motion is from a sine
+    rough: float = 0.0  #: relative deviation of the motion from a sine
 
 
 class _Estimate(NamedTuple):
-    """Value and standard deviation of an unknown by the motions and by what is stated of all others."""
+    """Value and standard deviation of an unknown from the motions and from the stated values of all others."""
 
     value: float
     u: float
@@ -108,25 +108,25 @@ class _Estimate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What the motions say of one dimension while all others are as far off as is stated."""
+    """Estimate of one dimension from the motions, with the stated uncertainty of all others."""
 
     name: str
     value: float
-    uncertainty: float  #: expanded, k = 2
+    uncertainty: float  #: expanded uncertainty, k = 2
     contradicted: bool = False
     rivals: tuple[str, ...] = ()  #: dimensions that would explain the contradiction as well
-    unresolved: str = ""  #: why it is not known well enough to be compared
+    unresolved: str = ""  #: reason why it is not known well enough to be compared
 
 
 @dataclass(slots=True)
 class _Unknown:
-    """One unknown of the fit: where it begins and the standard deviation of its prior."""
+    """One unknown of the fit: its start value and the standard deviation of its prior."""
 
     start: float
     sigma: float
     scale: float
     stated: Dimension | None = None
-    known: bool = True  #: a dimension that the caller asked for
+    known: bool = True  #: a dimension that the caller requested
 
 
 @dataclass(slots=True)
@@ -198,7 +198,7 @@ class RigidBody:
     # -- equations ---------------------------------------------------------------------------------------------------
 
     def _rig(self, at: Mapping[str, Any]) -> dict[str, Any]:
-        """Return all dimensions, those that are not fitted as stated."""
+        """Return all dimensions; those outside the fit have their stated values."""
         rig = {name: one.value for name, one in self.stated.items()} | dict(at)
         for cell in LOAD_CELLS if CELLS_ACROSS in at else ():
             if self._described(cell) and abs(self.stated[direction(cell)[2]].value) > 0.5:
@@ -327,7 +327,7 @@ class RigidBody:
         return found, chi
 
     def estimates(self) -> list[Estimate]:
-        """Return what the motions say of each dimension; what they contradict is freed first, the worst of it first."""
+        """Return an estimate of each dimension. Contradicted priors are removed, the largest contradiction first."""
         freed, rivals = set[str](), dict[str, tuple[str, ...]]()
         exact = {name: EXACT * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
         noise = {name: one.u for name, one in self._estimates_without_prior(exact)[0].items()}
@@ -359,16 +359,17 @@ class RigidBody:
         return found
 
     def _count(self) -> int:
-        """Return how many real equations there are."""
+        """Return the number of real equations."""
         return len(self._residuals({name: np.array([one.start]) for name, one in self._unknowns.items()}))
 
     def _contradicted(
         self, estimates: Mapping[str, _Estimate], noise: Mapping[str, float], freed: set[str]
     ) -> list[str]:
-        """Return the dimensions whose statement is contradicted, the worst first.
+        """Return the dimensions whose stated value is contradicted, the largest deviation first.
 
-        A deviation has to exceed what noise does (`SURE`), what is stated of the dimension, and what is stated of the
-        others: these are half-widths a = √3 σ, which nothing exceeds. Where one does, all that deviate are candidates.
+        A deviation has to exceed the noise (`SURE`), the half-width of the stated value, and the effect of the
+        half-widths of the others. A half-width is a = √3 σ, a hard bound. If one dimension does, all that deviate are
+        candidates.
         """
         found, contradicted = dict[str, float](), False
         for name, one in self._unknowns.items():
@@ -385,7 +386,7 @@ class RigidBody:
         return sorted(found, key=lambda name: -found[name])[:TRIED] if contradicted else []
 
     def _entangled(self, noise: Mapping[str, float]) -> dict[str, str]:
-        """Return, by unknown, why the motions alone do not show it."""
+        """Return for each unknown why the motions alone do not determine it."""
         wide = {name: 0.3 * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
         _, covariance, _ = self._solve(wide)
         names, size = list(self._unknowns), np.sqrt(np.diag(covariance))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from astb.acceptance.checking.report import CheckReport, MoveLine
     from astb.rig_file import RigFile
 
-#: Width of a terminal from which on all is told next to a signal; else remarks stand below, and sources in the JSON.
+#: Terminal width from which remarks are next to a signal. On a narrower one they are below, and only JSON has sources.
 _WIDE: Final = 120
 
 

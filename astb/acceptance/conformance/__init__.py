@@ -1,1 +1,1 @@
-"""A black-box suite over a rig's wires: what it says, what it answers, what it refuses, and what it does when told."""
+"""A black-box test suite for the wires of a rig: its messages, answers, refusals, and reactions to commands."""

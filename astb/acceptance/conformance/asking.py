@@ -1,4 +1,4 @@
-"""What a rig answers on Modbus: how fast, whether both wires agree, and which exceptions it refuses with."""
+"""Tests of Modbus answers: latency, agreement of both wires, and exceptions for refused requests."""
 
 import math
 import struct
@@ -15,20 +15,20 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 
 READS: Final = 200
-#: Of an answer; the commander feeds its watchdog every 300 ms, and one reading must not cost a cycle.
+#: Longest latency of an answer: the commander feeds its watchdog every 300 ms, and one reading must not cost a cycle.
 ANSWER_MAX: Final = 100 * ms
-#: By how much the answer times of two rigs may differ before that is reported.
+#: Difference between the answer times of two rigs from which it is reported.
 ANSWER_APART: Final = 20 * ms
-#: What a reading may change between the two wires, of its range: they do not report the same instant.
+#: Permitted difference of a reading between the two wires, relative to its range: they report different instants.
 AGREE: Final = 0.01
-#: A function, a unit and an address that no rig of ours has.
+#: A function, a unit and an address that our rigs do not have.
 NO_FUNCTION: Final = 0x41
 NO_UNIT: Final = 77
 NO_ADDRESS: Final = 60000
 
 
 def ask(access: RawAccess) -> list[Notebook]:
-    """Return what is found by asking, as a connection that holds no lease."""
+    """Return the findings of requests on a connection without a lease."""
     line = access.modbus()
     return [_speed(line), _agreement(access, line), _exceptions(line)]
 
@@ -64,7 +64,7 @@ def _agreement(access: RawAccess, line: ModbusConnection) -> Notebook:
     )
     apart = []
     for signal in TABLE.of_kind(Kind.MEASUREMENT):
-        assert signal.address is not None  # of a measurement
+        assert signal.address is not None  # of a measured value
         here, there = access.listener.latest(signal.name), line.number(signal.address)
         if math.isnan(here) is not math.isnan(there) or abs(here - there) > AGREE * (
             signal.high - signal.low

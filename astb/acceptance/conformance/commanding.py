@@ -1,4 +1,4 @@
-"""What a rig takes from whom: the lease, settings that cannot be, and commands that must not count. Moves nothing."""
+"""Tests of command rights: the lease, invalid settings, and commands that a rig must ignore. They move nothing."""
 
 import struct
 from collections.abc import Callable
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 _CYCLE: Final = 1.0 / COMMAND_RATE
 #: The rig reports its counters ten times a second.
 TOLD: Final = 250 * ms
-#: How long a rig may take from power on to DISABLED.
+#: Longest time of a rig from power-on to DISABLED.
 READY_WITHIN: Final = 10 * s
-#: How many wrong frames are sent of each kind.
+#: Number of wrong frames of each kind.
 WRONG: Final = 5
 
 
 class Stream:
-    """The commands of one holder, every 20 ms, until stopped."""
+    """The cyclic commands of one holder, every 20 ms, until stopped."""
 
     def __init__(self, access: RawAccess, token: int) -> None:
         self._access, self._encoder = access, Encoder(TABLE)
@@ -47,19 +47,19 @@ class Stream:
         self._task: Task | None = None
 
     def set(self, name: str, value: float) -> None:
-        """Let a command (SI) hold from the next cycle on."""
+        """Send this value of a command (SI) from the next cycle on."""
         self.values[TABLE.index[name]] = value
 
     def carry(self, *messages: str) -> None:
-        """Let these messages go out, one behind the other."""
+        """Send these messages from the next cycle on, one after the other."""
         self._rows = self._encoder.rows(messages)
 
     def start(self) -> None:
-        """Begin to send."""
+        """Start sending."""
         self._task = self._access.clock.every(round(_CYCLE * NS), self.send)
 
     def stop(self) -> None:
-        """Fall silent."""
+        """Stop sending."""
         if self._task:
             self._task.cancel()
             self._task = None
@@ -73,7 +73,7 @@ class Stream:
 
 
 def command(access: RawAccess) -> list[Notebook]:
-    """Return what is found as holder of the bench, and next to one; the bench stays as it is."""
+    """Return the findings with and without the lease of the bench; the state of the bench does not change."""
     line = access.modbus()
     leases, settings, commands, left = (
         Notebook("lease"),
@@ -114,7 +114,7 @@ def command(access: RawAccess) -> list[Notebook]:
 
 
 def _ends(access: RawAccess, book: Notebook) -> None:
-    """Look what stands after the lease was returned, and after a connection was closed that had it."""
+    """Check the settings in force after the lease was returned, and after a connection with the lease was closed."""
     note_rest(access, book, "the lease is returned")
     line = access.modbus()
     if take(line) and leave(line, targets=False):
@@ -123,7 +123,7 @@ def _ends(access: RawAccess, book: Notebook) -> None:
 
 
 def _joins(access: RawAccess, book: Notebook) -> None:
-    """Take the lease on CAN alone, and look which Modbus connection may join it."""
+    """Take the lease on CAN alone, and check which Modbus connections may join it."""
     encoder, values, port = Encoder(TABLE), np.zeros(len(TABLE.signals)), access.listener.port
     rows = encoder.rows(["LeaseRequest"])
 

@@ -1,4 +1,4 @@
-"""What a commander leaves in force, and whether it returns to rest when the command ends."""
+"""Settings that a commander leaves in force, and whether the rig returns to rest when the command ends."""
 
 import math
 import struct
@@ -12,7 +12,7 @@ from bench_protocol.rest import REST
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 
-#: What is left: numbers of a program that no one starts, and targets of valves that are told to hold.
+#: Settings that the test leaves: parameters of a program that is not started, and targets of valves that hold.
 PROGRAM: Final[Mapping[str, float]] = {
     "generator.cycles": 7.0,
     "generator.frequency": 0.5,
@@ -20,25 +20,25 @@ PROGRAM: Final[Mapping[str, float]] = {
 }
 TARGETS: Final[Mapping[str, float]] = {"air.left_target": 0.4 * bar, "air.right_target": 0.4 * bar}
 _MODES: Final = ("air.left_mode", "air.right_mode")
-#: How long a rig may take to return to rest.
+#: Longest time of a rig to return to rest.
 REST_WITHIN: Final = 1 * s
 _IN_FORCE: Final = {r.signal: r.address for r in TABLE.registers if r.space == "input" and r.signal in REST}
 
 
 def take(line: ModbusConnection) -> int:
-    """Take the lease for ``line``; return its token, 0 if a user holds the bench."""
+    """Take the lease on ``line``; return its token, 0 if another user holds the bench."""
     if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
         return 0
     return line.words(LEASE_ADDRESS, 1, function=3)[0]
 
 
 def give_back(line: ModbusConnection) -> None:
-    """Return the lease, which ``line`` may have lost already."""
+    """Return the lease; ``line`` may have lost it already."""
     line.write(LEASE_ADDRESS, b"\0\0")
 
 
 def leave(line: ModbusConnection, *, targets: bool) -> bool:
-    """Bring settings into force that differ from rest and move nothing; return whether they are."""
+    """Apply settings that differ from rest and move nothing; return whether they are in force."""
     values = dict(PROGRAM)
     if targets and all(_in_force(line)[mode] == REST[mode] for mode in _MODES):
         values |= TARGETS
@@ -48,7 +48,7 @@ def leave(line: ModbusConnection, *, targets: bool) -> bool:
 
 
 def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
-    """Write down whether all is at rest after ``end``, and bring to rest what is not."""
+    """Record whether all settings are at rest after ``end``, and reset those that are not."""
     line = access.modbus()
     access.wait_for(lambda: not _left(line), REST_WITHIN)
     left = _left(line)
@@ -67,7 +67,7 @@ def _apply(line: ModbusConnection, values: Mapping[str, float]) -> None:
 
 
 def _left(line: ModbusConnection) -> dict[str, float]:
-    """Return what is in force that differs from rest, SI."""
+    """Return the settings in force that differ from rest, SI."""
     return {name: value for name, value in _in_force(line).items() if not _same(value, REST[name])}
 
 
@@ -76,4 +76,4 @@ def _in_force(line: ModbusConnection) -> dict[str, float]:
 
 
 def _same(value: float, other: float) -> bool:
-    return math.isclose(value, other, rel_tol=1e-6)  # on the wire are singles
+    return math.isclose(value, other, rel_tol=1e-6)  # registers and messages carry single-precision floats

@@ -1,4 +1,4 @@
-"""What a rig says by itself: its messages, their rates and gaps, their counters, and whether what they carry can be."""
+"""Tests of the messages that a rig sends: identifiers, rates, gaps, counters and plausible content."""
 
 from typing import Final
 
@@ -11,19 +11,19 @@ from bench_protocol.frames import Block
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 
-#: How long the bus is listened to.
+#: Time to listen to the bus.
 LISTEN: Final = 3 * s
-#: In this time the offset of the time stamps is measured.
+#: Time to measure the offset of the time stamps.
 SETTLE: Final = 0.5 * s
-#: By how much a rate may be off, of the rate.
+#: Permitted relative error of a rate.
 RATE_BAND: Final = 0.02
-#: A reading is stale after three periods, 100 ms at least: no gap may come near to that.
+#: A reading is stale after three periods, 100 ms at least: every gap must be clearly shorter.
 GAP_PERIODS: Final = 3.0
 GAP_FLOOR: Final = 50 * ms
 
 
 def listen(access: RawAccess) -> list[Notebook]:
-    """Return what is found on a bus where no one commands."""
+    """Return the findings on a bus without a commander."""
     access.wait(SETTLE)
     before = access.listener.frames().size
     steps = access.listener.steps

@@ -1,4 +1,4 @@
-"""What a rig does when it is led: the way up, a small move, and what it does by itself when commands end."""
+"""Tests of motion: the way from DISABLED to ACTIVE, a small move, and the reaction to the end of commands."""
 
 from typing import Final
 
@@ -15,18 +15,18 @@ from bench_protocol.units import NS, mm, ms, s
 from bench_protocol.words import PLATFORM_AXES, STATES
 
 STEP_WITHIN: Final = 5 * s
-#: How far the platform is moved, and what counts as having begun and as being there.
+#: Distance of the platform, and thresholds for the begin and the end of the move.
 MOVE: Final = 2 * mm
 BEGUN: Final = 0.2 * mm
 THERE: Final = 0.3 * mm
 MOVE_WITHIN: Final = 3 * s
 LATENCY_MAX: Final = 200 * ms
-#: What the times of two rigs may differ before that is reported.
+#: Differences between the times of two rigs from which they are reported.
 TIME_APART: Final = 40 * ms
-#: A command is due every 20 ms, and a state is told every 20 ms.
+#: A command is due every 20 ms, and the rig reports its state every 20 ms.
 REACTION_BAND: Final = 50 * ms
 
-#: The way up: from which state, by which rising bit or coil, to which.
+#: The way up: start state, rising bit or coil, end state.
 _WAY_UP: Final = (
     ("DISABLED", "control.reset", "AIR_LOW"),
     ("AIR_LOW", "action.air_high", "AIR_HIGH"),
@@ -36,7 +36,7 @@ _WAY_UP: Final = (
 
 
 def move(access: RawAccess) -> list[Notebook]:
-    """Return what is found by arming the bench, moving its platform a little and falling silent."""
+    """Return the findings of arming the bench, a small move of its platform, and the end of all commands."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     line = access.modbus()
     if not (token := take(line)):
@@ -61,7 +61,7 @@ def move(access: RawAccess) -> list[Notebook]:
 def way_up(
     access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook, to: str = "ACTIVE"
 ) -> bool:
-    """Lead the bench up ``to`` a state, the platform where it is; write down each step; return whether all went."""
+    """Lead the bench up ``to`` a state, the platform where it is; record each step; return whether all succeeded."""
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
             "the way up", f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first"
@@ -137,7 +137,7 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
 
 
 def _hold(access: RawAccess, stream: Stream, elsewhere: float, book: Notebook) -> None:
-    """Let the bench hold, ask its platform to be ``elsewhere``, and let it go there."""
+    """Lead the bench to HOLD, send ``elsewhere`` as set-point of its platform, record its motion, return to ACTIVE."""
     stream.set("control.active", 0.0)
     held = access.wait_for(lambda: access.listener.state == "HOLD", STEP_WITHIN)
     before, here = access.clock.now(), access.listener.latest("platform.vertical")

@@ -1,4 +1,4 @@
-"""Both wires of a rig as a stranger meets them: frames to hear and to send, and requests by their bytes."""
+"""Both wires of a rig without our drivers: frames to receive and to send, and requests as bytes."""
 
 import socket
 import struct
@@ -30,7 +30,7 @@ _HEADER: Final = struct.Struct(">HHHBB")
 
 
 class Answer(NamedTuple):
-    """What came back on a request: the code of the exception (0 for none), the data, and how long it took (s)."""
+    """The answer to a request: the code of the exception (0 for none), the data, and its latency (s)."""
 
     code: int
     data: bytes
@@ -38,14 +38,14 @@ class Answer(NamedTuple):
 
 
 class Cable(NamedTuple):
-    """A Modbus connection as bytes: how a request is answered, and how it is closed."""
+    """A Modbus connection as bytes: it sends a request, and closes."""
 
     exchange: Callable[[bytes], bytes]
     close: Callable[[], object]
 
 
 class ModbusConnection:
-    """One Modbus connection; requests are bytes, and nothing checks them before they go out."""
+    """One Modbus connection; requests are bytes, and are sent unchecked."""
 
     def __init__(self, clock: Clock, cable: Cable, unit: int) -> None:
         self._clock, self._exchange, self._unit = clock, cable.exchange, unit
@@ -53,7 +53,7 @@ class ModbusConnection:
         self._number = 0
 
     def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
-        """Return the answer to a request. LinkLost if there is none, or if it answers something else."""
+        """Return the answer to a request. LinkLost if there is none, or if it belongs to another request."""
         self._number = (self._number + 1) % 0x1_0000
         unit = self._unit if unit is None else unit
         request = _HEADER.pack(self._number, 0, len(body) + 2, unit, function) + body
@@ -72,12 +72,12 @@ class ModbusConnection:
         return Answer(0, reply[8:], took)
 
     def read(self, function: int, address: int, count: int) -> Answer:
-        """Ask for ``count`` registers or bits (functions 1 to 4); ``data`` is without the byte count."""
+        """Read ``count`` registers or bits (functions 1 to 4); ``data`` is without the byte count."""
         answer = self.ask(function, struct.pack(">HH", address, count))
         return answer._replace(data=answer.data[1:])
 
     def words(self, address: int, count: int, *, function: int = 4) -> list[int]:
-        """Return input registers; LinkLost if the rig refuses to tell them."""
+        """Return input registers; LinkLost if the rig refuses."""
         answer = self.read(function, address, count)
         if answer.code or len(answer.data) != 2 * count:
             raise LinkLost(
@@ -100,7 +100,7 @@ class ModbusConnection:
 
 
 class Listener:
-    """A user on the bus who keeps every frame."""
+    """A listener on the bus that stores every frame."""
 
     def __init__(self, port: "CanPort", clock: Clock) -> None:
         self.port, self._clock = port, clock
@@ -120,13 +120,13 @@ class Listener:
 
     @property
     def state(self) -> str:
-        """The state of the bench, as the rig told it last."""
+        """The state of the bench, as the rig reported it last."""
         value = self.latest("rig.state")
         return STATES[int(value)] if 0 <= value < len(STATES) else "unknown"
 
     @property
     def steps(self) -> int:
-        """How often the clock of the time stamps was set."""
+        """Number of times that the clock of the time stamps was set."""
         return self._stamps.steps if self._stamps else 0
 
     def frames(self) -> Block:
@@ -140,7 +140,7 @@ class Listener:
     def courses(
         self, names: Sequence[str], since: int | None = None
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return times (ns of the bench's clock) and values (SI) of all samples ``since`` then, by signal."""
+        """Return times (ns of the bench's clock) and values (SI) of all samples from ``since`` on, by signal."""
         frames = self.frames()
         if since is not None:
             frames = frames[frames["time"] >= since]
@@ -150,7 +150,7 @@ class Listener:
 
 
 class RawAccess:
-    """Both wires of a rig as a stranger has them: a listener on CAN, and connections on Modbus."""
+    """Both wires of a rig without our drivers: a listener on CAN, and connections on Modbus."""
 
     def __init__(
         self,
@@ -171,7 +171,7 @@ class RawAccess:
         return ModbusConnection(self.clock, self._connect(), self._unit)
 
     def wait(self, duration: float) -> None:
-        """Let ``duration`` s pass."""
+        """Wait for ``duration`` s."""
         self.clock.sleep_until(self.clock.now() + round(duration * NS))
 
     def wait_for(self, condition: Callable[[], bool], within: float) -> bool:

@@ -1,4 +1,4 @@
-"""What a conformance test has found, one thing at a time, and what differs between two rigs."""
+"""The findings of a conformance test, and the differences between two rigs."""
 
 from collections.abc import Iterable
 from enum import StrEnum
@@ -15,7 +15,7 @@ class ReportError(ValueError):
 
 
 class Outcome(StrEnum):
-    """How what was found compares with what is right."""
+    """Result of the comparison of an observed with a correct answer."""
 
     RIGHT = "right"
     WRONG = "wrong"
@@ -23,15 +23,15 @@ class Outcome(StrEnum):
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that was asked of a rig, what it answered, and what would be right."""
+    """One test of a rig: the subject, the answer, and the correct answer."""
 
     group: str
     what: str
     outcome: Outcome
     found: str
     right: str = ""
-    value: float | None = None  #: SI, where it is a figure
-    apart: float = 0.0  #: by how much (SI) the figures of two rigs may differ before that is told
+    value: float | None = None  #: SI, if it is a number
+    apart: float = 0.0  #: difference (SI) between the numbers of two rigs from which it is reported
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,7 +44,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def wrong(self) -> list[Observation]:
-        """What is not as it should be."""
+        """Findings that are not correct."""
         return [one for one in self.findings if one.outcome is Outcome.WRONG]
 
     def to_json(self) -> bytes:
@@ -53,7 +53,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Difference(NamedTuple):
-    """One thing in which two rigs differ: what was found on this one and on the other."""
+    """One difference between two rigs: the findings on this one and on the other."""
 
     group: str
     what: str
@@ -62,7 +62,7 @@ class Difference(NamedTuple):
 
 
 def read_report(path: Path) -> Report:
-    """Return the report in the file ``path``. ReportError if it cannot be read, or is none."""
+    """Return the report in the file ``path``. ReportError if it cannot be read, or has another form."""
     try:
         return msgspec.json.decode(read_bounded(path), type=Report)
     except OSError as error:
@@ -74,7 +74,7 @@ def read_report(path: Path) -> Report:
 
 
 def differences(here: Report, there: Report) -> list[Difference]:
-    """Return in what two rigs differ, in the order of the suite; nothing of what only one of them was asked."""
+    """Return the differences between two rigs, in the order of the suite. Only tests of both rigs count."""
     others = {(one.group, one.what): one for one in there.findings if one.outcome is not Outcome.SKIPPED}
     found = []
     for one in here.findings:
@@ -93,7 +93,7 @@ def _alike(one: Observation, other: Observation) -> bool:
 
 
 class Notebook:
-    """Where the findings of one group are written down."""
+    """Collects the findings of one group."""
 
     def __init__(self, group: str) -> None:
         self.group = group
@@ -109,7 +109,7 @@ class Notebook:
         value: float | None = None,
         apart: float = 0.0,
     ) -> None:
-        """Write down what was ``found`` of ``what``, and whether it is ``good``."""
+        """Record the finding ``found`` about ``what``, and whether it is ``good``."""
         outcome = Outcome.RIGHT if good else Outcome.WRONG
         self.findings.append(
             Observation(
@@ -124,11 +124,11 @@ class Notebook:
         )
 
     def skip(self, what: str, why: str) -> None:
-        """Write down that something was not asked, and why."""
+        """Record that a test was skipped, and why."""
         self.findings.append(Observation(group=self.group, what=what, outcome=Outcome.SKIPPED, found=why))
 
     def refusal(self, what: str, code: int, right: int) -> None:
-        """Write down with which Modbus exception a request was refused, 0 for none."""
+        """Record the Modbus exception of a refused request, 0 for none."""
         self.note(what, code == right, _refused(code), _refused(right))
 
 

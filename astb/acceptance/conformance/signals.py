@@ -1,4 +1,4 @@
-"""What can be asked of a rig that uses other messages: by its signals, through its wiring."""
+"""Tests of a rig with other messages: they use its signals, through its wiring."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -19,22 +19,22 @@ if TYPE_CHECKING:
 
 LISTEN: Final = 3 * s
 _COME: Final = (*MEASURED, Kind.STATUS)
-#: By how much the rates of two rigs may differ before that is reported, of the rate.
+#: Difference between the rates of two rigs from which it is reported, relative to the rate.
 RATE_APART: Final = 0.1
-#: What is never stale comes on events only.
+#: Signals without a stale time are sent on events only.
 _EVENTS: Final = 3600 * NS
-#: What the bench says itself where it plays the waves.
+#: Signals that the bench reports if it generates the waves itself.
 _PLAYED: Final = ("rig.program", "rig.generator_cycle")
 ANSWER_MAX: Final = 1 * s
 ANSWER_APART: Final = 50 * ms
-#: A bench whose commander is gone must not stay in ACTIVE for longer.
+#: After the loss of its commander a bench must leave ACTIVE within this time.
 SILENCE_MAX: Final = 2 * s
 _RATE: Final = 20 * mm / s
 _ARM_WITHIN: Final = 1 * minutes
 
 
 def listen(bench: "Bench") -> list[Notebook]:
-    """Return what comes by itself: how often, how long not, and whether it can be."""
+    """Return the findings on the signals that the rig sends: rates, longest gaps, and plausible values."""
     rates, contents = Notebook("signals"), Notebook("what signals carry")
     coming = [
         signal
@@ -78,7 +78,7 @@ def listen(bench: "Bench") -> list[Notebook]:
 
 
 def ask(bench: "Bench") -> list[Notebook]:
-    """Return what is answered when asked: settings in force, contacts, what does not come by itself."""
+    """Return the findings on requests: settings in force, contacts, and signals that the rig does not send."""
     book = Notebook("answers")
     wanted = [
         *_present(bench, Kind.SETTING, Kind.INTERLOCK),
@@ -112,7 +112,7 @@ def ask(bench: "Bench") -> list[Notebook]:
 
 
 def lead(bench: "Bench") -> list[Notebook]:
-    """Return what is found by arming the bench, moving its platform a little and falling silent."""
+    """Return the findings of arming the bench, a small move of its platform, and the end of all commands."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     in_force = bench.settings.in_force()
     took = _arm(bench, states)
@@ -131,7 +131,7 @@ def lead(bench: "Bench") -> list[Notebook]:
 
 
 def _arm(bench: "Bench", book: Notebook) -> float:
-    """Arm the bench, with set-points that are what is measured where it takes any; return how long that took (s)."""
+    """Arm the bench, with the measured values as set-points if it takes any; return the time that it took (s)."""
     with _watched(bench, book, "armed, before its first set-point"):
         before = bench.clock.now()
         bench.arm(within=_ARM_WITHIN)
@@ -139,7 +139,7 @@ def _arm(bench: "Bench", book: Notebook) -> float:
 
 
 def _hold(bench: "Bench", book: Notebook) -> None:
-    """Lead the bench at rest up to HOLD, ask its platform to be elsewhere, and bring it to rest again."""
+    """Lead the bench from rest to HOLD, request another position of its platform, and bring it to rest again."""
     what, moved = "HOLD, whatever set-point comes", "platform.vertical"
     if not any("HOLD" in step.end for step in bench.wiring.sequences.up):
         book.skip(what, "the rig has no HOLD on its way up")
@@ -156,7 +156,7 @@ def _hold(bench: "Bench", book: Notebook) -> None:
 
 @contextmanager
 def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
-    """Write down how far things go while the block does ``what``, and shortly after it."""
+    """Record the largest motion during the block, named ``what``, and shortly after it."""
     told = [one.name for one in _present(bench, *MEASURED) if _comes(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)
@@ -235,7 +235,7 @@ def _comes(bench: "Bench", signal: Signal) -> bool:
     return 0 < _limit(bench, signal) < _EVENTS
 
 
-#: What moves nothing, and what does.
+#: Groups without motion, and groups with motion.
 AT_REST: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (
     ("listening", listen),
     ("asking", ask),

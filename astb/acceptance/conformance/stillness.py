@@ -1,4 +1,4 @@
-"""Whether something moves: where all is and what air is in the springs, before and after."""
+"""Detection of motion: positions and pressures before and after an action."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -11,13 +11,13 @@ from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar, mm, ms, s
 
-#: How far arming may move anything, and by how much a pressure may change.
+#: Largest motion that arming may cause, and largest change of a pressure.
 STILL: Final = 1 * mm
 TIGHT: Final = 20 * mbar
-#: How long the bench is watched in one state, and over how long readings are averaged, which have noise.
+#: Time to watch the bench in one state, and time over which noisy readings are averaged.
 WATCH: Final = 0.5 * s
 OVER: Final = 100 * ms
-#: How long a bench that still moves by itself is waited for.
+#: Longest wait for a bench that still moves by itself.
 SETTLED_WITHIN: Final = 60 * s
 _PLACES: Final = (Group.HEIGHT, Group.DISPLACEMENT, Group.PLATFORM_DISPLACEMENT)
 PLACES: Final = tuple(one.name for one in TABLE.signals if one.group in _PLACES)
@@ -28,7 +28,7 @@ Courses = Mapping[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]
 
 
 def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
-    """Return which of ``names`` goes how far (SI) from its first `OVER` seconds; NaN if none of them was read."""
+    """Return which of ``names`` moves most (SI) from the mean of its first `OVER` seconds; NaN without data."""
     name, far = "", float("nan")
     for one in names:
         if one not in courses:
@@ -47,13 +47,13 @@ def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
 
 
 def is_still(courses: Courses) -> bool:
-    """Return whether nothing moves by itself by half of what arming may."""
+    """Return whether nothing moves by more than half of the limit for arming."""
     way, change = furthest(courses, PLACES)[1], furthest(courses, PRESSURES)[1]
     return not (way > STILL / 2 or change > TIGHT / 2)
 
 
 def note_still(book: Notebook, what: str, courses: Courses) -> None:
-    """Write down how far things went in ``courses`` while ``what`` was done."""
+    """Record the largest motions in ``courses`` during the action ``what``."""
     for kind, names, limit, unit, text in (
         ("heights and displacements", PLACES, STILL, mm, "mm"),
         ("pressures", PRESSURES, TIGHT, bar, "bar"),

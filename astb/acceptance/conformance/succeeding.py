@@ -1,4 +1,4 @@
-"""What the next commander finds: that arming moves nothing, and what stands after a connection was closed."""
+"""Tests of a second commander: arming moves nothing, and settings are at rest after a connection was closed."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ _GROUP: Final = "the next commander"
 
 
 def succeed(access: RawAccess) -> list[Notebook]:
-    """Return what is found by arming the bench as a user who sends no set-point, and by closing his connection."""
+    """Return the findings of arming the bench without set-points, and of closing the connection."""
     book = Notebook(_GROUP)
     line = access.modbus()
     if not (token := take(line)):
@@ -47,7 +47,7 @@ def succeed(access: RawAccess) -> list[Notebook]:
 
 
 def _settled(access: RawAccess) -> bool:
-    """Wait until nothing moves by itself: springs are vented, and a bolster is set down."""
+    """Wait until nothing moves by itself: the springs are vented, and the bolster is on its stops."""
     deadline = access.clock.now() + round(SETTLED_WITHIN * NS)
     while access.clock.now() < deadline:
         start = access.clock.now()
@@ -58,7 +58,7 @@ def _settled(access: RawAccess) -> bool:
 
 
 def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook) -> bool:
-    """Lead the bench up by bits alone, and watch it in HOLD and in ACTIVE; return whether it got there."""
+    """Lead the bench up with control bits alone, and watch it in HOLD and in ACTIVE; return whether it got there."""
     start, steps = access.clock.now(), Notebook(_GROUP)
     access.wait(2 * OVER)
     armed = way_up(access, line, stream, steps, "HOLD")
@@ -74,7 +74,7 @@ def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebo
 
 
 def _clear(access: RawAccess, book: Notebook) -> None:
-    """Leave the bench DISABLED, and held by no one."""
+    """Leave the bench DISABLED and without a holder."""
     line = access.modbus()
     if token := take(line):
         stream = Stream(access, token)

@@ -1,4 +1,4 @@
-"""The suite: what is asked of a rig, in which order, and what becomes of it when the rig falls silent on the way."""
+"""The test suite: its groups, their order, and its end if the rig stops answering."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from astb.rig_file import RigFile
     from drivers.bench import Bench
 
-#: What moves nothing, and what does.
+#: Groups without motion, and groups with motion.
 _AT_REST: Final = (("listening", listen), ("asking", ask), ("commanding", command))
 _MOVING: Final = (("moving", move), ("succeeding", succeed))
 
@@ -27,9 +27,9 @@ Subject = TypeVar("Subject")
 
 
 def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
-    """Return all that is found of ``rig``, whose file is ``path``; nothing moves without ``motion``.
+    """Return all findings about ``rig``, whose file is ``path``; nothing moves without ``motion``.
 
-    Over the wires if it uses our table, else by the signals of its wiring. BenchError if there is no rig.
+    A rig with our messages is tested on its wires, another by its signals. BenchError if there is no rig.
     """
     if rig.wiring:
         with open_bench(path) as bench:
@@ -39,12 +39,12 @@ def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str]
 
 
 def examine(access: RawAccess, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
-    """Return all that is found of the rig behind ``access``; nothing moves without ``motion``."""
+    """Return all findings about the rig behind ``access``; nothing moves without ``motion``."""
     return _findings(access, (*_AT_REST, *(_MOVING if motion else ())), motion, say)
 
 
 def examine_bench(bench: "Bench", *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
-    """Return what can be found of a rig that uses other messages, by the signals of a connected ``bench``."""
+    """Return the findings about a rig with other messages, by the signals of a connected ``bench``."""
     return _findings(bench, (*signals.AT_REST, *(signals.MOVING if motion else ())), motion, say)
 
 
