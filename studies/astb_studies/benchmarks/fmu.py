@@ -47,7 +47,7 @@ class Opened:
         self.ticks += ticks
 
     def drive(self, ticks: int) -> Callable[[], None]:
-        """Return what is driven through `SPAN` in communication steps of so many ticks, and read after each."""
+        """Return a function that drives the FMU through `SPAN` in steps of ``ticks`` ticks, and reads it after each."""
 
         def driven() -> None:
             for n in range(round(SPAN / TICK / ticks)):

@@ -11,9 +11,9 @@ _HERE: Final = Path(__file__).parent
 
 
 def compiled(source: str, directory: Path, *options: str) -> Path:
-    """Compile ``source``, a file next to this one, with ``-O2`` and return what came out.
+    """Compile ``source``, a file next to this one, with ``-O2`` and return the output file.
 
-    Raises Skipped where there is no gcc, or not what ``options`` link.
+    Raises Skipped if gcc or a library in ``options`` is missing.
     """
     gcc = shutil.which("gcc")
     if gcc is None:

@@ -1,4 +1,4 @@
-"""Runs that are killed at drawn moments, by SIGKILL and over real wires: what is left of them, and what is lost.
+"""Kills runs at random moments by SIGKILL, over real sockets, and inspects their records for lost samples.
 
 python -m astb_studies.benchmarks.killed_runs --count 100
 """
@@ -46,7 +46,7 @@ ALLOWED: Final = 1.0
 PLAN: Final = "lateral_stiffness"
 SETTINGS: Final = {"amplitude": "7 mm"}
 OPERATOR: Final = "A. Tester"
-#: How long after its first file, or after Ctrl-C, a run may be killed (s), by what it is doing then.
+#: Range of the delay of the kill after the first file or after Ctrl-C (s), for each stage of a run.
 MOMENTS: Final = {"beginning": (0.0, 0.1), "under way": (0.0, 12.0), "ending": (0.0, 6.0)}
 
 _TICK: Final = TABLE.index["rig.tick"]
@@ -58,7 +58,7 @@ _PHASE: Final = re.compile(r"^ *(\d+\.\d) s  +(.+)$", re.MULTILINE)
 
 @dataclass
 class Killed:
-    """One run: when it was killed, how long a stretch of it is lost (s), how it is listed, what is not right."""
+    """One run: the moment of the kill, the lost time (s), its state in the list of runs, and errors."""
 
     when: str
     moment: float
@@ -75,7 +75,7 @@ class Bystander:
     _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))
 
     def receive(self, block: Block) -> None:
-        """Take what came over the bus."""
+        """Decode a block from the bus."""
         self._decoder.decode(block)
         self.tick = float(self._decoder.latest[_TICK])
 
@@ -91,7 +91,7 @@ class Killer:
         self._file.write_text(_RIG.format(can=can, modbus=modbus))
 
     def kill(self, when: str, moment: float) -> Killed:
-        """Begin a run, kill it ``moment`` seconds into the part ``when`` of it, and look at what is left."""
+        """Start a run, kill it ``moment`` seconds after the start of its stage ``when``, and inspect its files."""
         found = Killed(when, moment)
         out = self._runs / str(next(self._numbers))
         folder = out / PLAN
@@ -198,7 +198,7 @@ def _missing_phases(record: Any, said: str, until: float) -> list[str]:
 
 @contextmanager
 def killer() -> Iterator[Killer]:
-    """Let a rig run, with a bystander on its bus, while the block lasts."""
+    """Run a rig with a second client on its bus during the block."""
     with running_rig() as (_, can, modbus), tempfile.TemporaryDirectory() as directory:
         bystander, listener = Bystander(), open_can("tcp", port=can)
         listener.subscribe(bystander.receive)
@@ -209,7 +209,7 @@ def killer() -> Iterator[Killer]:
 
 
 def main() -> int:
-    """Kill runs, state what was lost, and return 1 if it was too much or something is not right."""
+    """Kill runs and print their losses; return 1 if a loss is too large or a record has an error."""
     parser = argparse.ArgumentParser(description="Kill runs at random moments and inspect their records.")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)

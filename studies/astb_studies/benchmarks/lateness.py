@@ -1,4 +1,4 @@
-"""How late the ticks of the real rig process are, under load, next to a C loop that runs at the same time."""
+"""Tick lateness of the real rig process under load, compared with a C loop that runs at the same time."""
 
 import contextlib
 import socket

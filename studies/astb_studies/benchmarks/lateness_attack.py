@@ -20,11 +20,11 @@ from bench_protocol.socketcand import send_bytes
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 
-#: What is sent at once, and how often: some 20 000 lines and 4000 requests a second.
+#: Lines and requests in one burst, and the period: about 20 000 lines and 4000 requests per second.
 LINES: Final = 100
 REQUESTS: Final = 20
 PERIOD: Final = 5 * ms
-#: The hub hangs up on who sends only nonsense: he comes again.
+#: The hub disconnects a client that sends only invalid lines, so the client connects again.
 _PATIENCE: Final = 1.0
 
 

@@ -44,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class BenchmarkRow:
-    """One measurement next to its control. ``unit`` is "s" for times, else what is shown behind the number."""
+    """One measurement next to its control. ``unit`` is "s" for times, else the text behind the number."""
 
     what: str
     unit: str
@@ -58,7 +58,7 @@ class BenchmarkRow:
 
 @dataclass(frozen=True)
 class Section:
-    """One benchmark's rows and what one must know to read them."""
+    """The rows of one benchmark, and notes to read them."""
 
     title: str
     rows: Sequence[BenchmarkRow]
@@ -132,7 +132,7 @@ def child(*command: str) -> Iterator[Any]:
 
 
 def machine() -> dict[str, str]:
-    """Return where and with what was measured."""
+    """Return the machine and the software versions of the measurement."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -53,7 +53,7 @@ def spread(value: Spread, unit: str) -> str:
 
 
 def cells(row: BenchmarkRow) -> tuple[str, ...]:
-    """Return what is in the columns of one row."""
+    """Return the cells of one row."""
     ratio = row.ratio
     if ratio is None:
         shown = ""
@@ -85,7 +85,7 @@ def show(section: Section, console: Console) -> None:
 
 
 def write_page(measured: Sequence[Section], facts: Mapping[str, str]) -> None:
-    """Put what was measured on the page of the documentation, each section in its old one's place."""
+    """Write the sections to the page of the documentation; each replaces its previous version."""
     before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
     sections = {text.partition("\n")[0]: text for text in before.split(_HEADING)[1:]}
     sections |= {section.title: _text(section, facts) for section in measured}

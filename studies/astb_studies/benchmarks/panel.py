@@ -1,4 +1,4 @@
-"""What the panel costs its rig: how late ticks are with two pages open, next to the same rig without."""
+"""Cost of the panel for its rig: tick lateness with two open pages, compared with the same rig without pages."""
 
 import contextlib
 import sys

@@ -99,7 +99,7 @@ class _Echo(asyncio.Protocol):
 
 
 def echo_peer(reply: bytes) -> int:
-    """Answer whatever comes with ``reply``, on an event loop of its own; return the port."""
+    """Answer every request with ``reply``, on a separate event loop; return the port."""
     opened: list[int] = []
     ready = threading.Event()
 

@@ -76,7 +76,7 @@ class Wire:
                 near, _ = self._listening.accept()
                 try:
                     far = socket.create_connection(("127.0.0.1", self._target))
-                except OSError:  # the rig is gone, and anyone who looks for it is told so
+                except OSError:  # the rig has ended: close the connection of its client
                     near.close()
                     continue
                 self._pairs.append((near, far))

@@ -31,9 +31,9 @@ HEAD: Final = (
     "| | wind, m/s | a_y, m/s² | alone | U | N, W_d | alone | a_z, m/s² | alone | U | N, W_b | alone | N_MV |\n"
     "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n"
 )
-#: What a check's note has of both rides: bench, simulation, U of their difference.
+#: The values of both rides in the note of a check: bench, simulation, U of their difference.
 _BOTH: Final = re.compile(r"bench (?P<bench>\S+), simulation (?P<alone>\S+), U of the difference (?P<U>\S+)")
-#: The column of the table by the short name of what is held against the simulation.
+#: Quantities that are compared with the simulation: name in the check, and column of the table.
 HELD: Final = {
     "acceleration": "a_y",
     "comfort index": "N_y",
@@ -43,7 +43,7 @@ HELD: Final = {
 
 
 def ridden(load_case: str, wind: float, seed: int = 1) -> dict[str, Any]:
-    """Return what one ride came to: numbers of the bench, and of both rides with the U of their difference."""
+    """Return the results of one ride: values of the bench, and of both rides with the U of their difference."""
     given = {"load": load_case, "wind": f"{wind:g} m/s", "duration": "300 s"}
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -72,7 +72,7 @@ class Witness:
 
 @dataclass
 class Soak:
-    """What has been seen."""
+    """Observations of the soak test."""
 
     witness: Witness = field(default_factory=Witness)
     readings: int = 0
@@ -82,7 +82,7 @@ class Soak:
     stop: threading.Event = field(default_factory=threading.Event)
 
     def poll(self, port: int) -> None:
-        """Read everything over Modbus, and compare the signal with what came on CAN about then."""
+        """Read all signals over Modbus, and compare one with its latest samples on CAN."""
         modbus = open_modbus("127.0.0.1", port, timeout=2.0)
         registers, step = AstbRegisters(TABLE, modbus), TABLE[SIGNAL].step
         while not self.stop.wait(POLL):
@@ -158,7 +158,7 @@ def running_rig() -> Iterator[tuple[int, int, int]]:
 
 
 def soak(minutes: float) -> tuple[Soak, list[float]]:
-    """Run it; return what was seen, and the rig's memory every ten seconds (bytes)."""
+    """Run the soak test; return its observations, and the rig's memory every ten seconds (bytes)."""
     seen, clock = Soak(), RealClock()
     sizes: list[float] = []
     with contextlib.ExitStack() as stack:
@@ -198,7 +198,7 @@ def judged(seen: Soak, sizes: list[float]) -> list[str]:
 
 
 def main() -> int:
-    """Soak, state what was seen, and return 1 if something is wrong."""
+    """Run the soak test and print its observations; return 1 if there is an error."""
     parser = argparse.ArgumentParser(description="Run a rig at its full rate, with faults on and off.")
     parser.add_argument("--minutes", type=float, default=30.0)
     seconds = 60 * (minutes := parser.parse_args().minutes)

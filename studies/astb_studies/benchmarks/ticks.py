@@ -1,4 +1,4 @@
-"""A rig in real time for a benchmark, and its own account of how late its ticks were."""
+"""A rig in real time for a benchmark, and its own counters of tick lateness."""
 
 import sys
 import tempfile
@@ -18,7 +18,7 @@ _TAIL: Final = tuple(one.signal for one in LATENESS_BINS if one.edge > 250e-6)
 
 
 class Lateness(NamedTuple):
-    """How late the ticks of a while were: how many by 1 ms or more, and of 1000 how many by 250 µs or more."""
+    """Tick lateness of a period: the number of ticks late by ≥ 1 ms, and of 1000 ticks the number late by ≥ 250 µs."""
 
     late: float
     tail: float
@@ -30,7 +30,7 @@ CALLED: Final = ("ticks late by 1 ms or more", "of 1000 ticks, late by 250 µs o
 
 @contextmanager
 def rig_of_its_own(serving: Sequence[str] = ("astb", "rig")) -> Iterator[tuple[Path, ModbusPort]]:
-    """Run a rig on free ports; yield the file that shows where it is, in its own folder, and its Modbus.
+    """Run a rig on free ports; yield its rig file, in a separate folder, and its Modbus port.
 
     The module ``serving`` with its arguments is the rig.
     """
@@ -50,7 +50,7 @@ def rig_of_its_own(serving: Sequence[str] = ("astb", "rig")) -> Iterator[tuple[P
 
 
 def lateness_during(modbus: ModbusPort, act: Callable[[], object]) -> Lateness:
-    """Return how late the ticks of the rig were while something was done."""
+    """Return the lateness of the rig's ticks during the call of ``act``."""
     before = _counts(modbus)
     act()
     counts = {name: count - before[name] for name, count in _counts(modbus).items()}

@@ -25,11 +25,11 @@ from test_plans.recording import Recording
 TICK: Final = 1 * ms
 BATCH: Final = 20
 REPETITIONS, QUICK_REPETITIONS = 7, 2
-#: What a run is to reach: times real time, and processor time of the whole command (s).
+#: Targets: speed relative to real time, and processor time of the whole command (s).
 SPEED_AIM: Final = 300
 COMMAND_AIM: Final = 2.5 * s
 LIBRARIES: Final = "import numba, matplotlib.figure, pyarrow.parquet"
-#: What is timed inside a run: the rig's ticks with the commands, the drivers' receiving, the record.
+#: The timed parts of a run: ticks of the rig with the commands, reception in the drivers, and the record.
 PARTS: Final = ("rig: ticks and commands", "drivers: frames", "record")
 
 
@@ -97,7 +97,7 @@ def processor_time(*arguments: str) -> float:
 
 
 def whole_command(repetitions: int) -> BenchmarkRow:
-    """Measure ``astb run aw0 aw3 --virtual`` as a user starts it, beside the imports of the libraries that it needs."""
+    """Measure ``astb run aw0 aw3 --virtual`` as a user starts it, compared with the imports of its libraries."""
 
     def command() -> float:
         with tempfile.TemporaryDirectory() as directory:
@@ -164,7 +164,7 @@ def run(effort: Effort) -> Section:
 
 
 def explained(simulated: float, speed: float) -> str:
-    """Return what one must know to read the rows: what is in the times and what is not."""
+    """Return the notes on the rows: which parts the times include."""
     return (
         f"Both plans simulate {simulated:.1f} s and take {simulated / speed:.2f} s on the wall: "
         f"{speed:.0f} times real time, from the first line of the plan to the closed record, without the report. "

@@ -35,7 +35,7 @@ _STEP: Final = 50 * ms
 
 
 class VirtualCuts:
-    """One rig in memory that is armed, loaded and cut again and again; what is drawn follows from ``seed``."""
+    """One rig in memory that is armed, loaded and cut again and again; ``seed`` is the random seed."""
 
     def __init__(self, seed: int) -> None:
         self._memory = RigInMemory(Rig(load("astb"), seed=seed))
@@ -83,7 +83,7 @@ class VirtualCuts:
         return self._witness.held, self._witness.safe
 
     def _load(self, bench: Bench) -> None:
-        """Arm, and let the actuators hold springs under some pressure at some height, or move there."""
+        """Arm, and hold the springs with the actuators at a random pressure and height, or move there."""
         chance = self._chance
         bench.arm()
         height = chance.uniform(*HEIGHTS)

@@ -22,17 +22,17 @@ from bench_sim.rig.control_socket import ask, control_path
 from drivers.modbus_port import ModbusPort
 
 PLAN: Final = "aw0"
-#: What goes wrong while the twin watches, and from when on (s of the run).
+#: Faults during the run with a twin: start time (s of the run), fault and parameters.
 LEAK: Final = (60.0, "leak", {"side": "left", "area": "0.5mm2"})
 CELL: Final = (66.0, "bias", {"sensor": "load_cell.2", "value": "1kN"})
 CASES: Final = {"a sound rig": (), "one cause": (LEAK,), "two causes at once": (LEAK, CELL)}
 Fault = tuple[float, str, dict[str, str]]
-#: How often (s) record and story are looked at.
+#: Period (s) of the checks of record and story.
 _LOOK: Final = 0.05
 
 
 class Watched(NamedTuple):
-    """How a twin kept up: processors that it used while the run went on, and s that it was behind before each look."""
+    """Speed of a twin: processors that it used during the run, and its delay (s) before each check."""
 
     share: float
     behind: list[float]
@@ -112,11 +112,11 @@ class Follower:
 
     @property
     def record(self) -> GrowingRecord | None:
-        """What is kept by now; None if there is nothing yet."""
+        """The record so far; None if it is empty."""
         return self._record if self._record is not None and len(self._record) else None
 
     def look(self) -> TwinStory | None:
-        """Return what the twin has said by now; None if there is nothing."""
+        """Return the story of the twin so far; None if there is none."""
         with suppress(RecordError):
             self._record = self._record or GrowingRecord(self._directory)
             self._record.look()

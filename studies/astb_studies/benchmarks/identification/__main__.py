@@ -1,8 +1,8 @@
 """``python -m astb_studies.benchmarks.identification``: how often the intervals of `astb identify` hold.
 
-Springs are drawn as they are assumed, a virtual rig with sensors of its own is measured through the wires by the plan
-`identification`, and what is identified is held against what was drawn. One line of JSON a pair of springs goes to the
-file of results, so that counting goes on where it was cut off.
+Springs are drawn from the prior. The plan `identification` measures a virtual rig through its buses; the rig has
+its own sensor errors. The identified parameters are compared with the drawn ones. Each pair of springs adds one line of JSON to
+the file of results, so an interrupted count resumes.
 """
 
 import json
@@ -27,12 +27,12 @@ from test_plans.execution import execute
 
 PLAN: Final = "identification"
 COUNTED: Final = Path(__file__).parent / "counted.jsonl"
-#: Further from what is assumed than so many standard deviations, a third of a value is hardly a spring any more.
+#: Limit of the draw, in standard deviations from the prior: further away, a spring is hardly physical.
 FURTHEST: Final = 2.0
 
 
 def drawn(seed: int) -> Parameters:
-    """Return springs whose parameters are drawn from what is assumed, less its tails."""
+    """Return springs whose parameters are drawn from the prior without its tails."""
     chance, parameters = np.random.default_rng(seed), load("astb")
     values: dict[str, Any] = {}
     tail = ndtr(-FURTHEST)
@@ -45,7 +45,7 @@ def drawn(seed: int) -> Parameters:
 
 
 def round_trip(seed: int, plan: str = PLAN) -> dict[str, Any]:
-    """Return of each parameter its drawn value, what was identified, and its standard deviation (SI)."""
+    """Return the drawn value of each parameter, its identified value, and its standard deviation (SI)."""
     springs = drawn(seed)
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / plan
@@ -87,7 +87,7 @@ def main(count: int, out: Path) -> None:
 
 
 def report(lines: list[dict[str, Any]]) -> None:
-    """Print what was counted: the coverage with its own interval, over pairs, and how far each quantity is off."""
+    """Print the results: coverage with its interval over pairs, and the error of each quantity."""
     pairs = [one for one in lines if "rows" in one]
     away: dict[str, list[float]] = {}
     for pair in pairs:

@@ -1,7 +1,7 @@
 """Counts the false alarms, delays and named causes of the twin: ``python -m astb_studies.benchmarks.twin``.
 
-Every run is made through the wires, with its own seed, and in virtual time but for ``realtime``. One line of JSON
-a run goes to the file of results, so that counting goes on where it was cut off. ``page`` writes what they say.
+Every run uses the real encoders and its own seed, and virtual time except in ``realtime``. Each run adds one line of
+JSON to the file of results, so an interrupted count resumes. ``page`` writes the page of results.
 """
 
 import tempfile

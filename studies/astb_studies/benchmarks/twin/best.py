@@ -1,8 +1,8 @@
-"""How soon the best possible test would have told: the same one, with the cause, its size and its beginning known.
+"""The earliest possible detection: the same test, but with known cause, size and start time.
 
-The innovations z of a block have the mean d that the cause gives them, by the same filter that has learnt the same. So
-log L = d·z − |d|²/2, and its sum since the cause began is as much evidence as there is. It shows where the detector
-would: where the sum is the logarithm of the mean time between two false alarms, in blocks. Nothing bounds a block.
+The cause gives the innovations z of a block the mean d, which the same filter in the same state computes. So
+log L = d·z − |d|²/2, and its sum since the start of the cause is all the evidence in the data. The threshold is that of
+the detector: the logarithm of the mean time between two false alarms, in blocks. The log L of a block is not limited.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from diagnosis.twin.twin import Seen, Twin
 
 
 class WatchedWith(Twin):
-    """A twin that also knows what begins: ``best`` is when it could have been reported at the earliest (s), or None."""
+    """A twin that also has the true effect: ``best`` is the earliest time at which it can be detected (s), or None."""
 
     def __init__(self, record: Record, parameters: Parameters, case: Case) -> None:
         super().__init__(record, parameters, "astb")

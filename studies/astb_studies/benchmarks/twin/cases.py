@@ -1,9 +1,9 @@
-"""The cases of a count: which plan, on which rig, and what begins in the middle of it.
+"""The cases of a count: the plan, the rig, and the effect that begins during the run.
 
-Every second case is sound, one in three of these a *sibling*: springs as they are delivered, and a form somewhere
-that no parameter of the model and no effect covers (`sibling_forms`). In the others an effect of
-the catalogue begins where the plan has long begun, all at once or creeping, in one of three sizes. Harder cases are two
-effects one after the other, one that is gone again, and one on a sibling.
+Every second case is sound. One in three of these is a *sibling*: springs as delivered, and one law of another form
+that no parameter of the model and no effect covers (`sibling_forms`). In the other cases, an effect of the catalogue
+begins late in the plan, as a step or as a ramp, in one of three sizes. Harder cases are two effects one after the
+other, an effect that ends again, and an effect on a sibling.
 """
 
 from collections.abc import Iterator
@@ -27,25 +27,25 @@ PLANS: Final = {
     "endurance": (55.0, 200.0),
     "leveling": (50.0, 120.0),
 }
-#: Sizes of an effect, in those of an ordinary fault.
+#: Sizes of an effect, relative to that of an ordinary fault.
 SIZES: Final = (1.0, 3.0, 10.0)
-#: So long (s) a creeping effect grows to its size.
+#: Duration (s) of the ramp of a creeping effect.
 CREEPS: Final = 30.0
-#: So long (s) after it began a run goes on; what is not determined by then is not told.
+#: A run continues for this time (s) after the start of the effect; later detections do not count.
 GOES_ON: Final = 60.0
-#: A second effect begins so long (s) after the first; one that goes away again does so after so long.
+#: Range of the delay (s) of a second effect after the first, and of the duration (s) of an effect that ends again.
 _BETWEEN: Final = (4.0, 12.0)
 _STAYS: Final = (8.0, 20.0)
-#: Plans in real time, and the first so many s of their part in which effects begin there.
+#: Plans in real time. There, effects begin in the first `_SOON` s of the usual interval.
 _LIVE: Final = ("aw0", "endurance", "screening")
 _SOON: Final = 20.0
-#: An effect stays within so much of what is possible.
+#: Largest part of the physical range that an effect uses.
 _WITHIN: Final = 0.8
-#: A clock is not slow all at once, and where actuators go wrong no replay of their motion sees it.
+#: A clock does not become slow suddenly, and a replay of the motion cannot show a fault of the actuators.
 _NOT_BEGUN: Final = ("clock_skew",)
-#: Sound rigs run many plans, and long ones: an hour of motion is judged like an hour of anything else.
+#: Sound rigs run many plans, also long ones: every hour of motion counts equally.
 _SOUND: Final = ("aw0", "aw3", "screening", "leveling", "leak_down", "tightness", "endurance")
-_LONG: Final = 0.75  #: so many of them are endurance or a hold
+_LONG: Final = 0.75  #: part of the sound cases that are endurance or a hold
 
 
 class Case(msgspec.Struct, frozen=True):

@@ -1,6 +1,6 @@
-"""A case in real time: a rig and a run with its twin, processes that meet on sockets, and what was reported when.
+"""A case in real time: a rig and a run with its twin, in processes connected by sockets, and its detection times.
 
-Times are those of this machine's clock, behind the instant at which the effect began in the rig.
+Times are of this machine's clock, after the instant at which the effect began in the rig.
 """
 
 import math
@@ -49,9 +49,9 @@ def count_live(case: Case) -> Counted:
 
 
 def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
-    """Follow a run to its end; return when it was told that they deviate, and why, and when the record began.
+    """Follow a run to its end; return the times of detection, of its explanation, and of the start of the record.
 
-    What was told before the effect began at ``at`` s of the rig's time does not count.
+    Detections before the start of the effect, ``at`` s of the rig's time, do not count.
     """
     told = explained = math.inf
     with Follower(directory) as follower:

@@ -1,4 +1,4 @@
-"""The page of what was counted of twins."""
+"""The page of false alarms, delays and named causes of twins."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -39,9 +39,9 @@ def bench_of(case: Case) -> Iterator[Bench]:
 
 
 def begin(rig: Rig, case: Case) -> None:
-    """Let the effects of a case begin and end when their time has come; later a user stops the bench.
+    """Start and stop the effects of a case at their times; later a user stops the bench.
 
-    Nothing happens to a sound rig.
+    A sound rig is not changed.
     """
     if not case.effect:
         return

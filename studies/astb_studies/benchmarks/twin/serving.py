@@ -20,7 +20,7 @@ from bench_sim.rig.rig import Rig
     "--rig", "file", type=click.Path(path_type=Path), required=True, help="Rig file with the ports."
 )
 def main(case: str, file: Path) -> None:
-    """Serve the rig of a CASE (JSON), and let its effect begin when its time has come."""
+    """Serve the rig of a CASE (JSON), and start its effect at its time."""
     wanted, ports = msgspec.json.decode(case, type=Case), read(file)
     rig = Rig(load("astb"), seed=wanted.seed)
     begin(rig, wanted)

@@ -1,4 +1,4 @@
-"""What was counted, as tables with exact intervals."""
+"""The counts as tables with exact intervals."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
