@@ -1,10 +1,10 @@
-"""A mass on a spring with a damper: the smallest system that can be diagnosed, and a pattern for one of your own.
+"""A mass on a spring with a damper: the smallest system for a diagnosis, and a template for your system.
 
     m ẍ + c ẋ + k x + (what may be hidden) = f(t)
 
-The drive f is given, the displacement x and the force on the ground are measured. Whatever is to be diagnosed is a
-class with the attributes and the method `run` of `diagnosis.contracts.Simulator`; nothing is inherited or registered.
-`OSCILLATOR_EFFECTS` are the causes that may be missing. A `Laboratory` measures virtual specimens.
+The drive f is given; the displacement x and the force on the ground are measured. A system for a diagnosis is a class
+with the attributes and the method `run` of `diagnosis.contracts.Simulator`; no base class and no registration are
+needed. `OSCILLATOR_EFFECTS` are the possible missing causes. A `Laboratory` measures virtual specimens.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ NUISANCES: Final = (
 
 
 class Terms(NamedTuple):
-    """The parameters of the equation of motion, in SI; what is 0 is absent."""
+    """The parameters of the equation of motion, in SI; a value of 0 removes its term."""
 
     mass: float
     damping: float
@@ -139,9 +139,9 @@ class Terms(NamedTuple):
 class Oscillator:
     """The simulator: driven by ``drive`` (N), it returns displacement (m) and force on the ground (N).
 
-    Beside its catalogue it understands a ``stop`` (N/m) behind a ``gap`` (m) and a ``force`` by the coefficients of
-    `force_surface`: terms to be hidden that no candidate describes. With `force_surface` among its ``surfaces``, the
-    engine may fit one of its own.
+    In addition to its catalogue it accepts a ``stop`` (N/m) behind a ``gap`` (m), and a ``force`` given by the
+    coefficients of `force_surface`: these are hidden terms that no candidate describes. With `force_surface` among its
+    ``surfaces``, the engine may fit such a surface.
     """
 
     name: str = "oscillator"
@@ -309,7 +309,7 @@ class Laboratory:
     dt: float = 0.01
 
     def experiments(self) -> list[Experiment]:
-        """Return what is done with every specimen."""
+        """Return the experiments on every specimen."""
         time: Array = self.dt * np.arange(self.samples, dtype=np.float64)
         return [
             Experiment(name, time, {"drive": drive}, minutes=0.25) for name, drive in _drives(time).items()

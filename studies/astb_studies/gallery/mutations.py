@@ -64,7 +64,7 @@ def matrix(_runs: Path, path: Path) -> None:
 
 
 def _squares(axes: "Axes", cells: Sequence[tuple[int, int, Cell]]) -> None:
-    """Mark cells, each at its column and row; marks of one kind are a group that is called after what was found."""
+    """Draw a mark for each cell at its column and row; marks of one kind form a group named after the outcome."""
     groups: dict[str, list[tuple[int, int, Cell]]] = {}
     for column, row, cell in cells:
         still = cell.found == "missed" and cell.used < MOVED

@@ -1,4 +1,4 @@
-"""What the gallery shows, in order: each picture, what one sees on it, the commands behind it, and what draws it."""
+"""The pictures of the gallery in order: each with its caption, its commands, and the function that draws it."""
 
 import shutil
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The bench as a sketch: what is on what, what moves, and which wire carries what."""
+"""Sketch of the bench: its parts, their motion, and the signals on each bus."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final

@@ -1,4 +1,4 @@
-"""The mutation matrix: faults of ordinary size on every plan that judges, and whether the right check told of them."""
+"""The mutation matrix: faults of ordinary size in every plan with checks, and whether the right check failed."""
 
 import csv
 import re
@@ -33,7 +33,7 @@ _ABOUT_A_SIDE: Final = re.compile(
 
 
 class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A fault of ordinary size, and what ought to tell of it; declared before any plan was tried."""
+    """A fault of ordinary size, and the checks that should fail; declared before any plan was run."""
 
     name: str
     what: str  #: in words
@@ -47,7 +47,7 @@ class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def simulation(self) -> Simulation:
-        """What has to be simulated."""
+        """The simulation with this fault."""
         return Simulation(seed=SEED, change=self.change, effects=self.effects, faults=self.faults)
 
 
@@ -58,7 +58,7 @@ class Mutations(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mutation: tuple[Mutation, ...]
 
     def is_right(self, one: Mutation, told: str) -> bool:
-        """Whether what a plan told, the name of a check or why it was blocked, is meant for this fault."""
+        """Whether ``told``, the name of a failed check or the reason of a blocked run, is right for this fault."""
         about = _ABOUT_A_SIDE.search(told)
         if one.side and about and about[1] != one.side:
             return False
@@ -66,15 +66,15 @@ class Mutations(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """What one plan made of one fault."""
+    """The result of one plan with one fault."""
 
     mutation: str
     plan: str
     found: Found
     verdict: str
-    told: str  #: what failed, or why it was blocked; what is right first
-    nearest: str  #: the check that came nearest to its own limit, seen from the sound rig
-    used: float  #: which part of its way there (1: it is at the limit)
+    told: str  #: failed checks, or why the run was blocked; right reasons first
+    nearest: str  #: the check whose value moved furthest from the sound rig toward its limit
+    used: float  #: part of the distance to the limit (1: at the limit)
     version: str = ""  #: of the code: commit and day
 
 

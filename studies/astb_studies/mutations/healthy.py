@@ -92,12 +92,12 @@ def _draw(chance: np.random.Generator, law: str, shape: tuple[int, ...]) -> Any:
 
 
 class SoundRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What one plan said of one sound rig."""
+    """The result of one plan on one sound rig."""
 
     plan: str
     seed: int
     verdict: str
-    told: str  #: what failed, or why it was blocked
+    told: str  #: failed checks, or why the run was blocked
     version: str = ""  #: of the code: commit and day
     values: str = ""  #: of the plan's parameters, where they are not the defaults
 
@@ -108,12 +108,12 @@ class SoundRun(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def rejected(self) -> bool:
-        """Whether a check failed, or the plan did not come to its end; what is *not available* rejects nothing."""
+        """Whether a check failed, or the plan did not finish; a check *not available* is not a rejection."""
         return self.verdict not in ("pass", "incomplete") and not self.refused
 
 
 def write_sound_runs(runs: Iterable[SoundRun], path: Path = FOUND) -> None:
-    """Write what was found, in the order of the seeds."""
+    """Write the results in the order of the seeds."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(SoundRun.__struct_fields__)
@@ -121,6 +121,6 @@ def write_sound_runs(runs: Iterable[SoundRun], path: Path = FOUND) -> None:
 
 
 def read_sound_runs(path: Path = FOUND) -> list[SoundRun]:
-    """Return what was found last."""
+    """Return the stored results."""
     with path.open(encoding="utf-8", newline="") as file:
         return [msgspec.convert(row, SoundRun, strict=False) for row in csv.DictReader(file)]

@@ -32,7 +32,7 @@ from test_plans.parameters import Parameter
 LIMIT = 600.0
 #: Parameters that only make a run longer.
 LENGTHS = frozenset({"duration", "cycles", "intervals", "hold", "within"})
-#: Parameters that state what is on the bench: on the virtual one springs do.
+#: Parameters that state the specimen on the bench: the virtual bench always has springs.
 STANDS_THERE = frozenset({"dummy"})
 
 
@@ -88,7 +88,7 @@ def sound_cases(plans: list[str], count: int, first: int = 0) -> list[PlanCase]:
 def drawn_values(plan: str, index: int) -> dict[str, str]:
     """Return the values of a plan's parameters at a point of a Halton design over their whole ranges.
 
-    Parameters that only make a run longer, that state what is on the bench, and files have their defaults.
+    Files, parameters that only make a run longer, and parameters that state the specimen have their defaults.
     """
     from scipy.stats import qmc
 
@@ -169,7 +169,7 @@ def main() -> None:
 )
 @click.option("--workers", type=int, help="Number of processes (default: number of cores).")
 def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int | None) -> None:
-    """Run PLANS on a rig with each fault, and put what comes out instead of what is known of these plans."""
+    """Run PLANS on a rig with each fault, and replace the stored results of these plans."""
     rows = _carried_out([sound_case(plan) for plan in plans], out, workers)
     faults = {row["plan"]: detectable_faults(row) if meant else mutations().mutation for row in rows}
     rows += _carried_out([case for plan in plans for case in fault_cases(plan, faults[plan])], out, workers)
@@ -194,7 +194,7 @@ def sound_command(out: Path, plans: tuple[str, ...], rigs: int, first: int, work
 
 @main.command("page")
 def page_command() -> None:
-    """Write the page from what was measured last."""
+    """Write the page from the stored results."""
     PAGE.write_text(page(), encoding="utf-8", newline="\n")
 
 

@@ -1,4 +1,4 @@
-"""The page of the mutation matrix, written from what was found: nothing is computed here but counts and an interval."""
+"""Writes the page of the mutation matrix from stored results; it computes only counts and an interval."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence

@@ -138,9 +138,9 @@ class BenchResults:
         )
 
     def at_once(self, load: str, over: str, check: str) -> Points:
-        """Return what wind, track and roll at once gave of a ``check``, for one spring, ``over`` what is varied (SI).
+        """Return a ``check`` in wind, track and roll at once, for one spring, ``over`` the varied quantity (SI).
 
-        From low to high it is its expanded uncertainty.
+        ``low`` and ``high`` of the points are the ends of the expanded uncertainty.
         """
         rows = []
         for given in combined.VARIED[over]:

@@ -21,7 +21,7 @@ Layer = Literal["plant", "paper", "both"]
 
 @dataclass(frozen=True, slots=True)
 class CheckOutcome:
-    """What came out: in words with units, as numbers in SI by name, and whether that lies within the limits."""
+    """The result: in words with units, as numbers in SI by name, and whether it lies within the limits."""
 
     text: str
     holds: bool
@@ -36,9 +36,9 @@ class BenchOutcome:
     text: str
     holds: bool
     deviation: str
-    #: What the closed form gives, and whether it meets the claim (None: it has no say); by default what its check says.
+    #: Result of the closed form, and whether it meets the claim (None: not applicable); by default that of its check.
     closed: tuple[str, bool | None] | None = None
-    by: str = "bench"  #: what is in its place where the bench has no say
+    by: str = "bench"  #: the source of the result: the bench, or another if the bench is not applicable
 
 
 Evaluate = Callable[[Subject], CheckOutcome]

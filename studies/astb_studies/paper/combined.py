@@ -1,4 +1,4 @@
-"""The bench's runs beside the sweeps: wind, track and roll at once (figures 6, 8, 10 and 11), and rides (the table)."""
+"""The runs in addition to the sweeps: wind, track and roll at once (figures 6, 8, 10, 11), and rides (the table)."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -6,15 +6,15 @@ from typing import Final
 from astb_studies.paper.subject import LOADS
 from bench_protocol.written_values import read_written
 
-#: What is changed of the plan's ordinary parameters, by what a figure shows it over.
+#: Changes of the plan's default parameters, for each quantity on the axis of a figure.
 VARIED: Final[Mapping[str, tuple[Mapping[str, str], ...]]] = {
     "pressure": ({"pressure": "0.85"}, {}, {"pressure": "1.1"}),
     "roll": ({"roll": "-5 mrad"}, {"roll": "0 mrad"}, {}, {"roll": "20 mrad"}, {"roll": "35 mrad"}),
     "frequency": tuple({"frequency": f"{f} Hz", "amplitude": "10 mm"} for f in ("0.6", "1.2", "1.8")),
 }
-#: Where the plan's ordinary parameters stand (SI).
+#: Defaults of the plan's parameters (SI).
 DEFAULT: Final[Mapping[str, float]] = {"roll": 0.005, "frequency": 1.2}
-#: The phase in which all of it moves, and what is read of the result.
+#: The phase with wind, track and roll, and the checks that are read from the result.
 PHASE: Final = "wind and track"
 STIFFNESS: Final = "lateral stiffness K'"
 DAMPING: Final = "lateral damping c"
@@ -26,7 +26,7 @@ def plan_of(load: str) -> str:
 
 
 def name_of(load: str, given: Mapping[str, str]) -> str:
-    """Return the name of a run: its plan, and what is changed."""
+    """Return the name of a run: its plan, and the changed parameters."""
     return "-".join([plan_of(load), *(f"{name}={value.replace(' ', '')}" for name, value in given.items())])
 
 

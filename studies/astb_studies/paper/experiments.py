@@ -37,14 +37,14 @@ WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.
 REALISATIONS: Final = tuple(range(1, 11))
 
-#: Rides next to those of the car as its file describes it: load cases, and what is changed in springs and car. The
-#: paper loads its springs with 53.5 kN, and its car in the ride with 53.7 kN.
+#: Rides in addition to those of the car of the file: load cases, and the changes of springs and car. The paper loads
+#: its springs with 53.5 kN, but its car in the ride with 53.7 kN.
 OTHER_RIDES: Final[dict[str, tuple[tuple[str, ...], dict[str, float], dict[str, float]]]] = {
     "no anti-roll bar": (("AW0", "AW3"), {}, {"anti_roll_stiffness": 0.0}),
     "53.7 kN": (("AW0",), {"nominal_preload": 53.7 * kN}, {}),
 }
 
-#: The connecting pipe of the bench, and a plate that lets it surge.
+#: The connecting pipe of the bench, and an orifice plate with which it surges.
 PIPE: Final = {"orifice_diameter": 30 * mm, "pipe_length": 1.5, "pipe_diameter": 50 * mm}
 
 #: At rest nothing is imposed on the height.

@@ -74,7 +74,7 @@ def identify_rig(record: Path, out: Path) -> Identified:
 
 
 def mean_of_sides(found: Identification) -> Identified:
-    """Return what was identified as one spring: the mean of what each side has of its own."""
+    """Return the identified parameters of one spring: the mean of the two sides."""
     names = {one.parameter.name for one in found.parameters}
 
     def mean(*labels: str) -> FittedValue:

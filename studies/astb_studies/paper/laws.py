@@ -39,7 +39,7 @@ def closed_tangent(load: str, y: Floats) -> Floats:
 def fitted_lateral_area(bench: BenchResults) -> float:
     """The one A_L0 (m²) with which (10) and (16) come nearest to the bench's 5 mm under both loads.
 
-    Least squares on the diaphragm's part of what was measured: K_r = n p A²/V_0.
+    Least squares on the diaphragm's part of the measured stiffness: K_r = n p A²/V_0.
     """
     above = below = 0.0
     for load in LOADS:

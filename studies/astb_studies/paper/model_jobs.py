@@ -21,7 +21,7 @@ from test_plans.steps.rolled import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 
 Curves = dict[str, npt.NDArray[Any]]
 
-#: The frequency sweeps of the bench: direction, and what stands between bellows and auxiliary chamber.
+#: The frequency sweeps of the bench: direction, and the connection between bellows and auxiliary chamber.
 SWEEPS: Final = (
     ("Vertical", "orifice"),
     ("Lateral", "orifice"),

@@ -190,7 +190,7 @@ def _angular_frequency() -> float:
 
 
 def _other_rides(study: Study) -> list[tuple[str, str, str, str, str]]:
-    """Return what was changed, load, and at the wind speeds: acceleration, index, time on the bump stop."""
+    """Return the rows: the change, the load, and at the wind speeds acceleration, index and time on the bump stop."""
     rows: dict[tuple[str, str], dict[float, ComfortRow]] = {}
     for one in study.rides:
         if one.layer in ("plant", *OTHER_RIDES):

@@ -34,7 +34,7 @@ _STEP: Final = 2.5 * ms
 def lateral(subject: Subject, pressure: Floats, amplitude: Floats, f: float = 0.5 * Hz) -> Complexes:
     """Complex lateral stiffness in N/m of one spring at gauge pressures (Pa) and amplitudes (m), arrays of one shape.
 
-    Each pressure is that of its own load, for which the spring stands at its design height.
+    Each pressure carries its load at the design height of the spring.
     """
     area = float(subject.parameters("AW0").record.effective_area[0])
     found = [

@@ -38,9 +38,9 @@ ISOTHERMAL: Final = {"bellows_heat_transfer": 1000.0, "auxiliary_heat_transfer":
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The parameter sets of plant, paper (its wind included) and car, each as changes (SI) to what is shipped.
+    """The parameter sets of plant, paper (its wind included) and car, each as changes (SI) to the shipped set.
 
-    ``quick`` asks for one realisation of the wind instead of ten. What several checks need is measured once.
+    ``quick`` uses one realisation of the wind instead of ten. Results that several checks need are computed once.
     """
 
     plant: Mapping[str, Any] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 The train runs with V_t across a wind of Ū + u(t), square to the track. The gusts u are a sum of harmonics k/T with
 Gaussian amplitudes out of the counter hash of `bench_sim.model.noise`: periodic in the length T of the record, the same
-for the same seed, and refined, not changed, by a shorter step. What is slower than 1/T belongs to the mean.
+for the same seed, and refined, not changed, by a shorter step. Variations slower than 1/T are part of the mean.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """``python -m astb_studies.benchmarks.identification``: how often the intervals of `astb identify` hold.
 
 Springs are drawn from the prior. The plan `identification` measures a virtual rig through its buses; the rig has
-its own sensor errors. The identified parameters are compared with the drawn ones. Each pair of springs adds one line of JSON to
-the file of results, so an interrupted count resumes.
+its own sensor errors. The identified parameters are compared with the drawn ones. Each pair of springs adds one line
+of JSON to the file of results, so an interrupted count resumes.
 """
 
 import json

@@ -45,7 +45,7 @@ CHECKS: Final[tuple[ClaimCheck, ...]] = tuple(
 
 
 def select(ids: Iterable[str] | None = None) -> list[int]:
-    """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an id that is none."""
+    """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an unknown id."""
     if ids is None:
         return list(range(len(CHECKS)))
     wanted = set(ids)

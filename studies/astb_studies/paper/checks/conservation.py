@@ -1,4 +1,4 @@
-"""What is conserved: mass and energy of the gas, and forces that follow from one energy."""
+"""Conservation of mass and energy of the gas, and forces that follow from one energy."""
 
 from typing import Any, Final
 

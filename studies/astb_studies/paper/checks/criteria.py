@@ -11,7 +11,7 @@ def within(value: float, low: float, high: float) -> bool:
 
 
 def near(value: float, expected: float, share: float) -> bool:
-    """Show whether a value lies within ± ``share`` of what is expected."""
+    """Show whether a value lies within ± ``share`` of the expected value."""
     return bool(abs(value - expected) <= share * abs(expected))
 
 

@@ -1,4 +1,4 @@
-"""Evaluates checks over several processes, and writes what they found as ``claims.json``."""
+"""Evaluates checks in several processes, and writes the results to ``claims.json``."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -28,7 +28,7 @@ def evaluate_all(
 
     An entry has id, claim, layer, measured (text), criterion, holds, note and numbers (SI by name). ``quick`` takes
     cheaper variants of the long experiments. ``subject`` carries changed parameters; ``workers`` = 1 stays in this
-    process. KeyError for an id that is none.
+    process. KeyError for an unknown id.
     """
     places = select(ids)
     asked = subject or Subject()
@@ -98,5 +98,5 @@ def entry(check: ClaimCheck, subject: Subject) -> dict[str, Any]:
 
 
 def _finite(number: float) -> float | None:
-    """JSON knows no infinity: what was never reached has no number."""
+    """Return None for an infinite number, because JSON has no infinity."""
     return float(number) if isfinite(number) else None

@@ -14,7 +14,7 @@ MINUS: Final = "\u2212"
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """One claim of the paper next to a figure: ``bench`` and ``closed`` show what came out, ``*_holds`` judges it."""
+    """One claim of the paper next to a figure: ``bench`` and ``closed`` are the results, ``*_holds`` the verdicts."""
 
     id: str
     claim: str
@@ -23,7 +23,7 @@ class ClaimComparison:
     deviation: str
     bench_holds: bool
     closed_holds: bool | None  #: None where the closed forms have no say
-    by: str = "bench"  #: what is in its place where the bench has no say
+    by: str = "bench"  #: the source of the result: the bench, or another if the bench is not applicable
 
     @property
     def verdict(self) -> str:
@@ -68,6 +68,6 @@ def entry_of(study: Study, id_: str, layer: str) -> dict[str, Any]:
 
 
 def largest_deviation(model: Floats, measured: Floats) -> float:
-    """Return the deviation of largest size along a curve, as a share of what was measured."""
+    """Return the largest deviation along a curve, relative to the measured value."""
     off = model / measured - 1.0
     return float(off[np.argmax(np.abs(off))])

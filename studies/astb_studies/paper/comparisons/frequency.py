@@ -39,7 +39,7 @@ def stiffness(study: Study) -> BenchOutcome:
 
 @T10.on_the_bench("figure-11")
 def damping(study: Study) -> BenchOutcome:
-    """Vertical damping by frequency: its maximum, and what is left of it at 10 Hz."""
+    """Vertical damping by frequency: its maximum, and its value at 10 Hz."""
     peaks, off = [], []
     one_peak = True
     for load in LOADS:

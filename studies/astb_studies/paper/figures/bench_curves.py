@@ -33,7 +33,7 @@ def at_once(
     colour: str = INK,
     label: str = "wind and track",
 ) -> None:
-    """Draw what wind, track and roll at once gave, over what is varied, in units of ``x`` (SI), where it is known."""
+    """Draw the points of wind, track and roll at once over the varied quantity, in units of ``x`` (SI), if known."""
     one = study.bench.at_once(load, over, check)
     one = one[one.low > 0.0]
     draw_points(panel, one, x, KN_M, colour, "X", hollow=True, label=label, size=5.4)

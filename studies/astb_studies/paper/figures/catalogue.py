@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure or table: name of its files, heading, what one sees, and how it is drawn."""
+    """A figure or table: name of its files, heading, caption, and the function that draws it."""
 
     name: str
     title: str

@@ -45,7 +45,7 @@ LOOKALIKES: Final = (
 
 
 def figure_8(study: Study) -> "Figure":
-    """Model against bench; below, what the deviation of damping could be, and which run tells."""
+    """Model against bench; below, possible causes of the deviation of damping, and the run that distinguishes them."""
     figure, (top, below) = panels_of(3, 2)
     _model_against_bench(study, top)
     _lookalikes(study, below)

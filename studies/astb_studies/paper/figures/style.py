@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 COLOUR: Final = {"AW0": PALETTE[0], "AW3": PALETTE[1]}
 MARKER: Final = {"AW0": "o", "AW3": "s"}
-#: An order (amplitudes, diameters) reads best on a scale from dark to light; markers tell it without colour.
+#: Ordered values (amplitudes, diameters) have colours from dark to light; markers distinguish them without colour.
 ORDERED: Final = ("#2d1160", "#8c2981", "#de4968", "#f0944d")
 MARKERS: Final = ("o", "s", "^", "D")
 DASHED: Final = (0, (4.5, 1.8))

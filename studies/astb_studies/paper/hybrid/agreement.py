@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig
     from test_plans.instruments import Instruments
 
-#: The three ways in which springs are moved, in the order of a `Place`, with the readings that tell of each.
+#: The three directions of motion of the springs, in the order of a `Place`, with the readings of each.
 SIDEWAYS, UP, ROLLED = "sideways", "up and down", "in roll"
 WAYS: Final = {SIDEWAYS: ("lateral.displacement",), UP: HEIGHTS, ROLLED: HEIGHTS}
-#: How well lags are known, and the sum of six load cells (standard uncertainties).
+#: Standard uncertainties of the lags, and of the sum of six load cells.
 LAGS_U: Final = 0.5 * ms
 CELLS_U: Final = 0.003
-#: Load on the springs at rest, as a part of it: friction that was not shaken out, and the cells' zero, 0.4 % of 53 kN.
+#: Relative uncertainty of the load on the springs at rest: remaining friction, and the cells' zero, 0.4 % of 53 kN.
 CARRIED_U: Final = 0.005
-#: By how much the gas of one spring may be warmer than its walls as a ride begins (K): it cools, and the car leans.
+#: How much warmer than its walls the gas of one spring may be at the start of a ride (K): it cools, and the car leans.
 WARM_U: Final = 0.05
 WARM: Final = "warmth of the gas on one side"
 CELLS_TELL: Final = "gain of the load cells"
@@ -42,14 +42,14 @@ STIFFER_SIDEWAYS, STIFFER_UPWARD, DAMPED_MORE = (
     f"tolerance of the springs, {what}" for what in ("lateral stiffness", "vertical stiffness", "damping")
 )
 CARRIED: Final = "load on the springs"
-#: Of the difference between both rides so many pieces show how much it scatters.
+#: Number of pieces from which the scatter of the difference between both rides is estimated.
 PIECES: Final = 5
 #: E_n compares a deviation with its expanded uncertainty.
 COVERAGE: Final = 2.0
 
 
 class RideResult(Protocol):
-    """What came of a ride, a row for each ``step`` (s)."""
+    """The results of a ride, a row for each ``step`` (s)."""
 
     @property
     def step(self) -> float:
@@ -61,24 +61,25 @@ class RideResult(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How the springs followed the car one way: so large a part of its motion, and so late (s)."""
+    """How the springs followed the car in one direction: part of its motion (1), and delay (s)."""
 
     part: float
     late: float
 
     @property
     def unsure(self) -> float:
-        """How late they may have been (s): what is left of the delay, and further what lags leave open."""
+        """Possible lateness of the springs (s): the remaining delay, increased by the uncertainty of the lags."""
         return copysign(hypot(self.late, LAGS_U), self.late)
 
 
 def followed(
     asked: Floats, moved: Floats, hold: float, rig: Rig, step: float = HOST_STEP
 ) -> dict[str, Followed]:
-    """Return by way how springs that were ``asked`` to stand so ``moved``, both (n, 3) of so long steps (s).
+    """Return for each direction how the motion ``moved`` followed ``asked``, both (n, 3), with a ``step`` in s.
 
-    moved = part · asked − late · d(asked)/dt, by least squares. What the car is told of it is as late as load cells,
-    and readings that are held for ``hold`` s, have it, and not as the readings of the motion.
+    moved = part · asked − late · d(asked)/dt, by least squares. The lateness is that of the forces that the car
+    receives: it includes the lag of the load cells and a hold of ``hold`` s, instead of the lag of the displacement
+    sensors.
     """
     found = {}
     told = lag_of(rig, *FORCES) + 0.5 * hold
@@ -92,9 +93,9 @@ def followed(
 
 @dataclass(slots=True)
 class LinearSprings:
-    """Springs of stiffness and damping (3, each way) that answer differently than they should, and cells with noise.
+    """Springs of stiffness and damping (3, by direction) with errors of gain and delay, and load cells with noise.
 
-    What the cells read is held for ``hold`` s.
+    The readings of the cells are held for ``hold`` s.
     """
 
     stiffness: Floats
@@ -105,7 +106,7 @@ class LinearSprings:
     hold: float = HOST_STEP
 
     def carry(self, ride: Ride, whole: float) -> Course:
-        """Let a car ride on them for ``whole`` s."""
+        """Simulate the ride of a car on these springs for ``whole`` s."""
         course, before = Course(0.0), ride.place_at(0.0)
         ways = list(
             zip(
@@ -160,10 +161,10 @@ def of_the_loop(
     times: tuple[float, float],
     hold: float = HOST_STEP,
 ) -> dict[str, dict[str, float]]:
-    """Return the parts of the standard uncertainty of what is ridden, by check and cause.
+    """Return the parts of the standard uncertainty of the results of a ride, by check and cause.
 
-    Each is what the same car does otherwise in the same wind, on linear ``springs`` (stiffness and damping), if the
-    load cells tell so much more, if they are as noisy as they are, or if the springs follow as they did.
+    Each part is a change of the result of the same car in the same wind on linear ``springs`` (stiffness and damping).
+    The causes are the gain and the noise of the load cells, and the measured gain and delay of the springs' motion.
     """
 
     def on(**otherwise: Floats | Iterator[Springs]) -> Mapping[str, float]:

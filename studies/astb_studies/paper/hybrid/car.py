@@ -64,7 +64,7 @@ class Car:
 
 
 class Ride:
-    """The motion of a car that is pushed by wind and track, and by springs of which it is told (`bench_protocol.car`).
+    """The motion of a car under wind, track, and the measured forces of the springs (`bench_protocol.car`).
 
     ``wind`` (N) and the share ``fade`` of the track are functions of the time since the start (s).
     """

@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from test_plans.run import Run
 
 
-#: The car's step, at which forces come.
+#: The car's step, which is also the period of the forces.
 HOST_STEP: Final = 1.0 / FAST_RATE
-#: How late a set-point shows next to what joining and the actuator's loop take, and a force next to its transducer's
-#: lag: dead time and frames, as the rides on the virtual bench measure it.
+#: Latency of set-points and forces without the interpolation, the actuator's loop and the transducers' lag: dead time
+#: and frames, as measured in rides on the virtual bench.
 LATENCY: Final = 3 * ms
-#: How much sooner than the pistons the platform is where it is told to be: 6 ms would pass for a fifth of the roll.
+#: Lead of the platform over the pistons: an error of 6 ms would look like a fifth of the roll.
 TABLE_SOONER: Final = 5.5 * ms
-#: Without a force for so long no one knows what the springs do.
+#: Without a force for this time, the state of the springs is unknown.
 SILENT: Final = 50 * ms
 FORCES: Final = (*SHEAR_CELLS, *VERTICAL_CELLS)
-#: What identifies how the springs stand; what frames give way by, the load cells tell.
+#: The readings of the pose of the springs; the deflection of the frames is computed from the load cells.
 POSES: Final = (*HEIGHTS, "lateral.displacement", "platform.roll")
-#: What has to be known of the rig.
+#: The dimensions of the rig that the ride needs.
 COUPLED: Final = (
     *FORCES,
     *POSES,
@@ -66,10 +66,10 @@ COUPLED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Beat:
-    """How anyone who computes the car moves springs and feels them (s).
+    """Times (s) of the exchange between the car's model and the springs.
 
-    How long set-points take to be joined, how late one shows next to that and the actuator's loop, and for how long a
-    force is held.
+    ``joined`` is the time to interpolate set-points, ``latency`` the further delay without the actuator's loop, and
+    ``hold`` the time for which a force is held.
     """
 
     joined: float
@@ -77,8 +77,8 @@ class Beat:
     hold: float
 
 
-#: Who computes the car: the host with each of its steps, through the stream of set-points, or the rig in its tick, of
-#: which the forces are those of the tick before.
+#: The computer of the car's model: the host in each of its steps, through the stream of set-points, or the rig in its
+#: tick, with the forces of the previous tick.
 BEATS: Final = {
     "host": Beat(1.0 / COMMAND_RATE, LATENCY, HOST_STEP),
     "rig": Beat(0.0, LATENCY, 2.0 * TICK),
@@ -88,9 +88,9 @@ By = Literal["host", "rig"]
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """How late pistons and platform show in what the car is told (s), for how long each reading is held, and by whom.
+    """Delay of pistons and platform in the readings that the car receives (s), the hold time, and the car's computer.
 
-    By the dimensions of the rig, until a user has measured it.
+    It is computed from the dimensions of the rig until it has been measured.
     """
 
     pistons: float
@@ -100,14 +100,14 @@ class Delay:
 
     @classmethod
     def foreseen(cls, rig: Rig, by: By = "host") -> Delay:
-        """Return what the dimensions of a rig let expect that follows each set-point at once."""
+        """Return the delay that follows from the dimensions of a rig."""
         late = _path(rig, BEATS[by]).delay
         return cls(late, late - TABLE_SOONER, BEATS[by].hold, by)
 
     def after(self, roll: float, lift: float, hold: float, rig: Rig) -> Delay:
-        """Return it where springs came so much later in ``roll`` and with a ``lift`` (s) than this delay made up for.
+        """Return the delay corrected by the remaining lateness in ``roll`` and in ``lift`` (s).
 
-        A roll of the springs is one of the bolster less one of the platform, each by its share.
+        A roll of the springs is the roll of the bolster less that of the platform, each by its share.
         """
         at = setpoints_of(Place(0.0, 0.0, 1.0), rig)
         share = -at["platform.roll_setpoint"]
@@ -116,7 +116,7 @@ class Delay:
 
 
 def path_of(rig: Rig, delay: Delay | None = None, by: By = "host") -> Path:
-    """Return what is between places and forces on this rig, by its dimensions or as its ``delay`` was measured."""
+    """Return the path from places to forces on this rig, from its dimensions or from its measured ``delay``."""
     if delay is None:
         return _path(rig, BEATS[by])
     beat = replace(BEATS[delay.by], latency=0.0, hold=delay.hold)
@@ -135,38 +135,40 @@ def _path(rig: Rig, beat: Beat) -> Path:
 
 
 def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
-    """Return what the load cells say that both springs do to what is on them."""
+    """Return the forces of both springs on their load, from the load cells."""
     lateral, upward = sideways_force(read, rig), upward_force(read, rig)
     return Springs(float(lateral), float(upward), -float(cell_moment(read, rig)))
 
 
 class Motion(Protocol):
-    """What moves the springs: a car that rides on them, or a motion that is known beforehand."""
+    """Source of the motion of the springs: a car on them, or a known motion."""
 
     def place_at(self, ahead: float) -> Place:
-        """Return how the springs will stand ``ahead`` s from now."""
+        """Return the place of the springs ``ahead`` s from now."""
 
     def step(self, springs: Springs) -> None:
-        """Go on by `STEP` under what the springs do."""
+        """Integrate one `STEP` under the forces of the springs."""
 
 
 @dataclass(slots=True)
 class Course:
-    """What came of a motion, row by row of the car's integration, and of the host's step (SI)."""
+    """The results of a motion, with a row for each step of the car's integration and of the host (SI)."""
 
-    carried: float  #: what each spring carried before it began (N)
+    carried: float  #: load of each spring before the motion (N)
     step: float = STEP
-    told_every: float = HOST_STEP  #: how often places and readings are told
+    told_every: float = HOST_STEP  #: period of places and readings (s)
     time: list[float] = field(default_factory=list)
     acceleration: list[float] = field(default_factory=list)  #: of the floor, lateral
     rising: list[float] = field(default_factory=list)  #: of the floor's middle, vertical acceleration
     bump_stop: list[float] = field(default_factory=list)
     lateral: list[float] = field(default_factory=list)
     roll: list[float] = field(default_factory=list)
-    asked: list[Place] = field(default_factory=list)  #: how the springs should stand, each host's step
+    asked: list[Place] = field(
+        default_factory=list
+    )  #: the commanded place of the springs in each step of the host
     read: list[list[float]] = field(
         default_factory=list
-    )  #: and the readings that tell it, in `POSES`, and the force
+    )  #: the readings of the place, in the order of `POSES`, and the force
 
     def keep(self, ride: Ride) -> None:
         """Keep where a ride is now."""
@@ -202,7 +204,7 @@ def standing(read: Mapping[str, Floats], rig: Rig) -> Floats:
 
 
 def rows_of(since: float, until: float, step: float) -> slice:
-    """Return the rows between two times (s) of what has one every ``step`` s."""
+    """Return the rows between two times (s) in a table with a row every ``step`` s."""
     return slice(round(since / step), round(until / step))
 
 
@@ -213,9 +215,9 @@ def _between(held: Floats) -> Floats:
 
 
 def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
-    """Let the springs of the bench go through a motion for ``duration`` s; it begins where they stand now.
+    """Move the springs of the bench through a motion for ``duration`` s, from their present position.
 
-    LinkLost without forces; whatever ends it leaves the set-points where they are.
+    LinkLost if no forces arrive. At the end, and after an error, the set-points keep their last values.
     """
     bench, rig = run.bench, run.rig
     names = (*FORCES, *POSES)

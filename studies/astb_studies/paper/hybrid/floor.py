@@ -1,4 +1,4 @@
-"""What a ride does to those who stand on the floor of the car: its checks, their limits, and how they are computed."""
+"""The comfort of passengers on the floor of the car: checks, limits and their computation."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ LEANS: Final = CheckName(
     "mean lean", "How far the mean wind leans the car over on springs and anti-roll bar."
 )
 
-#: At which accelerations are weighted (Hz).
+#: Sample rate at which accelerations are weighted (Hz).
 RATE: Final = 1.0 / STEP
-#: What is judged of the ride itself: check, unit, limits.
+#: Checks of the ride itself: check, unit, limits.
 JUDGED: Final = (
     (SHAKES, "m/s2", None, SHAKE_MOST),
     (COMFORT, "1", None, COMFORTABLE),
@@ -71,7 +71,7 @@ JUDGED: Final = (
     (LEANS, "mrad", None, LEAN_MOST),
 )
 JUDGED_OF: Final = tuple(name for name, *_ in JUDGED)
-#: What is held against the simulation, by its short name.
+#: Checks that are compared with the simulation, by short name.
 COMPARED: Final = {
     "acceleration": SHAKES,
     "comfort index": COMFORT,
@@ -84,7 +84,7 @@ MADE_OF: Final = {COMFORT: SHAKES, COMFORT_UPWARD: RISES}
 
 
 def finely(told: Samples, step: float) -> Samples:
-    """Return at `RATE` what was told every ``step`` s: by cubics through neighbours (Catmull and Rom)."""
+    """Interpolate samples every ``step`` s to `RATE`, by cubics through neighbours (Catmull and Rom)."""
     if step <= 1.0 / RATE:
         return told
     at = np.arange(round(told.size * step * RATE)) / (RATE * step)

@@ -1,4 +1,4 @@
-"""A ride in the rig's own tick: the host states which car, lets the wind blow, and reads what the rig reports of it."""
+"""A ride in the rig's tick: the host sends the car's parameters and the wind, and reads the reported motion."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ TOLD: Final = {
 }
 #: Before a ride the rig reads its load cells for a second.
 RESTS: Final = 2 * s
-#: A car that no force moves: what is left is its track. It shakes the springs for so many waves, of which the first and
-#: the last do not count.
+#: Mass (kg) of a car that no force moves, so that only the track moves the springs. They are moved for `SHAKES` waves,
+#: of which the first and the last do not count.
 IMMOVABLE: Final = 1e9
 SHAKES: Final = 9
-#: After its end a ride comes back in a second.
+#: After its end, a ride returns to its start within a second.
 BACK: Final = 2 * s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TickCourse:
-    """What came of a ride in the tick, a row for each `STEP` (SI); read as a `coupling.Course` is."""
+    """The results of a ride in the tick, a row for each `STEP` (SI); same interface as `coupling.Course`."""
 
-    carried: float  #: what each spring carried before it began (N)
+    carried: float  #: load of each spring before the ride (N)
     columns: dict[str, Floats]
     read: dict[str, Floats]  #: of `POSES` and the lateral force, beyond rest
     hold: float
@@ -62,18 +62,18 @@ class TickCourse:
         return self.columns[name][rows_of(since, until, self.step)]
 
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
-        """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
+        """Return the commanded and the measured places of the springs between two times (s); (n, 3) each."""
         rows = rows_of(since, until, self.step)
         asked = np.column_stack([self.columns[name] for name in ("shear", "height", "roll")])
         return asked[rows], standing(self.read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
-        """Return for how long a force that the car feels was held (s)."""
+        """Return the time for which each force on the car was held (s)."""
         return self.hold
 
 
 def settings_of(car: Car, mass: float, delay: Delay, waves: int) -> dict[str, float]:
-    """Return the rig's settings of a ``car`` (SI, without ``car.``), told ahead by its ``delay``, for so many waves."""
+    """Return the rig's settings of a ``car`` (SI, without ``car.``) with the lead of ``delay``, for some ``waves``."""
     own = {name: value for name, value in asdict(car).items() if isinstance(value, float)}
     for unknown in ("train_speed", "track_wavelength"):
         own.pop(unknown)
@@ -93,9 +93,9 @@ def settings_of(car: Car, mass: float, delay: Delay, waves: int) -> dict[str, fl
 def ride_in_tick(
     run: Run, settings: dict[str, float], delay: Delay, wind: tuple[Floats, Floats] | None = None
 ) -> TickCourse:
-    """Let a car ride in the rig's tick to the end of its track; ``wind``: times (s) and its force (N), from 0 and to 0.
+    """Run a car in the rig's tick to the end of its track; ``wind``: times (s) and force (N), which is 0 at both ends.
 
-    LinkLost if the rig does not report of it; what stops it stops the program.
+    LinkLost if the rig does not report the ride. A stop of the ride also stops the program.
     """
     bench = run.bench
     names = (*FORCES, *POSES, "lateral.force")
@@ -126,9 +126,9 @@ def ride_in_tick(
 
 
 def shake_in_tick(run: Run) -> Delay:
-    """Let the rig's tick move the springs each way, by a track under a car that stands; return how late they came."""
+    """Move the springs in each direction in the rig's tick, by a track under a fixed car; return their delay."""
     foreseen = Delay.foreseen(run.rig, "rig")
-    # Springs at its centre: what leans does not fall over.
+    # With the springs at the height of its centre of mass, a leaning car does not fall over.
     still = Car(
         centre_height=0.0, train_speed=FREQUENCY, track_wavelength=1.0, track_lateral=0.0, track_vertical=0.0
     )

@@ -1,4 +1,4 @@
-"""The loop of a hybrid simulation: what delay and its compensation leave of the springs, and how stable that is."""
+"""The loop of a hybrid simulation: the effect of delay and compensation on the springs, and the loop's stability."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from bench_protocol.units import Hz
 
 Complex = npt.NDArray[np.complex128]
 
-#: Where the loop is looked at: from below all modes of a car to what a stream of set-points carries.
+#: Frequencies of the loop's analysis: from below all modes of a car to the bandwidth of a stream of set-points.
 FREQUENCIES: Final[Floats] = np.geomspace(0.1 * Hz, 25 * Hz, 2000)
-#: Where there is no stream: to far beyond what actuators carry.
+#: The same without a stream: to far beyond the bandwidth of the actuators.
 FURTHER: Final[Floats] = np.geomspace(0.1 * Hz, 200 * Hz, 2750)
-#: The least margins with which a ride begins. Springs without loss would have no phase margin even without delay: what
-#: they lose in a cycle is all there is.
+#: The least margins for a ride. The phase margin comes only from the losses of the springs: springs without loss would
+#: have none, even without delay.
 LEAST_PHASE: Final = 3.0 * pi / 180.0
 LEAST_GAIN: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """What lies between the car's place and the springs' force that comes back (s, Hz): delays, actuator, lags.
+    """The path from the car's place to the force of the springs (s, Hz): delays, actuator, lags.
 
-    Set-points go out every ``beat`` s and are joined by straight lines; forces are held for ``hold`` s, the car's step.
+    Set-points are sent every ``beat`` s and interpolated linearly; forces are held for ``hold`` s, the car's step.
     """
 
     beat: float
-    latency: float  #: of the wires to both sides, next to what joining and holding take
+    latency: float  #: of the buses in both directions, without interpolation and hold
     hold: float
     actuator_frequency: float
     actuator_damping: float
@@ -41,17 +41,17 @@ class Path:
 
     @property
     def frequencies(self) -> Floats:
-        """Where a loop with this path is looked at (Hz)."""
+        """Frequencies of the analysis of a loop with this path (Hz)."""
         return FREQUENCIES if self.beat else FURTHER
 
     @property
     def delay(self) -> float:
-        """How late a force comes (s) that slow motions cause: what is to be compensated."""
+        """Delay of a force that slow motions cause (s): this delay must be compensated."""
         actuator = self.actuator_damping / (pi * self.actuator_frequency)
         return self.beat + self.latency + 0.5 * self.hold + actuator + self.lag
 
     def response(self, f: Floats, compensated: float) -> Complex:
-        """Return force over force (1) at ``f`` (Hz), with places told ``compensated`` s ahead; 1 would be no delay."""
+        """Return the ratio of forces (1) at ``f`` (Hz), for a prediction ``compensated`` s ahead; 1 is no delay."""
         s = 2j * pi * np.asarray(f)
         ahead = 1.0 + compensated * s + 0.5 * (compensated * s) ** 2
         joined = np.sinc(np.asarray(f) * self.beat) ** 2 * np.exp(-self.beat * s)
@@ -63,7 +63,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far a loop is from swinging by itself: phase (rad) where its gain is 1, gain (1) where its phase is −180°."""
+    """Stability margins of a loop: phase (rad) where its gain is 1, gain (1) where its phase is −180°."""
 
     phase: float
     gain: float
@@ -72,11 +72,11 @@ class Margins:
 
     @property
     def enough(self) -> bool:
-        """Whether both are what a ride needs."""
+        """Whether both margins are large enough for a ride."""
         return self.phase >= LEAST_PHASE and self.gain >= LEAST_GAIN
 
     def text(self) -> str:
-        """Say both."""
+        """Return both margins as text."""
         gain = f"a gain margin of {self.gain:.1f} at {self.gain_at:.1f} Hz" if np.isfinite(self.gain) else ""
         phase = f"a phase margin of {self.phase * 180 / pi:.1f}° at {self.phase_at:.2f} Hz"
         return " and ".join(filter(None, (phase, gain)))
@@ -92,7 +92,7 @@ def loci(
     """Return the characteristic loci (f, 3) of the loop that is cut at the springs' forces: eigenvalues of L(iω).
 
     L = H (K_c + iωC_c − ω²M)⁻¹ (K_s + iωC_s), with mass, damping and stiffness (3, 3) of the car, those of the springs,
-    and the ``response`` H (f,) of what is between.
+    and the ``response`` H (f,) of the path between them.
     """
     M, C, K = of_car
     found = np.empty((f.size, 3), complex)
@@ -104,10 +104,10 @@ def loci(
 
 
 def margins(f: Floats, eigenvalues: Complex) -> Margins:
-    """Return the least margins of loci (f, k): how near they come to −1 along the circle, and along the axis.
+    """Return the least margins of loci (f, k): their distance to −1 along the unit circle, and along the axis.
 
-    Above its natural frequency a car is its mass, whose loop begins at −180°: what the springs lose turns it away from
-    −1, what comes late turns it toward. The gain margin is that above the last frequency at which the gain is 1.
+    Above its natural frequency, a car acts as a mass, and its loop has a phase of −180°. The losses of the springs turn
+    it away from −1, and delay turns it toward −1. The gain margin is taken above the last frequency with a gain of 1.
     """
     least_phase, phase_at, least_gain, gain_at = np.inf, np.nan, np.inf, np.nan
     for one in _sorted(eigenvalues).T:

@@ -1,4 +1,4 @@
-"""A motion that dies away: it shakes friction out of springs, and shows how late a bench follows."""
+"""A decaying motion that removes friction from the springs, and measures the delay of a bench."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from bench_protocol.units import Hz, mm, mrad, s
 if TYPE_CHECKING:
     from test_plans.run import Run
 
-#: How far springs are moved sideways, up and down and in roll, one after the other: from well beyond what saturates
-#: friction. As fast as the track does it, so that what telling a car ahead is wrong by is part of what is measured.
+#: Amplitudes of the springs sideways, up and down and in roll, one after the other: well above the saturation of
+#: friction. The frequency is that of the track, so that the measured delay includes the error of the prediction.
 SIZES: Final = (8 * mm, 8 * mm, 4 * mrad)
 FREQUENCY: Final = 1.2 * Hz
 RISES: Final = 1 * s
@@ -29,12 +29,12 @@ LASTS: Final = len(SIZES) * EACH
 
 @dataclass(slots=True)
 class Shake:
-    """A sine that rises and dies away, of each way after the other."""
+    """A sine with rise and decay, in one direction after the other."""
 
     time: float = 0.0
 
     def place_at(self, ahead: float) -> Place:
-        """Return how the springs will stand ``ahead`` s from now, told by speed and acceleration as a car tells it."""
+        """Return the place of the springs ``ahead`` s from now, predicted from speed and acceleration as for a car."""
         before, now, after = (np.array(self._place(self.time + way * STEP)) for way in (-1, 0, 1))
         speed, acceleration = (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
         return Place(*(now + ahead * speed + 0.5 * ahead**2 * acceleration).tolist())
@@ -47,12 +47,12 @@ class Shake:
         return [size * moved if k == way else 0.0 for k, size in enumerate(SIZES)]
 
     def step(self, springs: Springs) -> None:
-        """Go on, whatever the springs do."""
+        """Advance one `STEP`; the forces of the springs have no effect."""
         self.time += STEP
 
 
 def shake_loose(run: Run) -> Delay:
-    """Move the springs, less and less, so that no friction holds them; return how late they came."""
+    """Move the springs with decreasing amplitude, so that no friction remains; return their delay."""
     foreseen = Delay.foreseen(run.rig)
     with run.phase("shake loose"):
         course = move_on(run, Shake(), foreseen, LASTS)

@@ -37,7 +37,7 @@ class SimulatedSprings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedRide:
-    """What came of a ride on the model's springs, a row for each `STEP`; read as a `coupling.Course` is (SI)."""
+    """The results of a ride on the model's springs, a row for each `STEP` (SI); same interface as `coupling.Course`."""
 
     columns: dict[str, Floats]
     step: float = STEP
@@ -50,12 +50,12 @@ class SimulatedRide:
 def simulate_ride(
     car: Car, mass: float, springs: SimulatedSprings, wind: Floats, interval: float, share: Floats
 ) -> SimulatedRide:
-    """Let the ``car`` of ``mass`` (kg) ride in a ``wind`` (N on it) on that ``share`` of its track.
+    """Simulate the ride of the ``car`` of ``mass`` (kg) in a ``wind`` (N) on its track times ``share``.
 
-    Both have a sample every ``interval`` s; what the track begins with goes on swinging in the gas for a minute.
-    Springs on the bench may carry less than the car weighs: what counts is what they do beyond that. So the car has
-    the weight that they carry, and what its own would do to a roll is taken off the anti-roll bar. NoModel if the set
-    cannot be read, or has no such load case.
+    Both have a sample every ``interval`` s. The first wave of the track leaves an oscillation of the gas for a minute.
+    Springs on the bench may carry less than the weight of the car; only their additional forces count. So the car has
+    the weight that the springs carry, and the effect of the missing weight on a roll is subtracted from the anti-roll
+    bar. NoModel if the set cannot be read, or has no such load case.
     """
     rig = springs.rig
     gravity = 2.0 * springs.carried / mass

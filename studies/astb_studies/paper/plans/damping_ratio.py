@@ -16,7 +16,7 @@ PLATES: Final = tuple(d * mm for d in (10.0, 13.0, 16.0, 18.0))
 
 
 def first_plate(run: Run) -> None:
-    """Fit the smallest plates, then let the springs carry the empty car."""
+    """Fit the smallest plates, then load the springs with the empty car."""
     fit_plate(run, PLATES[0])
     steps.carry(AW0)(run)
 

@@ -15,15 +15,15 @@ from test_plans.steps.waves import LATERAL_WAVES, VERTICAL_WAVES
 def _frequency_sweep(run: Run, load: str) -> None:
     """Frequency sweep, {car} car: lateral and vertical stiffness and damping from 0.1 to 25 Hz.
 
-    Sines of 5 mm at design height, first harmonic, per spring: laterally with the pressure held, vertically with all
-    valves shut. First as the bench is, then with the connecting pipe (1.5 m, 50 mm) and plates of 30 mm, which throttle
-    no more; there once more with 0.5 mm, where little air moves and surges. Where piston speed (0.6 m/s) or force
-    (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) do not reach, the amplitude is what they allow:
-    vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. It is kept next to the results, as is the temperature of
-    the gas. A lateral sweep of 0.9 mm shows what is frequency and what is friction at a smaller amplitude.
+    The motion is a sine of 5 mm at design height; values are of the first harmonic, per spring. Laterally the pressure
+    is held, vertically all valves are shut. The vertical sweep is repeated with the connecting pipe (1.5 m, 50 mm) and
+    plates of 30 mm, which throttle no more, and there again with 0.5 mm, where little air moves and surges. Piston
+    speed (0.6 m/s) and force (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) limit the amplitude:
+    vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. The record has the amplitude and the temperature of the
+    gas. A lateral sweep of 0.9 mm separates the effect of frequency from that of friction at a smaller amplitude.
 
-    Good is damping with its maximum near the natural frequency and little of it at 10 Hz, and with the pipe a stiffness
-    that dips, overshoots and comes back.
+    A good spring has its maximum of damping near the natural frequency and little damping at 10 Hz. With the pipe, its
+    stiffness has a dip, then an overshoot, and then returns.
     """
     frequency_sweep(run, run.specimen.load(load))
 

@@ -23,16 +23,15 @@ from test_plans.steps.waves import SLOW_LATERAL_WAVES
 def lateral_offset(run: Run) -> None:
     """Lateral offset: stiffness, effective area and volume at 0, ±20, ±40 and ±60 mm.
 
-    Under the empty and the full car, both springs at design height. A bump stop that would meet the bolster at 25 mm
-    looks at the bolster's centre: beyond 18 mm bolster and platform are tilted together, which shears the springs
-    further. At each offset the lateral actuator dithers by 1 mm at 2 Hz: first harmonic, per spring.
+    The springs are at design height, under the empty and under the full car. A bump stop would touch the centre of the
+    bolster at 25 mm. So beyond 18 mm, bolster and platform are tilted together, which shears the springs further. At
+    each offset, the lateral actuator adds a sine of 1 mm at 2 Hz; values are of the first harmonic, per spring.
 
-    Then the auxiliary chambers are shut off, and the springs climb the same offsets out and back with nothing but the
-    gas in their bellows, whose mass stays: V(y)/V(0) = (T/p)/(T_0/p_0), A_e(y) = F_z/p. Four steps of height tell the
-    volume itself. The secant is that of the same stairs.
+    Then the auxiliary chambers are shut off, and the springs pass the same offsets in steps, out and back. Only the gas
+    in the bellows acts, and its mass is constant: V(y)/V(0) = (T/p)/(T_0/p_0), A_e(y) = F_z/p. Four steps of height
+    measure the volume itself. The secant stiffness is from the same steps.
 
-    Good is a spring that grows softer with offset, and loses a little area and a little volume, as its membrane
-    predicts.
+    A good spring becomes softer with offset, and loses a little area and a little volume, as its membrane predicts.
     """
     for load in (AW0, AW3):
         if load is not AW0:

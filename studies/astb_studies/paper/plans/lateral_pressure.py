@@ -23,12 +23,12 @@ PARTS: Final = {AW0: (0.8, 0.9, 1.0, 1.1, 1.2), AW3: (0.897, 0.949, 1.0, 1.051, 
 def _lateral_pressure(run: Run, load: str) -> None:
     """Lateral stiffness against pressure, {car} car.
 
-    Five preloads around {preload}, each on shims of its own, so that bellows and emergency springs stand as
-    designed. The leveling valves find the pressure that carries the load; with height and pressure held, the lateral
-    actuator shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the
-    pair's.
+    There are five preloads around {preload}. Each has its own shims, so that bellows and emergency springs are at their
+    design height. The leveling valves set the pressure that carries the load. Then height and pressure are held, and
+    the lateral actuator shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are of the first
+    harmonic, half of the values of the pair.
 
-    Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
+    A good spring becomes stiffer with pressure as its membrane predicts, and softer with amplitude because of its
     friction.
     """
     lateral_stiffness_over_pressure(run, load, PARTS[load])

@@ -64,10 +64,10 @@ RUN_IN: Final = 20 * s
 WIND_STEP: Final = 0.01 * s
 #: Where the springs' stiffness and damping are taken for the margins: the track's frequency.
 AT: Final = 1.2 * Hz
-#: So much of the delay may be left uncompensated, either way: of the stiffness it makes 4 % of loss at 1.2 Hz.
+#: Largest error of the compensated delay, either sign: at 1.2 Hz it adds a loss of 4 % of the stiffness.
 LATE_MOST: Final = 5 * ms
 COMPUTED: Final = "it was computed of the files of rig and specimen, and the delay that was measured"
-#: More than so large a part of what is compared, its uncertainty hides what the comparison is for.
+#: Largest relative uncertainty at which the comparison with the simulation is useful.
 TELLS: Final = 0.2
 A_COMPARISON: Final = "it is a difference over its uncertainty"
 
@@ -93,15 +93,15 @@ AGREES: Final = CheckName(
 
 
 def car_mass(load: Load, rig: Rig) -> float:
-    """Return what rests on both springs (kg)."""
+    """Return the mass on both springs (kg)."""
     return 2.0 * load.preload / rig["gravity"]
 
 
 def springs_of_the_file(load: Load, rig: Rig, stiff: float, damped: float) -> tuple[Samples, Samples]:
-    """Return what is good for the springs' stiffness (N/m, N·m/rad) and damping over `Place`, as a diagonal each.
+    """Return the permitted stiffness (N/m, N·m/rad) and damping of the springs over `Place`, as a diagonal each.
 
-    ``stiff`` and ``damped`` say where in the band: 0 its lower end, 1 its upper. In roll both springs are their
-    vertical stiffness at their distance.
+    ``stiff`` and ``damped`` are positions in the band of the limits: 0 is the lower end, 1 the upper. The values in
+    roll follow from the vertical ones and the spacing of the springs.
     """
     found = []
     for what, part in (("stiffness", stiff), ("damping", damped)):
@@ -115,9 +115,9 @@ def springs_of_the_file(load: Load, rig: Rig, stiff: float, damped: float) -> tu
 
 
 def margins_of(load: Load, rig: Rig, delay: Delay | None = None, by: By = "host") -> Margins:
-    """Return the margins of the ride's loop, with springs as stiff and as little damped as their file allows.
+    """Return the margins of the ride's loop, for the stiffest and least damped springs that their file permits.
 
-    ``delay`` is how late the bench was found to be, if it has been measured; else its dimensions foresee it.
+    ``delay`` is the measured delay of the bench; without it, the delay is computed from the dimensions of the rig.
     """
     stiffness, damping = map(np.diag, springs_of_the_file(load, rig, 1.0, 0.0))
     path = path_of(rig, delay, by)
@@ -142,7 +142,7 @@ STABLE: Final = Precondition("the loop of car, delay and springs is stable", _lo
 
 
 def take_up(run: Run, load: str) -> None:
-    """Let the springs carry the load, hold them at design height, and shut them in."""
+    """Load the springs, hold them at design height, and shut their valves."""
     steps.carry_load(run, load)
 
 
@@ -196,20 +196,21 @@ def ride(
 ) -> None:
     """Ride: a car at 100 km/h on these springs, in a gusty crosswind and on a track.
 
-    The springs stand on the bench and are measured. The car, with its mass, roll, lateral damper, bump stop and
-    anti-roll bar, is computed 200 times a second from what the load cells read, and the actuators put the springs where
-    it would have them: real-time hybrid simulation. Wires and actuators take some 35 ms, by which the car's motion is
-    told ahead. Or, `by` the rig, a rig that can computes it in its own tick, a thousand times a second, and is a third
-    as late. First the springs are shaken, which frees them of friction and shows how late this rig is. The ride
-    begins only if car, delay and springs together are stable by their gain and phase.
+    This is a real-time hybrid simulation: the springs are on the bench, and the car is computed. The model of the car
+    has its mass, roll, lateral damper, bump stop and anti-roll bar. It is computed 200 times a second from the forces
+    of the load cells, and the actuators move the springs to the computed place. Buses and actuators have a delay of
+    some 35 ms, by which the motion of the car is predicted. With `by` = rig, a rig that supports it computes the car
+    in its own tick, a thousand times a second; this delay is a third as long. First the springs are moved with
+    decreasing amplitude, which removes friction and measures the delay of this rig. The ride begins only if the loop
+    of car, delay and springs has enough gain margin and phase margin.
 
-    Wind of this mean has von Kármán's spectrum with 15 % of turbulence; the track is a unilateral cosine of 5 mm at
-    1.2 Hz, lateral and vertical. The same number `draw` makes the same wind. Comfort indices by EN 12299, lateral
-    (W_d), vertical (W_b) and of both, need a `duration` of five minutes; good is one below 2.
+    The `wind` is a mean speed; the gusts have von Kármán's spectrum with 15 % of turbulence. The track is a unilateral
+    cosine of 5 mm at 1.2 Hz, lateral and vertical. The same number `draw` gives the same wind. Comfort indices by
+    EN 12299, lateral (W_d), vertical (W_b) and of both, need a `duration` of five minutes; an index below 2 is good.
 
-    Afterwards the same car rides in the same wind on the springs of the `model` that the specimen's file names: both
-    have to agree within their uncertainty. A parameter set by name describes the drawing, so the uncertainty includes
-    the tolerances of the file's limits. A model file, as `astb identify` writes it, describes these very springs.
+    Afterwards, the same car is simulated in the same wind on the springs of the `model` in the specimen's file: both
+    results must agree within their uncertainty. A named parameter set describes the drawing, so the uncertainty
+    includes the tolerances of the file's limits. A model file, as `astb identify` writes it, describes these springs.
     """
     ways = (run.specimen.load(load), run.rig, wind, duration, draw)
     car, whole = ride_in(*ways)
@@ -295,7 +296,7 @@ def _least(rig: Rig, delay: Delay) -> float:
 
 
 def follow(run: Run, course: Ridden, times: tuple[float, float]) -> dict[str, Followed]:
-    """Check how late the springs were between two ``times`` (s) of the ride; return how they followed, by way."""
+    """Check the delay of the springs between two ``times`` (s) of the ride; return gain and delay by direction."""
     ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig, course.told_every)
     for way, one in ways.items():
         known = Measured(one.late, LAGS_U, parts={"lags of the readings": LAGS_U})
@@ -307,7 +308,7 @@ def follow(run: Run, course: Ridden, times: tuple[float, float]) -> dict[str, Fo
 def judge(
     run: Run, course: Ridden, times: tuple[float, float], parts: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
-    """Check what the floor did between two ``times`` (s) and return it; ``parts`` are of its uncertainty."""
+    """Check the motion of the floor between two ``times`` (s), and return it; ``parts`` are of its uncertainty."""
     found = ridden(course, *times)
     if left_out := [str(name) for name, *_ in JUDGED if name not in found]:
         rides = f"this ride has {times[1] - times[0]:g} s"
@@ -327,9 +328,9 @@ def hold_against_the_simulation(
     loop: Mapping[str, Mapping[str, float]],
     found: Mapping[str, float],
 ) -> None:
-    """Let the same car ride on the model's springs, and check whether both agree within their uncertainty.
+    """Simulate the same car on the model's springs, and check whether both agree within their uncertainty.
 
-    ``loop`` are the parts of the uncertainty of what was ``found`` on the bench, and of the model's springs.
+    ``loop`` has the parts of the uncertainty of the values ``found`` on the bench, and of the model's springs.
     """
     from astb_studies.paper.hybrid.simulated_ride import (  # compiled: not for a list of plans
         NoModel,

@@ -80,7 +80,7 @@ class LateralPressure:
                 keep(run, name, f"Lateral {quantity[0]} per spring, {load.name}", PRESSURE, quantity, at, ys)
 
     def slope(self, run: Run, amplitude: float) -> Measured:
-        """Return dK'/dp (m) of the straight line through what was found at one amplitude."""
+        """Return dK'/dp (m) of the straight line through the stiffnesses at one amplitude."""
         sines = self.sines[amplitude]
 
         def evaluate(rig: Rig, *read: Values) -> float:
@@ -106,7 +106,7 @@ class LateralPressure:
 
 
 def carry_first(name: str, parts: Sequence[float]) -> Callable[[Run], None]:
-    """Return the set-up that lets the springs carry the first of ``parts`` of the preload of load case ``name``."""
+    """Return the set-up that loads the springs with the first of ``parts`` of the preload of load case ``name``."""
     return lambda run: steps.carry(part_of(run, name, parts[0]))(run)
 
 

@@ -46,7 +46,7 @@ AT: Final = 5 * mm
 
 @dataclass(slots=True)
 class DampingByRatio:
-    """What one orifice plate does: damping per spring, and how far the pressures on its two sides part."""
+    """The results of one orifice plate: damping per spring, and the pressure difference across the plate."""
 
     ratios: list[float] = field(default_factory=list)
     found: list[Stiffness] = field(default_factory=list)
@@ -109,7 +109,7 @@ class DampingByRatio:
         )
 
     def at(self, amplitude: float) -> Sine:
-        """Return what was read at one of the amplitudes (m)."""
+        """Return the readings at one of the amplitudes (m)."""
         return self.sines[SWINGS.index(amplitude)]
 
     def drop_from_peak(self, run: Run) -> Measured:

@@ -37,7 +37,7 @@ ROLL_CHECKS: Final = (RISE, BEYOND, ODD, OVER_LEVEL)
 def _coupling(secants: list[float], storages: list[float]) -> tuple[float, float, float, float]:
     """Return rise of the secant to the knee and change beyond over the rise, odd force (N), and K' over level.
 
-    Of what was measured level, at the knee, at the largest roll, and at the knee to the other side.
+    The arguments are the values level, at the knee, at the largest roll, and at the knee to the other side.
     """
     level, knee, largest, other = secants
     rise = knee - level
