@@ -2,32 +2,34 @@
 
 Theory of operation
 -------------------
-A stop that is in no catalogue looks like a cubic spring, and is named so if it is alone. A surface then sees what the
-spring leaves. Whether the spring is a cause or a similarity is asked of both:
+A stop that is in no catalogue looks like a cubic spring, and is named so if it is alone. A surface then sees the
+residual of the spring. Three questions decide whether the spring is a cause or only similar to one:
 
 * Can the surface do what the effect does? It can if, together with it, nearly all information on the amplitude is gone
-  (`_imitable`). A surface may then be larger than is assumed.
-* Does the effect say anything beside the surface? The model with the surface is fitted with and without the effects. A
-  true cause keeps a good part of its gain: it remembers what no surface does, or is right where no run has been yet.
-* Does the surface say what the effect says? Many a name is a surface itself, as dry friction is one over the speed, and
-  a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for doubt. So
-  the surface is requested the select runs *as it was fitted*, without the names: it must predict them better than a
-  model with neither does. What is no model of the next run is no cause of this one.
+  (`_imitable`). The surface may then be larger than its prior.
+* Does the effect explain anything in addition to the surface? The model with the surface is fitted with and without the
+  effects. A true cause keeps a good part of its gain: it has a memory that no surface has, or is right where no run has
+  been yet.
+* Does the surface explain the same as the effect? Many effects are surfaces themselves, as dry friction is one over the
+  speed, and a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for
+  doubt. So the surface must predict the select runs *as it was fitted*, without the named effects, and better than a
+  model with neither. A term that cannot predict the next run is no cause of this one.
 
-Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells
-something itself, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
+Effects are doubtful and leave the model only if all three hold: a surface can replace them, they gain hardly anything
+in addition to it, and it predicts something itself. Else the name stays, and a surface may explain the remaining error.
 
 A form that is wrong in a way that no surface follows either, such as a spring that softens with what it has been
 through, is imitated by both: by a cubic spring for the most part, and by a surface for a part of the rest. None of the
-three questions finds that. But where a cause that a surface could do is not clearly larger than what that surface sees
-*beside* it, one thing without a name is likelier than two (`no_clearer`). Both are told on fit runs and select runs.
+three questions finds that. But if a surface can replace a cause, and the cause is not clearly larger than the effect of
+that surface *in addition* to it, one unknown term is likelier than two terms (`no_clearer`). Both are measured on fit
+runs and select runs.
 
-One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
-The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`:
-by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an interval as wide.
-The latter is not asked of what takes most of the error from the select runs: that is more than nothing. Nor the former
-of what a second look found and what saturates: the harder a stop is, the less its stiffness matters, and a curvature
-at the fit says nothing of 0.
+One more question applies to each name that stays: does it exist at all, if the model errs everywhere as much as
+surfaces show? The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the
+effect is `vague`: by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an
+interval as wide. The latter test does not apply to a cause that removes most of the error of the select runs, because
+it is clearly not zero. The former does not apply to causes of a second look, and to causes that saturate. The harder a
+stop is, the less its stiffness matters, and the curvature at the fit gives no information about 0.
 """
 
 from __future__ import annotations

@@ -2,26 +2,27 @@
 
 Theory of operation
 -------------------
-A score is the derivative of the outputs by an amplitude, at an amplitude of 0. That says little of what acts only now
-and then. A stop is met for a moment of a run, an overflow runs for a minute of an hour: of so few stretches a score
-counts less by their scatter (`noise_estimate.py`), which is as large as the score itself. The base model, which knows
+A score is the derivative of the outputs by an amplitude, at an amplitude of 0. It shows little of a cause that acts
+only now and then. A stop is met for a moment of a run, an overflow runs for a minute of an hour. The score is reduced
+by its scatter (`noise_estimate.py`), which in so few stretches is as large as the score. The base model, which knows
 neither, goes far beyond the stop, or fills the tank much higher than its rim: the derivative there is that of another
-system. What is left of such a cause is taken for noise that remembers, in which a slow error weighs next to nothing.
+system. The residual of such a cause is taken for noise with memory, in which a slow error has hardly any weight.
 
-So where nothing has entered though more than `REMAINDER_RATIO` times the noise is left, all is asked once more in plain
-least squares: each channel is weighed by what the current model leaves of it, and that model is fitted so. Each
-candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the one that is expected; what it
-then changes, as a whole, is the column. With c times that change, and all parameters of the model making room, the
+So where nothing has entered though more than `REMAINDER_RATIO` times the noise is left, all candidates are tested once
+more in plain least squares. Each channel is weighted by its residual under the current model, and that model is fitted
+so. Each candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the expected one; the
+whole change of the outputs is the column. With c times that change, and all parameters of the model making room, the
 linear model lowers χ² by 2 c s·r − c² |s|² (s: what the parameters leave of the change, r: the residual). One amplitude
-represents those up to half-way to the next, c from 1/√5 to √5. The best points are where fits start; what is simulated
-with numbers that are not finite is dropped.
+represents those up to half-way to the next, c from 1/√5 to √5. Fits start at the best points; simulations with numbers
+that are not finite are dropped.
 
-Then the gates are asked as of any candidate, and two more instead of the score's threshold, which was not passed:
-χ² must fall by the square of that, and what is left of the error must be less than `RELATIVE` where the cause acts, on
-the select runs if there are any. What explains less is a relative of the cause, or nothing. An effect whose earlier fit
-failed must leave less than `PREDICTED_SHARE`; otherwise it may be a relative that fits only a little better.
+Then all gates apply as to any candidate. Two more replace the threshold of the score, which was not passed. χ² must
+fall by the square of the threshold, and the remaining part of the error must be less than `RELATIVE` where the cause
+acts, on the select runs if there are any. A candidate that explains less is only similar to the cause, or wrong. An
+effect whose earlier fit failed must leave less than `PREDICTED_SHARE`; otherwise it may be a relative that fits only a
+little better.
 
-Where the noise is reached nothing of this is done, and costs nothing.
+Where the noise is reached, this step is skipped.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def far_above_noise(state: SearchState) -> bool:
 
 
 def plainly(problem: Problem, state: SearchState) -> SearchState:
-    """Return the state with its model fitted by plain least squares; what was explained counts from there."""
+    """Return the state with its model fitted by plain least squares; explained χ² counts from there."""
     model = state.current.model
     plain = fit(problem.replay, plain_noise(model), model.point, model.linearisation)
     current = replace(state.current, model=plain, prediction=predicted(problem, plain), explained_chi2=0.0)
@@ -84,7 +85,7 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
 def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
     """Fit candidates from finite amplitudes together with a model that was fitted `plainly`; best BIC first.
 
-    More is asked of those of which there are ``known`` trials: they have failed a gate.
+    Candidates with ``known`` trials have failed a gate, so their limits are stricter.
     """
     tried_before = {trial.effect for trial in known}
     current, least = state.current, state.current.screening.threshold**2
@@ -149,7 +150,7 @@ def _amplitudes(flat: Point, place: int) -> Iterator[tuple[Point, float]]:
 
 
 def _finite(replay: Replay, start: Point, simulated: Point) -> Point:
-    """Return a start, or what was simulated without moving the other numbers where outputs are not finite there."""
+    """Return the start; if outputs are not finite there, the point simulated without moving the other numbers."""
     outputs = replay.predictions(start)
     fine = (np.isfinite(one[run.counted]).all() for run, one in zip(replay.runs, outputs, strict=True))
     return start if all(fine) else simulated

@@ -1,4 +1,4 @@
-"""The motion of the bench as its displacement sensors tell it, without their noise and their lag.
+"""The motion of the bench, measured by its displacement sensors, without their noise and their lag.
 
 A replay follows every sample that it is given, and friction takes each reversal for one. So the samples are smoothed
 by Whittaker's method: the motion x minimises
@@ -9,11 +9,11 @@ over all samples y_n that there are, and bridges the others. σ is the noise of 
 difference around sample n, is that of the motion itself: small at rest, large where it turns.
 
 What that takes from the motion is still in y − x. So y − x is smoothed as well and given back (twicing; Tukey,
-Exploratory Data Analysis, 1977), both with less of q: as much noise goes, and waves stay what they are. Once smoothed,
-12.5 Hz of 0.5 mm were weaker by 0.08 %, and forces that follow them as if they lagged by half a millisecond.
+Exploratory Data Analysis, 1977), both with less of q: as much noise is removed, and waves keep their size. Smoothed
+only once, 12.5 Hz of 0.5 mm were weaker by 0.08 %, and forces that follow them as if they lagged by half a millisecond.
 
 A wave that is hardly larger than the noise is lost even so, as the 28 µm of 12.5 Hz by which heights follow 2 mm
-sideways, for the bolster rolls. What goes in step with a motion in plain view is found by that (`in_step`).
+sideways, for the bolster rolls. `in_step` finds the part of a signal that is in phase with a clearly visible motion.
 """
 
 from collections.abc import Mapping
@@ -44,13 +44,13 @@ _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
 _TWICE: Final = 0.25
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
-#: Of a fourth difference, 1/42.7 is what a cubic is off by half-way between its samples.
+#: Half-way between samples, the error of a cubic is 1/42.7 of the fourth difference.
 _CUBIC: Final = 128.0 / 3.0
-#: Around a sample, so long (s) shows what goes in step with another motion: one deviation of the weights.
+#: Standard deviation (s) of the weights around a sample, to find the part in phase with another motion.
 _IN_STEP: Final = 0.4
 #: χ² of two degrees of freedom up to which it is chance.
 _CHANCE: Final = 10.0
-#: Fewer samples than this tell no motion.
+#: Least number of samples to find a motion.
 LEAST: Final = 8
 #: Means over so many samples show whether there is more than noise; motion above 20 or 2 Hz would average out.
 _BLOCKS: Final = (5, 50)
@@ -68,16 +68,16 @@ SENSORS: Final = (
 _ROLLING: Final = ("left.height", "right.height")
 #: What else is known of the motion where the bench has it.
 BESIDE: Final = ("lateral.force", "lateral.acceleration")
-#: The input that tells by how much (m) the frame of the lateral actuator was taken to give way.
+#: The input with the assumed deflection (m) of the lateral actuator's frame.
 GIVE: Final = "lateral.give"
 
 
 def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parameters) -> dict[str, Array]:
-    """Return the inputs of `AirSpring` that tell the motion, each (n,), from readings (n,) every ``step`` s.
+    """Return the motion inputs of `AirSpring`, each (n,), from readings (n,) every ``step`` s.
 
-    ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
-    With ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is taken out of the shear and
-    told together with it.
+    ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample. With
+    ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is subtracted from the shear and
+    returned together with it.
     """
     par = parameters.record
 
@@ -159,9 +159,9 @@ def smooth(values: Array, noise: float) -> Array:
 def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
     """Return what of the samples that are ``left`` (n,), NaN where there are none, goes in step with a ``motion`` (n,).
 
-    That is α times its acceleration and β times its speed, both fitted around every sample: nothing where their χ² is
-    no more than chance has, all where it is much larger. What is left may scatter more than the ``noise`` of the data
-    sheet: then χ² counts in that.
+    That is α times its acceleration and β times its speed, both fitted around every sample. The result is zero where
+    their χ² is no larger than by chance, and the full fit where it is much larger. If the residual scatters more than
+    the ``noise`` of the data sheet, χ² uses this scatter instead.
     """
     time = step * np.arange(len(motion))
     spline = CubicSpline(time, motion)
@@ -190,15 +190,16 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
     """Return where a smooth ``motion`` (n,) turns so fast that its acceleration is not known well enough.
 
-    There its third difference exceeds a tenth of the ``noise`` of the sensor: what was smoothed passed 13 Hz, and what
-    of 10 µm of noise passed with it makes accelerations of 10 mm/s², or a quarter of the noise of a load cell.
+    There its third difference exceeds a tenth of the ``noise`` of the sensor. The smoothing passed more than 13 Hz
+    there. The part of 10 µm of noise that passes too makes accelerations of 10 mm/s², or a quarter of the noise of a
+    load cell.
     """
     third = np.pad(np.abs(np.diff(motion, 3)), (1, 2), mode="edge")
     return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.1 * noise)
 
 
 def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
-    """Return where an ``acceleration`` (n,) that an accelerometer tells changes so fast that it is not known.
+    """Return where an ``acceleration`` (n,) from an accelerometer changes too fast to be known.
 
     There a cubic through four samples is off by more than the ``noise`` of the sensor half-way between two of them: by
     3/128 of the fourth difference. The spline of a replay is better in waves, and no better in corners.
@@ -214,10 +215,10 @@ def without_lag(values: Array, lag: float, step: float) -> Array:
 
 
 def with_lag(values: Array, lag: float, step: float) -> Array:
-    """Return y with y + τ dy/dt = x for a smooth signal x (n,): what follows it with a first-order ``lag`` τ (s).
+    """Return y with y + τ dy/dt = x: a smooth signal x (n,) after a first-order ``lag`` τ (s).
 
-    Exact for the cubic spline through x: a cubic p is followed by p − τ p′ + τ² p″ − τ³ p‴, and what is left of the
-    difference to it fades as e^{−t/τ}. At the first sample y is x.
+    Exact for the cubic spline through x: a cubic p gives p − τ p′ + τ² p″ − τ³ p‴, and the difference to it decays as
+    e^{−t/τ}. At the first sample y is x.
     """
     if lag == 0.0:
         return values

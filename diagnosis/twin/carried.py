@@ -1,7 +1,7 @@
-"""The gas in the middle of a motion, where nothing rests: what the replay of the stretch before knows of it.
+"""State of the gas in the middle of a motion, from the replay of the stretch before.
 
-A pressure that is read there tells little without a temperature, and thermometers are a second late: gas that is
-squeezed to and fro is some kelvins warmer or colder than they say.
+There a pressure reading is of little use without a temperature, and thermometers lag by a second. Gas that is
+compressed and expanded is some kelvins warmer or colder than their readings.
 """
 
 from typing import Final, NamedTuple
@@ -20,7 +20,7 @@ _TO_AND_FRO: Final = 4.0
 
 
 class Carried(NamedTuple):
-    """The settings that tell the gas (SI), and at which sample of the stretch before."""
+    """The settings of the gas (SI), and their sample in the stretch before."""
 
     sample: int
     gas: dict[str, float]
@@ -41,7 +41,7 @@ class GasOf:
     ) -> Carried:
         """Return the gas at a turning point of the pressures not later than ``before`` s of a run that was judged.
 
-        ``belief`` is what is assumed of the ``parameters`` by then.
+        ``belief`` is the estimate of the ``parameters`` by then.
         """
         known = {one.name for one in self._simulator.nuisances}
         believed = {

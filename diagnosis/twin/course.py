@@ -1,4 +1,4 @@
-"""How a parting goes: it is told, gets surer, is said otherwise, withdrawn, or over; and the sentence that tells it."""
+"""The course of a deviation: reported, surer, changed, withdrawn, or over; and the sentence that reports it."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +22,7 @@ _NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 
 
 def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleCause:
-    """Return a suspect of a stretch that began at ``start`` s, as it is kept and told."""
+    """Return a suspect of a stretch that began at ``start`` s, in the form for the report."""
     amplitude = hypothesis.amplitude
     roughly = 2.0 * _ROUGHLY * abs(one.size)
     low, high = (
@@ -41,14 +41,14 @@ def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleC
 
 
 def extend_deviation(before: Deviation, now: Deviation, at: float) -> Deviation:
-    """Return what is said at ``at`` s of a parting of which something was said ``before``."""
+    """Return a deviation with the results of ``at`` s added to its course ``before``."""
     word = _compared(before, now) if before.course and not before.withdrawn else "told"
     course = (*before.course, DeviationState(at, word, now.causes, now.pairs)) if word else before.course
     return _ended(replace(now, detected=before.detected, course=course), before, at)
 
 
 def withdrawn(deviation: Deviation, at: float) -> Deviation:
-    """Return a parting that what came until ``at`` s makes none."""
+    """Return a deviation as withdrawn, because samples until ``at`` s do not confirm it."""
     return replace(deviation, withdrawn=True, course=(*deviation.course, DeviationState(at, "withdrawn")))
 
 
@@ -123,7 +123,7 @@ def _names(deviation: Deviation) -> frozenset[frozenset[str]]:
 
 
 def _compared(before: Deviation, now: Deviation) -> str:
-    """Return *explained*, *unknown*, *surer* or *otherwise*, or "" where what is said is as before."""
+    """Return *explained*, *unknown*, *surer* or *otherwise*, or "" if the result has not changed."""
     old, new = _names(before), _names(now)
     if not before.searched:
         return "" if not now.searched else "explained" if new else "unknown"
@@ -146,7 +146,7 @@ def _form(deviation: Deviation, names: frozenset[str]) -> tuple[str, ...]:
 
 
 def _beyond(before: Deviation, now: Deviation, names: frozenset[str]) -> bool:
-    """Return whether a size is not within the interval that was told before."""
+    """Return whether a size is outside the interval reported before."""
     pairs = zip(_members(before, names), _members(now, names), strict=True)
     return any(not old.low <= new.size <= old.high for old, new in pairs)
 
@@ -200,7 +200,7 @@ def _since(deviation: Deviation) -> str:
 
 
 def _causes(deviation: Deviation) -> tuple[str, str]:
-    """Return the first possible cause, and a sentence on how sure it is."""
+    """Return the first possible cause, and a sentence on its certainty."""
     if not deviation.searched:
         return "", "The search for a cause is not finished."
     if deviation.causes:

@@ -28,7 +28,7 @@ from diagnosis.contracts import Array
 BETWEEN: Final = 100 * 3600.0
 #: What a block adds to log M of one alternative at most.
 MOST: Final = 4.0
-#: Errors of the model's form last. One of a standard deviation of what was allowed for supports none of these.
+#: Errors of the model's form last. An error of one allowed standard deviation supports none of these.
 _MEANS: Final = (-4.0, -2.0, 2.0, 4.0)
 _VARIANCES: Final = (2.0, 8.0)
 #: χ² by which two levels must fit better than one.
@@ -36,7 +36,7 @@ _ANOTHER: Final = 9.0
 
 
 class Alarm(NamedTuple):
-    """The model and the rig part: told at block ``at``, begun with block ``since``, loudest in ``channel``."""
+    """A deviation from the model: detected at block ``at``, begun with block ``since``, largest in ``channel``."""
 
     at: int
     since: int

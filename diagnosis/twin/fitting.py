@@ -32,7 +32,7 @@ class Fit:
         information = np.linalg.inv(belief.covariance)
         self._inverse = np.linalg.inv(information + self._weighted @ H)
         e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ belief.mean
-        self._pull = w * (e - H @ (self._inverse @ (self._weighted @ e)))  # of a column on what is left
+        self._pull = w * (e - H @ (self._inverse @ (self._weighted @ e)))  # of a column on the residual
         self._chi2 = float(e @ self._pull)
 
     def with_(self, column: Array, typical: float) -> Fitted:
@@ -46,7 +46,7 @@ class Fit:
         return Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)
 
     def together(self, columns: Sequence[Array]) -> tuple[Fitted, ...]:
-        """Return what each of several columns (n, c) explains where all act; each is told the χ² that all leave."""
+        """Fit several columns (n, c) together; each result holds the χ² that all of them leave."""
         x = np.stack([column.reshape(-1) for column in columns], axis=1)
         unit = np.sqrt(np.maximum(x.T**2 @ self._w, 1e-300))  # a hole has 1e-6 m² where a force has 1e3 N
         x = x / unit

@@ -1,12 +1,13 @@
-"""How a cause comes and goes: all at once, growing, or gone again; by what it does where it begins at once.
+"""Time course of a cause: a step, growth, or a limited time; composed of simulated steps.
 
-What a cause does is nearly linear in its size. So one that grows is a sum of small ones that begin one after the other,
-and one that is gone again is one that began less one that began later. What steps do is simulated from a grid of
-beginnings on; between two of them it is taken in halves from both, and within the present one from its beginning, so
-that what acts at once (a sensor) is met exactly and what adds up (a leak) nearly.
+The effect of a cause is nearly linear in its size. So one that grows is a sum of small ones that begin one after the
+other, and one that ends is one that began minus one that began later. Steps are simulated from a grid of start times;
+between two of them the effect is taken in halves from both, and within the present one from its beginning, so that a
+cause that acts at once (a sensor) is exact, and one that accumulates (a leak) nearly exact.
 
-What grows to a size in which nothing is linear any more (a chamber that loses four fifths of its volume) is replayed as
-it grows, again and again: what such a replay does more than the sum of the steps is added to that sum before the next.
+A cause may grow to a size with a nonlinear effect (a chamber that loses four fifths of its volume). Its growth is
+replayed repeatedly. The difference between such a replay and the sum of the steps is added to that sum before the next
+replay.
 """
 
 from __future__ import annotations
@@ -25,21 +26,21 @@ from diagnosis.twin.replays import Replays, can_be, typical
 
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 POSSIBLE: Final = 4.0
-#: What grows is looked for from so many bins before the parting on; steps are simulated from so many places.
+#: Growth is searched from so many bins before the deviation on; steps are simulated from so many places.
 _BEFORE: Final = 600
 _PLACES: Final = 20
 #: Beginnings and ends are looked for ever closer, in so many bins.
 _CLOSER: Final = (40, 20, 10, 5, 2)
-#: The same for what is gone again, where each place must be simulated.
+#: The same for causes that end, where each place must be simulated.
 _SHARPER: Final = (20, 5)
-#: A twin that is off by so much of χ² per reading parts.
+#: A twin with more than this χ² per reading deviates.
 _FAR: Final = 2.0
-#: What grows takes so many bins at least; less is at once.
+#: Growth takes so many bins at least; a shorter one counts as a step.
 _GROWS: Final = 40
 
 
 class DeviatingStretch(NamedTuple):
-    """A stretch that parted: what was read and is assumed, and what causes do to it."""
+    """A stretch with a deviation: its readings, its assumptions, and the effects of causes on it."""
 
     columns: Columns
     belief: Belief
@@ -48,8 +49,8 @@ class DeviatingStretch(NamedTuple):
     points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
 
     def agrees(self, added: Array, left: float) -> bool:
-        """Return whether the rig does not part from the twin to which causes add so much (n, c), and leave a χ²."""
-        if left > _FAR * np.count_nonzero(self.columns.samples):  # it surely parts, and to judge takes long
+        """Return whether the rig agrees with the twin plus the effect of causes (n, c), which leave a χ²."""
+        if left > _FAR * np.count_nonzero(self.columns.samples):  # clearly deviates
             return False
         return self.alarm_with(added) is None
 
@@ -119,7 +120,7 @@ def growing(steps: Steps, begins: float, ends: float) -> Array:
         if k:
             before = grown(place) - grown(places[k - 1])
             weight = weight + np.where(bins >= place, 0.5 * before, 0.0)
-        else:  # what had grown before the first place
+        else:  # growth before the first place
             weight = weight + np.where(bins >= place, grown(place), 0.0)
         if weight.any():
             total += weight[:, None] * steps[place]

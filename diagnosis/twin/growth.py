@@ -1,8 +1,8 @@
-"""What explains a stretch as it grows: replays of its growth, each from where the one before was off.
+"""Causes that grow: replays of the growth, each corrected by the error of the replay before.
 
-The sum of steps (`forms.growing`) says about when something grew, and to which size. A replay in which it
-does that states what it is really like, also where nothing is linear in its size any more. What the replay does more
-than the steps is added to these, for all growths near it, and they say better where the next replay is to grow.
+The sum of steps (`forms.growing`) shows roughly when a cause grew, and to which size. A replay of this growth gives the
+exact effect, also where it is not linear in the size. The difference between the replay and the steps is added to the
+steps, for all similar growths. The corrected steps then give a better growth for the next replay.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Growth:
         return suspect(cause.name, Form.GROWING, best, [best, *alike], self._bins)
 
     def among(self, causes: Sequence[Acting]) -> Work[list[SizedCause]]:
-        """Return which causes explain the stretch as they grew, or what is easily mistaken for these."""
+        """Return the growing causes that explain the stretch, or causes similar to these."""
         found: list[SizedCause] = []
         asked = list(causes)
         for acting in asked:

@@ -1,16 +1,16 @@
-"""What each half second of a run adds to the errors of the model: by how much more it errs than was to be expected.
+"""Innovations: the part of the model error in each half second of a run that was not expected.
 
 Theory of operation
 -------------------
 The model has p parameters θ that no one knows exactly: tolerances of the springs, zeros of the sensors, the gas where a
-stretch begins. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is learnt as
-the run goes on, by least squares from what has come so far (a Kalman filter for constants; R. E. Kalman, 1960):
+stretch begins. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is estimated
+during the run, by least squares from the samples so far (a Kalman filter for constants; R. E. Kalman, 1960):
 
     e_k = r_k − H_k θ̂_{k−1},   S_k = R_k + H_k P_{k−1} H_kᵀ,   P_k⁻¹ = P_{k−1}⁻¹ + H_kᵀ R_k⁻¹ H_k
 
 The innovation e_k of a block is what no earlier block predicted. As long as the model holds, S_k^{−1/2} e_k are
-independent standard normal numbers, from block to block. What parts a rig from its model shows there, and only what no
-tolerance explains.
+independent standard normal numbers, from block to block. A deviation of the rig from its model appears there, unless a
+tolerance explains it.
 
 What friction remembers of the motion before a stretch is not known either: from the last reversal on it follows
 F = F_max (1 − u₀ D/(D + x)), and neither where on that curve a stretch starts, u₀, nor the curve itself, D, is known
@@ -48,19 +48,20 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 BIN: Final = 0.05
 BINS: Final = 10
 BLOCK: Final = BIN * BINS
-#: What the noise of the motion leaves in a reading, in standard deviations of its own noise.
+#: Effect of the noise of the motion on a reading, in standard deviations of the reading's noise.
 FLOOR: Final = 0.4
-#: What a sound model errs by, per how far a reading has come from where it was at the start.
+#: Error of a sound model, relative to the change of a reading since the start.
 FORM: Final = 0.02
-#: An error of the model's form lasts for so many blocks: as many of them tell of the parameters as much as one.
+#: An error of the model's form lasts for so many blocks: together they give as much information on the parameters as
+#: one block.
 _LASTS: Final = 10
 #: Gas that was moved just before is not all of one temperature, by so many K, and thermometers follow it late: by how
 #: much is known to so many s. Its pressure is known to so many Pa.
 WARMTH: Final = 1.0
 BEHIND: Final = 0.5
 PRESSURE: Final = 450.0
-#: What is not known of friction, one standard deviation: its force where a stretch begins, in shares of its limit; on
-#: which curve it goes on, D in x₂; what it is off by once it has turned, in shares of the limit (`friction_goes_on`).
+#: Uncertainty of friction, one standard deviation: its force where a stretch begins, in shares of its limit; the curve
+#: that it follows, D in x₂; its error after a reversal, in shares of the limit (`friction_goes_on`).
 FRICTION: Final[Mapping[str, float]] = {"force": 0.6, "curve": 0.6, "turn": 0.1}
 #: A motion has gone somewhere once it has come so far, in x₂.
 _GONE: Final = 0.05
@@ -71,7 +72,7 @@ _FIRST: Final = 1.0
 
 
 class Belief(NamedTuple):
-    """What is assumed of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
+    """Present estimate of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
 
     mean: Array
     covariance: Array
@@ -321,9 +322,9 @@ def rough(columns: Columns) -> Array:
 
 
 def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovations:
-    """Return the blocks of a stretch one after the other, each by what was assumed before it.
+    """Judge the blocks of a stretch in order, each with the estimate before it.
 
-    ``off`` (n, c) is what the model may be off by, else that of `rough`.
+    ``off`` (n, c) is the allowed error of the model; by default that of `rough`.
     """
     blocks, channels = len(columns.samples) // BINS, columns.samples.shape[1]
     errors = columns.measured - columns.simulated

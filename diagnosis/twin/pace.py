@@ -2,11 +2,11 @@
 
 Theory of operation
 -------------------
-A look that begins at t shows what had come by t. The next one begins no sooner than at t + 2 u, where u is what was
-used of a processor since the look before began; so that over any number of looks it is half of one at most. What a look
-shows is replaced when the next one ends, at t + 2 u + l with l for that look. So the search between the two may last
-as long as 2 (l + s) + l stays below what a twin may be behind. A search is interrupted where it can be, some tenths of
-a second later than it should: the aim is lower.
+A look that begins at t covers the samples received by t. The next one begins no sooner than at t + 2 u, where u is the
+processor time since the start of the look before. So the twin uses half of a processor at most. The result of a look is
+replaced when the next one ends, at t + 2 u + l with l for that look. So the search between the two may last as long as
+2 (l + s) + l stays below what a twin may be behind. A search is interrupted where it can be, some tenths of a second
+later than it should: the aim is lower.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final
 
 #: A look comes so many s after the last one began at the earliest.
 EVERY: Final = 0.5
-#: So many s a search may let the next look be late: 2 s less what it goes on before it can be interrupted.
+#: Greatest delay (s) of the next look by a search: 2 s minus the time until a search can be interrupted.
 BEHIND: Final = 1.4
 #: A search gets so much of what a look takes at least, or nothing would ever come of it.
 _LEAST: Final = 0.25
@@ -39,7 +39,7 @@ class Pace:
         return max(0.5 * (BEHIND - 3.0 * looked), _LEAST * looked)
 
     def next(self) -> float:
-        """Return when the next look may begin, after all that is done before; what is used from now on is its own."""
+        """Return when the next look may begin; processor time used from now on counts for that look."""
         used = self._used()
         spent, self._counted = used - self._counted, used
         return self._began + max(EVERY, 2.0 * spent)

@@ -13,9 +13,9 @@ from diagnosis.systems.air_spring.gas import BEFORE
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.twin.innovations import Bins
 
-#: No size is tried beyond so much of what is possible.
+#: No size is tried beyond this part of the possible range.
 _WITHIN: Final = 0.95
-#: What begins later has so much of its largest size before: what comes late must do so from the start.
+#: A cause that begins later has this part of its largest size before: a delay must exist from the start.
 _SMALL: Final = 1e-9
 #: A secant of logarithms of sizes that are so near together, or so steep, is not followed.
 _SAME: Final = 1e-3
@@ -82,10 +82,10 @@ class Replays:
 
 
 class Secant:
-    """Which size to simulate next, so that what is found to fit is what was simulated."""
+    """Find the next size to simulate, until the fitted size equals the simulated one."""
 
     def __init__(self) -> None:
-        self._trail: list[tuple[float, float]] = []  # logarithms of sizes, and of what they were found to be
+        self._trail: list[tuple[float, float]] = []  # logarithms of simulated and of fitted sizes
 
     def after(self, simulated: float, found: float) -> float:
         """Return the size that comes after one that was ``simulated``, and with which another one was ``found``."""

@@ -23,7 +23,7 @@ class Sliced(Generic[Found]):
         self._work, self._used = work, used
 
     def go_on(self, seconds: float = inf) -> Found | None:
-        """Work for so many s of a processor, and until the next place to stop; return what is found at its end."""
+        """Work for so many s of a processor, and until the next place to stop; return the result at the end."""
         began = self._used()
         try:
             while True:

@@ -40,9 +40,9 @@ _WARMING: Final = 2.0
 _NEAR: Final = 2.0
 #: A motion that was not received for more than so many steps on both sides is not bridged.
 _BRIDGED: Final = 1
-#: What is found of a step hangs on what was received so many s before and after it at most.
+#: The result at a step depends on samples at most so many s before and after it.
 _SURE: Final = 5.0
-#: Shorter stretches than this (s) tell nothing.
+#: Least length (s) of a stretch.
 LEAST: Final = 2.0
 #: States in which the chambers are as the settings say.
 _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
@@ -84,10 +84,10 @@ BEGINNING: Final = Stretch(0.0, 0.0)
 
 
 def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING) -> list[Stretch]:
-    """Return the parts of a run in order, from its beginning to what was received last.
+    """Return the parts of a run in order, from its beginning to the last received sample.
 
     Of a run that has not ``ended`` the last part is open. ``since`` is a part that an earlier look has found: it comes
-    first then, and what was before it is no longer looked at.
+    first then, and earlier parts are skipped.
     """
     begin = round(since.start / STEP)
     before = max(begin - round(_SURE / STEP), 0)
@@ -119,12 +119,12 @@ class _Ready:
         self._grid = grid
         self._warm = _warming(record, grid)
         still = resting(record, grid)
-        if not ended:  # what comes next may be a motion
+        if not ended:  # a motion may follow
             still[-round(_STILL / STEP) :] = False
         self._still = still & ~self._warm
 
     def cut(self, first: int, last: int, since: Stretch | None = None) -> Iterator[Stretch]:
-        """Cut what could be judged: what is before the first rest, and long stretches at later ones.
+        """Cut the parts that can be judged: the part before the first rest, and long stretches, at later rests.
 
         A stretch that an earlier look has found (``since``) begins with the first step.
         """

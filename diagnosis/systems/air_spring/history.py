@@ -40,7 +40,8 @@ MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 _MEAN: Final = 1.0
 #: Where it ends, over so many: a run begins at rest.
 _NOW: Final = 0.1
-#: A dash-pot as fast as this (s) is where its bellows is when a run begins, and with `MEMORIES` the next that is told.
+#: A dash-pot as fast as this (s) is at the place of its bellows when a run begins. Settings exist for the slower
+#: `MEMORIES`.
 _AT_ONCE: Final = 0.3
 #: What dash-pots follow: the bellows of both sides, and the shear of both.
 SHEAR: Final = "shear"
@@ -67,7 +68,7 @@ class Past:
         return all(name in self._record.signals and self.means(name).size for name in names)
 
     def until_now(self, name: str) -> Array:
-        """Return the means (n + 1,) of a signal, and behind them what it is where the past ends."""
+        """Return the means (n + 1,) of a signal; the last one is its value where the past ends."""
         times, values = self._record.series(name)
         now = np.isfinite(values) & (times >= self._time) & (times < self._time + _NOW)
         means = self.means(name)
@@ -90,7 +91,7 @@ class Past:
 
 
 def load_setting(side: str, memory: float) -> str:
-    """Return the name of the setting that tells M of one spring's load for a memory of so many seconds."""
+    """Return the name of the setting for M of one spring's load, for a memory of so many seconds."""
     return f"{side}.load_over_{memory:g}_s"
 
 
@@ -100,7 +101,7 @@ def behind_setting(place: str, memory: float) -> str:
 
 
 def remembered_loads(past: Past, parameters: Parameters) -> dict[str, float]:
-    """Return the settings that tell M(τ) of both springs' loads (N); none without load cells."""
+    """Return the settings for M(τ) of both springs' loads (N); none without load cells."""
     if not past or not past.knows(*CELLS):
         return {}
     forces = spring_forces({name: past.means(name) for name in CELLS}, parameters.record)
@@ -114,10 +115,10 @@ def remembered_loads(past: Past, parameters: Parameters) -> dict[str, float]:
 def remembered_places(
     past: Past, parameters: Parameters, preload: Callable[[Array], Array]
 ) -> dict[str, float]:
-    """Return the settings that tell x − M(τ) of both bellows' displacements and of their shear (m).
+    """Return the settings for x − M(τ) of both bellows' displacements and of their shear (m).
 
-    ``preload`` (N per spring) is what the springs were shimmed for at some times (n,). None are reported without
-    heights; without load cells emergency springs are taken for rigid, and what else is missing for at rest.
+    ``preload`` (N per spring) is the load that the springs were shimmed for at some times (n,). Without heights the
+    result is empty. Without load cells emergency springs are assumed rigid; other missing signals are assumed at rest.
     """
     if not past or not past.knows(*(f"{side}.height" for side in SIDES)):
         return {}
@@ -142,7 +143,7 @@ def remembered_places(
 
 
 def before(settings: Mapping[str, float], par: Any) -> Before:
-    """Return what rubber remembers where a run begins, as a replay takes it, by the settings that tell it."""
+    """Return the memory of the rubber at the start of a run, in the form for a replay, from its settings."""
     told = Before.at_rest()
     for i, side in enumerate(SIDES):
         if par.creep_ratio[i]:
@@ -163,9 +164,9 @@ def remembered(settings: Mapping[str, float], side: str, memory: float) -> float
 
 
 def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
-    """Return how far a dash-pot of so many seconds is behind (m) one side's bellows or `SHEAR`; 0 where nothing tells.
+    """Return the distance (m) of a dash-pot of so many seconds from one side's bellows or `SHEAR`; 0 without settings.
 
-    The bench's own dash-pots are fast: a run has made them forget before anything of it counts.
+    The bench's own dash-pots are fast: they forget the past before the first counted sample.
     """
     if behind_setting(place, MEMORIES[0]) not in settings:
         return 0.0
@@ -175,6 +176,6 @@ def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _between(memories: tuple[float, ...], values: tuple[float, ...], memory: float) -> float:
-    """Return what is told of some memories at another one, smooth in its logarithm; beyond the ends as at them."""
+    """Interpolate values at some memories, smoothly in the logarithm of the memory; constant beyond the ends."""
     place = np.log(np.clip(memory, memories[0], memories[-1]))
     return float(PchipInterpolator(np.log(memories), values)(place))
