@@ -1,4 +1,4 @@
-"""What stands behind ``import astb``: a bench to try things on, and plans that run on it."""
+"""The names behind ``import astb``: a bench for experiments, and plans that run on it."""
 
 import atexit
 import logging
@@ -45,15 +45,15 @@ def open_bench(
 ) -> "Bench":
     """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or a name of `astb list rigs`.
 
-    ``virtual`` is a simulated rig in virtual time and in this process, and what ``virtual=True`` makes of any simulated
-    rig. One in real time that does not answer is started, and stopped with the bench. ``seed`` draws a simulated rig's
-    sensors and their noise. ``effects`` are what else it has, by name with the amplitude and its unit, as
+    ``virtual`` is a simulated rig in virtual time and in this process; ``virtual=True`` turns any simulated rig into
+    one. A simulated rig in real time that does not answer is started, and stopped with the bench. ``seed`` determines
+    the sensors of a simulated rig and their noise. ``effects`` adds effects, by name with amplitude and unit, as
     `astb list effects` lists them: ``{"leak.left": "0.2 mm2"}``.
 
-    Use it with ``with``, or call ``close``; when the interpreter ends it is closed in any case. Closing disarms; what
-    air is in the springs the rig holds until it has vented it.
+    Use it with ``with``, or call ``close``; the end of the interpreter closes it in any case. Closing disarms the
+    bench; the rig then holds until it has vented the springs.
 
-    RigFileError for a file that is none, and for effects of a real rig; ParameterError for one that there is not;
+    RigFileError for a wrong rig file, and for effects of a real rig; ParameterError for an unknown effect;
     LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
     """
     file, path = find_rig(rig)
@@ -64,7 +64,7 @@ def open_bench(
         bench = session.bench
         bench.about = describe(session, file)
         bench.connect()
-        with suppress(BenchError):  # so that devices can show them; whoever needs them will ask, and be told
+        with suppress(BenchError):  # so that devices can show them; a reader requests its own signals
             bench.settings.in_force()
             bench.settings.contacts()
         atexit.register(bench.close)
@@ -85,14 +85,14 @@ def run_plan(
 ) -> "tuple[Result, Path]":
     """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
 
-    ``answers`` are those to what the plan asks its operator: by the text of the question or its deed, with ``*`` for
-    anything, or a user who can be asked. ``suspension`` is how another thread holds the run and lets it go on.
+    ``answers`` are answers to the questions of the plan: by the text of the question or its deed, with ``*`` for
+    anything, or an operator. With ``suspension`` another thread can hold the run and continue it.
 
-    The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
-    touched. Who interrupts it, as in a notebook, gets KeyboardInterrupt when the rig is at rest and the record whole.
+    The record is a new directory in ``out``, with a report unless that is switched off. Existing files are not changed.
+    An interrupt, as in a notebook, raises KeyboardInterrupt when the rig is at rest and the record is complete.
 
-    PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises nothing:
-    the verdict is *blocked*, the reason says whose fault it was.
+    PlanError for an unknown plan, and the errors of `open_bench`. A failure of the rig raises nothing: the verdict is
+    *blocked*, and the reason states the cause.
     """
     operator = Script(answers) if isinstance(answers, Mapping) else answers
     chosen = find_plan(plan)
@@ -112,7 +112,7 @@ def run_plan(
                 operator=with_hand(operator, bench.hand),
                 suspension=suspension,
             )
-        except KeyboardInterrupt:  # it has a record and a result all the same
+        except KeyboardInterrupt:  # a record and a result exist in this case too
             _finish(directory, report)
             raise
     _finish(directory, report)
@@ -132,12 +132,12 @@ def diagnose_record(
     seed: int = 1,
     out: str | Path | None = None,
 ) -> "Finding":
-    """Diagnose ``records``, directories of runs on the bench: what a ``model`` of it gets wrong, and what causes that.
+    """Diagnose ``records``, directories of runs on the bench: find the errors of a ``model`` and their causes.
 
-    ``effects`` are the candidates, by name, and without their place for all places; without them the whole catalogue
-    is tried, which takes minutes. ``out`` is a directory for the finding, its report and the extended model.
+    ``effects`` are the candidates, by name, and without a place for all places; the default is the whole catalogue,
+    which takes minutes. ``out`` is a directory for the finding, its report and the extended model.
 
-    DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
+    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
     """
     from astb.diagnose import chosen_effects, clear_results, conclude, read_data
     from diagnosis.engine.config import Config
@@ -154,7 +154,7 @@ def diagnose_record(
 
 
 def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
-    """Return the rig with ``effects`` next to those of its file."""
+    """Return the rig with ``effects`` in addition to those of its file."""
     if file.simulation is None:
         raise RigFileError(f"{file.name} is a real rig, and effects={dict(effects)!r} are for simulated ones")
     simulation = replace(file.simulation, effects=file.simulation.effects | dict(effects))
@@ -162,9 +162,9 @@ def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
 
 
 def find_plan(plan: "str | Plan") -> "Plan":
-    """Return a plan by its name, the one that a Python file declares, or itself.
+    """Return a plan: by its name, from a Python file that declares one, or a plan object unchanged.
 
-    PlanError, with what is nearest, if there is none of this name, or if the file does not declare just one.
+    PlanError, with similar names, if the name is unknown, or if the file does not declare exactly one.
     """
     if not isinstance(plan, str):
         return plan

@@ -1,4 +1,4 @@
-"""The conformance kit: what every transport owes to a wiring, as checks that run against any implementation.
+"""The conformance kit for transports: checks of the rules of a transport, for any implementation.
 
 ::
 
@@ -8,8 +8,8 @@
         subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})
         assert [str(result) for result in check_transport(subject) if result.breach] == []
 
-It needs a rig that answers, real or simulated, and writes only the points it is given. What a subject does not offer (a
-point without a value, a way to cut the connection) is not checked, and the result says so.
+It needs a rig that answers, real or simulated, and writes only the given points. A rule is not checked if the subject
+lacks data for it (a point without a value, a way to cut the connection). The result then states the reason.
 """
 
 from __future__ import annotations
@@ -32,45 +32,45 @@ _POLL: Final = 10 * ms
 _BUSY: Final = 2 * ms
 _THREADS: Final = 4
 _ROUNDS: Final = 10
-#: By how much a time stamp may be ahead of the clock: what two clocks of one machine are apart.
+#: Permitted lead of a time stamp over the clock: the difference between two clocks of one machine.
 _AHEAD: Final = round(5 * ms * NS)
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A transport to check, and what must be known of the rig behind it."""
+    """A transport to check, and the necessary facts about the rig behind it."""
 
-    make: Callable[[], Transport]  #: a new one, not yet connected, to a rig that answers
+    make: Callable[[], Transport]  #: makes a transport, not yet connected, to a rig that answers
     readable: Sequence[str]  #: points that have a value
     written: Mapping[str, str] = field(
         default_factory=dict
-    )  #: points to write, each with where it is read back
+    )  #: points to write, each with the point that reads it back
     streamed: Mapping[str, str] = field(
         default_factory=dict
-    )  #: points to stream, each with where it is read back
-    values: tuple[float, float] = (1.0, 0.0)  #: two numbers that all of these can take
-    unavailable: str = ""  #: a point of which the rig says that it has no value
-    refused: str = ""  #: a point that the rig does not take
-    nobody: Callable[[], Transport] | None = None  #: one to where no one answers
+    )  #: points to stream, each with the point that reads it back
+    values: tuple[float, float] = (1.0, 0.0)  #: two valid numbers for all of these points
+    unavailable: str = ""  #: a point that the rig reports as not available
+    refused: str = ""  #: a point that the rig refuses
+    nobody: Callable[[], Transport] | None = None  #: makes a transport to an address without a rig
     cut: Callable[[], None] | None = None  #: cuts the connection of the transport made last
     clock: Clock = field(default_factory=RealClock)
-    within: float = 2 * s  #: of whatever must happen
+    within: float = 2 * s  #: time limit for every expected event
 
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """One rule, and how it was broken; an empty ``breach`` is none."""
+    """One rule, and the breach of it; an empty ``breach`` means that the rule is kept."""
 
     rule: str
     breach: str = ""
-    skipped: str = ""  #: why it was not checked
+    skipped: str = ""  #: reason why it was not checked
 
     def __str__(self) -> str:
         return f"{self.rule}: {self.breach or self.skipped or 'kept'}"
 
 
 class Breach(Exception):
-    """A rule is broken, in words."""
+    """A rule is broken; the text states how."""
 
 
 class _Skipped(Exception):
@@ -78,7 +78,7 @@ class _Skipped(Exception):
 
 
 class _Listener:
-    """Hears a transport, and notes what it should not have done."""
+    """A listener of a transport that records breaches of the rules."""
 
     def __init__(self, clock: Clock, busy: float = 0.0) -> None:
         self._clock, self._inside, self._busy = clock, threading.Lock(), busy
@@ -100,7 +100,7 @@ class _Listener:
 
 
 class _Bench:
-    """One connected transport and its listener, for the length of a rule."""
+    """One connected transport and its listener, for the duration of a rule."""
 
     def __init__(self, subject: Subject, busy: float = 0.0) -> None:
         self.subject, self.clock = subject, subject.clock
@@ -127,7 +127,7 @@ class _Bench:
 
 
 def check_transport(subject: Subject, only: str = "") -> list[RuleResult]:
-    """Return what became of every rule, or of ``only`` those that begin so; with a ``breach`` it is broken."""
+    """Return the result of every rule, or of those whose names begin with ``only``; a ``breach`` is a broken rule."""
     results = []
     for rule in _RULES:
         name = (rule.__doc__ or "").rstrip(".")
@@ -214,7 +214,7 @@ def _what_comes(subject: Subject) -> None:
         heard, end = list(samples), bench.clock.now()
     last = -1
     for time, now, points in heard:
-        # In virtual time what is simulated goes before, and the clock follows.
+        # In virtual time the simulation runs first, and the clock follows.
         latest = now + _AHEAD if isinstance(bench.clock, RealClock) else end
         if type(time) is not int or not start - 10 * NS <= time <= latest:
             raise Breach(f"the time {time!r} is none of the bench's clock, which says {now} ns")
@@ -398,7 +398,7 @@ def _losing(subject: Subject) -> None:
         reads = list(subject.readable)
 
         def loss_reported() -> bool:
-            if not bench.transport.period:  # who only reads when asked notices when asked
+            if not bench.transport.period:  # such a transport notices the loss at the next request
                 _expect(LinkLost, "read without a rig", lambda: bench.transport.read(reads))
             return bool(bench.listener.lost)
 

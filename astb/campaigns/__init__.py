@@ -1,1 +1,1 @@
-"""Campaigns: many cases of one question, on all cores or on a cluster, each kept as soon as it is finished."""
+"""Campaigns: many cases of one question, on all cores or on a cluster; each result is stored when its case ends."""

@@ -22,11 +22,11 @@ Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
 
 
 class CampaignError(ValueError):
-    """A campaign file that cannot be carried out; the text states what would be right."""
+    """A campaign file that cannot be run; the text states how to correct it."""
 
 
 class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A rig that differs from the ordinary one; over what the rig file simulates."""
+    """A rig that differs from the rig file in its simulation."""
 
     name: str
     parameters: str = ""  #: name of a parameter set, or the path of its TOML file
@@ -36,24 +36,24 @@ class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What is combined: each plan with each choice of values, specimen, variant, change and seed."""
+    """The combined values: each plan with each choice of values, specimen, variant, change and seed."""
 
     plans: Annotated[tuple[str, ...], Meta(min_length=1)]
     seeds: Annotated[int, Meta(ge=1)] | Annotated[tuple[Seed, ...], Meta(min_length=1)] = (
-        1  #: the first so many, or which
+        1  #: number of seeds from the first on, or a list of seeds
     )
     specimens: Annotated[tuple[str, ...], Meta(min_length=1)] = ("astb",)
-    rig: str = ""  #: path of a rig file or its name, whose simulation all cases start from
-    values: dict[str, Any] = {}  #: of the plans' parameters; in a table with a plan's name for that one alone
-    change: dict[str, Any] = {}  #: of the rig's parameters
+    rig: str = ""  #: path of a rig file or its name; its simulation is the base of all cases
+    values: dict[str, Any] = {}  #: of the plans; a table with the name of a plan is for that plan alone
+    change: dict[str, Any] = {}  #: parameters of the rig
     variants: tuple[Variant, ...] = ()
 
 
 def read_campaign(path: Path) -> dict[str, PlanCase]:
-    """Return the cases of a campaign file by their keys, each checked: none of them will be refused later.
+    """Return the cases of a campaign file by their keys. Each is checked, so that none is refused later.
 
-    In ``values`` and ``change`` a list is as many cases as it has entries. Paths are those of the campaign file's
-    directory. CampaignError with file, key and what would be right.
+    In ``values`` and ``change`` each entry of a list is a case. Paths are relative to the directory of the campaign
+    file. CampaignError with file, key and the correct form.
     """
     try:
         content = read_toml(path)
@@ -115,7 +115,7 @@ def _base(rig: str, home: Path) -> Simulation:
 
 
 def _path(name: str, home: Path) -> str:
-    """Return a path for workers, which may be in another directory; names are left as they are."""
+    """Return an absolute path for workers, which may run in another directory; names are unchanged."""
     return str((home / name).resolve()) if name.endswith(".toml") else name
 
 
@@ -125,14 +125,14 @@ def _values_for_plan(plan: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _choices(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield every combination of what is given as lists."""
+    """Yield every combination of the listed values."""
     lists = [value if isinstance(value, list) else [value] for value in given.values()]
     for chosen in product(*lists):
         yield dict(zip(given, chosen, strict=True))
 
 
 def _checked(cases: list[PlanCase]) -> list[PlanCase]:
-    """Return the cases with the digests of the files that they name. CampaignError for one that could not run."""
+    """Return the cases with the digests of their files. CampaignError for a case that cannot run."""
     known: dict[Any, str] = {}
 
     def once(key: Any, look: Any) -> str:

@@ -104,7 +104,7 @@ def campaign_command(
 
 
 def _command_line() -> str:
-    """Return this command as it was typed, without --again."""
+    """Return the command line of this process without --again."""
     context = click.get_current_context()
     words = ["astb", "campaign"]
     for one in context.command.params:
@@ -131,7 +131,7 @@ def _write_page_and_workbook(rows: list[dict[str, Any]], out: Path) -> None:
 
 
 def _asked_for(file: Path, limit: str) -> "tuple[dict[str, PlanCase], float]":
-    """Return the cases of a campaign file, and the time for each (s)."""
+    """Return the cases of a campaign file, and the time limit of each (s)."""
     from astb.campaigns.campaign_file import CampaignError, read_campaign
     from bench_protocol.written_values import NotAValue, read_written
 

@@ -1,4 +1,4 @@
-"""Many cases of one function on a cluster: one for each of its threads, each told as soon as it is finished."""
+"""Runs many cases of one function on a cluster, one on each thread; each result is reported when its case ends."""
 
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import CancelledError
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Case = TypeVar("Case")
 
-#: A scheduler whose workers have all gone is given this long to get new ones.
+#: Time for a scheduler without workers to get new ones.
 WITHOUT_WORKERS: Final = 60 * s
 _LOOK: Final = 1 * s
 _CLOCK: Final = RealClock()
@@ -38,15 +38,15 @@ def carried_out(
     limit: float | None = None,
     prepare: Callable[[], Any] | None = None,
 ) -> Generator[Finished, None, None]:
-    """Yield what becomes of each case, in the order in which they end.
+    """Yield the result of each case, in the order in which they end.
 
-    ``function``, ``prepare`` and the cases have to be picklable. ``limit`` (s) is a case's own time, without
-    ``prepare``, which each worker calls once. An exception, a worker that dies again and again and a time limit are
-    results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels what still runs.
+    ``function``, ``prepare`` and the cases have to be picklable. ``limit`` (s) is the time limit of a case without
+    ``prepare``, which each worker calls once. An exception, repeated deaths of a worker and a time limit are
+    results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels running cases.
     """
-    from cloudpickle import dumps  # takes what is in a script, too
+    from cloudpickle import dumps  # pickles functions of a script, too
 
-    run = uuid4().hex  # another client of the same scheduler must not be given these results
+    run = uuid4().hex  # another client of the same scheduler must not receive these results
     ended: SimpleQueue[Future] = SimpleQueue()
     running: dict[Any, _Submitted] = {}
     waiting = enumerate(cases.items())
@@ -75,7 +75,7 @@ def carried_out(
 
 
 def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
-    """Wait for a future that has ended; return it, and those that ended meanwhile."""
+    """Wait for a future that has ended; return it, and those that ended in the meantime."""
     found: list[Future] = []
     alone_since = None
     while not found:
@@ -97,7 +97,7 @@ def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
 
 
 def _threads(client: "Client") -> int:
-    """How many cases the cluster can compute at a time. ClusterError if it cannot be asked."""
+    """Return the number of cases that the cluster computes at a time. ClusterError if it does not answer."""
     try:
         return sum(client.nthreads().values())
     except (OSError, TimeoutError, ValueError, AttributeError) as error:
@@ -109,7 +109,7 @@ def _address(client: "Client") -> str:
 
 
 def _result(one: _Submitted, limit: float | None) -> Finished:
-    """Return what a future that has ended holds. ClusterError if it was lost with the cluster."""
+    """Return the result of a future that has ended. ClusterError if it was lost with the cluster."""
     from distributed import KilledWorker
 
     elapsed = (_CLOCK.now() - one.at) / NS

@@ -1,4 +1,4 @@
-"""What a user sees of a campaign: a bar with the time left on a terminal, a line now and then through a pipe."""
+"""Display of a campaign: a bar with the remaining time on a terminal, periodic lines through a pipe."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,14 @@ from astb.campaigns.run import Standing
 from bench_protocol.units import hours, minutes, s
 from test_plans.discovery import plans
 
-#: Through a pipe there is a line so often.
+#: Period of lines through a pipe.
 BETWEEN: Final = 10 * s
 #: Test time over computing time of one processor until a case is kept. 20 to 40 were measured, with the report's share.
 SPEED: Final = 25.0
 
 
 class CampaignDisplay:
-    """Shows how far a campaign is, and every case that failed; what `run_cases` takes as ``watch``."""
+    """Shows the progress of a campaign and every failed case; a ``watch`` for `run_cases`."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -47,7 +47,7 @@ class CampaignDisplay:
         self._bar.stop()
 
     def __call__(self, standing: Standing) -> None:
-        """Show what has become of the campaign."""
+        """Show the present state of the campaign."""
         row = standing.row
         if not row and standing.before:
             self._say(f"{standing.before} of {standing.total} cases are kept already")
@@ -75,7 +75,7 @@ def _progress(standing: Standing) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as people say it, roughly."""
+    """Return a rounded time as text."""
     if seconds < 1.5 * minutes:
         return f"{seconds:.0f} s"
     return f"{seconds / minutes:.0f} min" if seconds < 1.5 * hours else f"{seconds / hours:.1f} h"
@@ -116,7 +116,7 @@ def cost(
 
 
 def verdicts(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a table that says, for each plan and kind of case, how many runs had which verdict."""
+    """Return a table with the number of runs by verdict, for each plan and kind of case."""
     counted: dict[Kind, Counter[str]] = {}
     for row in rows:
         counted.setdefault(kind_of(row), Counter())[verdict_of(row)] += 1

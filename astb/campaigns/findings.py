@@ -1,4 +1,4 @@
-"""What the rows of a campaign say together: cases by how they ended, and of each check its values over all seeds."""
+"""Summary of the rows of a campaign: cases by verdict, and the values of each check over all seeds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Final, NamedTuple
 
 Row = Mapping[str, Any]
 
-#: Verdicts of a check that contradict its case.
+#: Verdicts of a check that contradict the verdict of its case.
 FAILED: Final = ("fail", "error")
-#: The order in which cases are read: what needs a user first.
+#: Order of the cases by verdict: first those that need attention.
 WORST_FIRST: Final = ("fail", "error", "blocked", "incomplete", "not available", "marginal", "pass", "")
 
 
 class Kind(NamedTuple):
-    """What cases have in common that differ by their seed alone."""
+    """The common properties of cases that differ only by their seed."""
 
     plan: str
     values: str  #: of the plan's parameters: load=AW3
@@ -26,12 +26,12 @@ class Kind(NamedTuple):
 
     @property
     def words(self) -> str:
-        """All of it but the plan, in a line."""
+        """All properties except the plan, in a line."""
         return ", ".join(filter(None, self[1:])) or "as it is"
 
 
 class Distribution(NamedTuple):
-    """One check over the cases of a kind: values and limits in its unit, how many failed, and of how many."""
+    """One check over the cases of a kind: values and limits in its unit, number of failures, number of cases."""
 
     kind: Kind
     check: str
@@ -49,12 +49,12 @@ class Distribution(NamedTuple):
 
     @property
     def scatter(self) -> float:
-        """The standard deviation; NaN of fewer than two values."""
+        """The standard deviation; NaN with fewer than two values."""
         return stdev(self.values) if len(self.values) > 1 else math.nan
 
 
 def kind_of(row: Row) -> Kind:
-    """Return what the case of a row has in common with those of other seeds."""
+    """Return the properties of the case of a row without its seed."""
     specimen = str(row.get("specimen") or "")
     return Kind(
         str(row.get("plan", "")),
@@ -66,22 +66,22 @@ def kind_of(row: Row) -> Kind:
 
 
 def written(values: Any) -> str:
-    """Return parameters as people write them; a table has a column for every plan's, and leaves out what is not set."""
+    """Return parameters as text, without those that are not set; the table has a column for every parameter."""
     return ", ".join(f"{name}={value}" for name, value in (values or {}).items() if value is not None)
 
 
 def verdict_of(row: Row) -> str:
-    """Return how a case ended: its verdict, or "error" where it has none."""
+    """Return the verdict of a case, or "error" if it has none."""
     return str(row.get("verdict") or "error")
 
 
 def reason_of(row: Row) -> str:
-    """Return what kept a case from being judged, or broke it off; "" where nothing did."""
+    """Return why a case has no verdict or was stopped; "" if it is complete."""
     return str(row.get("error") or row.get("reason") or "")
 
 
 def failures_first(rows: Iterable[Row]) -> list[Row]:
-    """Return rows in the order in which people read them: by verdict, then by how many checks failed."""
+    """Return rows sorted by verdict, then by the number of failed checks."""
 
     def place(row: Row) -> tuple[int, int]:
         failed = sum(one["verdict"] == "fail" for one in row.get("checks") or ())
@@ -102,13 +102,13 @@ def names_of(rows: Iterable[Row]) -> list[str]:
 
 
 def in_unit(check: Mapping[str, Any], what: str) -> float | None:
-    """Return ``what`` of a check (value, low or high) in its unit; None for what is not known or not finite."""
+    """Return ``what`` of a check (value, low or high) in its unit; None if it is unknown or not finite."""
     number = check[what]
     return None if number is None or not math.isfinite(number) else number / (check["scale"] or 1.0)
 
 
 def name_of(check: Mapping[str, Any]) -> str:
-    """Return what identifies a check from the others of its plan."""
+    """Return the name of a check, which is unique in its plan."""
     phase = str(check.get("phase") or "")
     return (
         f"{check['name']} ({phase})"
@@ -118,7 +118,7 @@ def name_of(check: Mapping[str, Any]) -> str:
 
 
 def distributions(rows: Sequence[Row]) -> list[Distribution]:
-    """Return every check of every kind of case, in the order of the plans; what failed most often comes first."""
+    """Return every check of every kind of case, in the order of the plans; the most frequent failures come first."""
     seen: dict[tuple[Kind, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         for check in row.get("checks") or ():

@@ -1,4 +1,4 @@
-"""The rows that a campaign keeps: a directory of Parquet parts, none of which is ever half written."""
+"""The stored rows of a campaign: a directory of Parquet parts; no part is ever incomplete."""
 
 import contextlib
 import os
@@ -13,28 +13,28 @@ from bench_records.layout import whole
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: So many small parts become one.
+#: Number of small parts that are joined into one.
 PARTS: Final = 100
 _LOCK: Final = ".lock"
 
 
 class KeptError(ValueError):
-    """A directory that is no data set of a campaign, or that another campaign is at work on."""
+    """A directory that is no data set of a campaign, or is in use by another campaign."""
 
 
 class KeptFailed(KeptError):
-    """A disk that does not take the rows of a campaign."""
+    """The disk cannot store the rows of a campaign."""
 
 
 class KeptRows:
     """Rows by their ``key``, in a directory that one campaign at a time writes to.
 
-    A part gets its name when it is complete and on the disk. Parts are joined from time to time; if that is cut short,
-    a row may be in two of them, which `read_rows` and the next opening see to.
+    A part gets its name when it is complete and on the disk. Parts are joined from time to time. An interrupted join
+    can leave a row in two parts; `read_rows` and the next opening remove duplicates.
     """
 
     def __init__(self, directory: Path, *, without_errors: bool = False) -> None:
-        """Open ``directory`` or make it; ``without_errors`` forgets the rows of cases that failed.
+        """Open or create ``directory``; ``without_errors`` drops the rows of failed cases.
 
         KeptError if it cannot be used.
         """
@@ -47,7 +47,7 @@ class KeptRows:
             raise
 
     def _take_over(self, without_errors: bool) -> None:
-        """Read what is kept, and put in order what an end without warning has left."""
+        """Read the stored rows, and clean up after an end without warning."""
         table = read_table(self.directory)
         for left in self.directory.glob(".part-*"):
             left.unlink()
@@ -68,9 +68,9 @@ class KeptRows:
         self.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Keep a row; when this returns it is on the disk.
+        """Store a row; it is on the disk when this returns.
 
-        ValueError, in words, if it does not fit into a table with the rows before.
+        ValueError if it does not fit into a table with the earlier rows.
         """
         table = _table(row)
         schema = _unified(self._schema, table.schema)
@@ -82,7 +82,7 @@ class KeptRows:
             self._replace_all(read_table(self.directory))
 
     def close(self) -> None:
-        """Join all parts, and let others open the directory."""
+        """Join all parts, and unlock the directory."""
         if self._parts > 1:
             self._replace_all(read_table(self.directory))
         self._lock.close()
@@ -93,7 +93,7 @@ class KeptRows:
         return path
 
     def _replace_all(self, table: "pa.Table") -> None:
-        """Let one part with ``table`` represent all that are there."""
+        """Replace all parts by one with ``table``."""
         old = _parts(self.directory)
         if table.num_rows:
             _write(table, self._next_part())
@@ -103,9 +103,9 @@ class KeptRows:
 
 
 def read_table(directory: Path) -> "pa.Table":
-    """Return all rows that are kept in ``directory``, each key once, in the order in which they were kept.
+    """Return all rows in ``directory``, each key once, in the order in which they were stored.
 
-    KeptError if something else lies there.
+    KeptError if it has other contents.
     """
     import numpy as np
     import pyarrow as pa
@@ -127,7 +127,7 @@ def read_table(directory: Path) -> "pa.Table":
 
 
 def read_rows(directory: Path) -> list[dict[str, Any]]:
-    """Return all rows that are kept in ``directory``, as `read_table` does."""
+    """Return all rows in ``directory``, as `read_table` does."""
     rows: list[dict[str, Any]] = read_table(directory).to_pylist()
     return rows
 
@@ -170,14 +170,14 @@ def _unified(*schemas: "pa.Schema") -> "pa.Schema":
 
 
 def _bare(value: Any) -> Any:
-    """Return ``value`` without empty dictionaries, for which Parquet has no place."""
+    """Return ``value`` without empty dictionaries, which Parquet cannot store."""
     if isinstance(value, dict):
         return {name: _bare(one) for name, one in value.items()} or None
     return [_bare(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def _write(table: "pa.Table", path: Path) -> None:
-    """Write a part under another name, and give it its own when all of it is on the disk; KeptFailed if it fails."""
+    """Write a part under a temporary name, and rename it when it is complete on the disk; KeptFailed if it fails."""
     import pyarrow.parquet as pq
 
     hidden = path.with_name(f".{path.name}")

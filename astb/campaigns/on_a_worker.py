@@ -1,4 +1,4 @@
-"""What a worker does with one case: prepare once, compute within a time limit, make a result of whatever happens."""
+"""One case on a worker: prepare once, compute within a time limit, return a result in every case."""
 
 import ctypes
 import faulthandler
@@ -16,7 +16,7 @@ from typing import Any, Final
 from bench_protocol.clock import RealClock
 from bench_protocol.units import NS, s
 
-#: What does not end by an exception (compiled code, a blocked call) ends with its process, so much later.
+#: Compiled code or a blocked call ignores the exception; after this additional time its process is ended.
 GRACE: Final = 10 * s
 
 _prepared: set[str] = set()
@@ -24,23 +24,23 @@ _prepared: set[str] = set()
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """What became of a case: a value, or an error in words."""
+    """The result of a case: a value, or an error as text."""
 
     key: str
-    value: Any  #: None where it failed
-    error: str  #: "" where it did not
-    seconds: float  #: it took, without the preparation
+    value: Any  #: None if it failed
+    error: str  #: "" if it succeeded
+    seconds: float  #: computing time without the preparation
     worker: str = ""
 
 
 class OutOfTime(BaseException):
-    """The case has used up its time. Not an Exception: no case should take it for one of its own."""
+    """The time limit of the case is reached. Not an Exception, so that a case does not catch it."""
 
 
 def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
-    """Return what a function makes of a case, within ``limit`` (s); a failure is a result too.
+    """Return the result of a function for a case, within ``limit`` (s); a failure is a result too.
 
-    ``packed`` is the pickle of function, case, and what is to be done once in each process and not counted, or None.
+    ``packed`` is the pickle of function, case, and the preparation (once in each process, outside the limit) or None.
     """
     clock = RealClock()
     start = clock.now()
@@ -59,7 +59,7 @@ def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
 
 
 def in_words(error: BaseException) -> str:
-    """Return kind, place and text of an error on one line."""
+    """Return type, place and text of an error on one line."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     return f"{type(error).__name__}{place}: {' '.join(str(error).split())}"
@@ -76,9 +76,9 @@ def _prepare(prepare: Callable[[], Any] | None) -> None:
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
-    """Raise OutOfTime in this thread if the block lasts longer; end the process if even that does not end it.
+    """Raise OutOfTime in this thread if the block lasts longer; end the process if it still does not stop.
 
-    The latter only where the process has no other case at work: there is one such alarm in a process.
+    The process is ended only if it has no other case: a process has only one such alarm.
     """
     if seconds is None:
         yield
@@ -97,7 +97,7 @@ def limited(seconds: float | None) -> Iterator[None]:
     timer.start()
     alone = _threads() == 1
     if alone:
-        # It needs no interpreter: code that holds it for good is ended too.
+        # It needs no interpreter, so it also ends code that never releases the GIL.
         faulthandler.dump_traceback_later(seconds + GRACE, exit=True)
     try:
         yield
@@ -110,7 +110,7 @@ def limited(seconds: float | None) -> Iterator[None]:
 
 
 def _threads() -> int:
-    """How many cases this process computes at a time; 0 where it is no worker."""
+    """Return the number of cases that this process computes at a time; 0 outside a worker."""
     from distributed import get_worker
 
     try:

@@ -1,4 +1,4 @@
-"""By what the numbers of a list of registers are multiplied, and how wide they are; never a guess."""
+"""Scale factors and sizes of the numbers in a list of registers; ambiguous cells are left out, never guessed."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from drivers.errors import WiringError
 
 #: An exponent of ten that a register may have.
 _EXPONENT_MAX: Final = 12
-#: Registers, bytes and bits: so many of each are one register.
+#: Units of a size column: registers, bytes and bits, each with the number that fills one register.
 _SIZES: Final = (1, 2, 16)
-#: What a cell says that changes no number.
+#: Cells that change no number.
 _NOTHING: Final = re.compile(r"|[-–—]|none|n/?a|x?\s*1([.,]0+)?|1\s*/\s*1|1:1|10\^0", re.IGNORECASE)
 
 
 class LeftOut(Exception):
-    """A point that is not filled in, as something in its row is not understood; the text is the reason."""
+    """A point that is not filled in, because a cell of its row is not understood; the text is the reason."""
 
 
 def kind_of(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
@@ -50,7 +50,7 @@ def comma_in(scales: Sequence[str]) -> bool:
 
 
 def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
-    """Return the number of a cell; WiringError for one that is none, or may be two."""
+    """Return the number in a cell; WiringError for a text without a number, or with an ambiguous one."""
     if not text:
         return 1.0
     wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
@@ -74,7 +74,7 @@ def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
 
 
 def factor_of(text: str, column: str, exponents: bool) -> float:
-    """Return what a column such as "Scale factor" or "SF" multiplies with. LeftOut if that is not clear.
+    """Return the factor in a column such as "Scale factor" or "SF". LeftOut if it is ambiguous.
 
     ``exponents``: its numbers are powers of ten. A factor above 1 may multiply or divide.
     """
@@ -99,14 +99,14 @@ def factor_of(text: str, column: str, exponents: bool) -> float:
 
 
 def are_exponents(cells: Sequence[str]) -> bool:
-    """Whether the cells of a column "SF" are powers of ten, as SunSpec has them: whole, and one is below 0."""
+    """Whether the cells of a column "SF" are powers of ten, as in SunSpec: integers, at least one of them negative."""
     found = [cell.replace(",", ".") for cell in cells if cell]
     whole = all(re.fullmatch(r"[-+]?\d{1,2}", cell) for cell in found)
     return whole and any(cell.startswith("-") for cell in found)
 
 
 def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> str:
-    """Return which column, that is not read, may change the number of a row, and what it has; "" for none."""
+    """Return the name and the cell of an unread column that may change the number of a row; "" for none."""
     for index, name in enumerate(names):
         told = cells[index].strip() if index < len(cells) else ""
         if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(told):
@@ -117,9 +117,9 @@ def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[st
 
 
 def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
-    """Return what a column of sizes may count: how many of it are a register. ``sizes``: cells, and known registers.
+    """Return the possible units of a size column, as number per register. ``sizes``: cells, and known registers.
 
-    Where a type states how wide it is, that must agree; 0 registers are unknown.
+    If a type states its size, that must agree; 0 registers are unknown.
     """
     said = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
     found = {unit for word, unit in said.items() if word in head.lower()} or set(_SIZES)
@@ -134,7 +134,7 @@ def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
 
 
 def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
-    """Return the type of a number for a cell with its size. LeftOut if they do not agree, or leave it open."""
+    """Return the type of a number for a cell with its size. LeftOut if they contradict each other or are ambiguous."""
     if not size or kind == "bit":
         return kind
     if not size.isdigit() or not int(size):
@@ -153,7 +153,7 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
 
 
 def null_of(text: str, kind: str) -> str:
-    """Return what registers hold without a value, as the wiring has it; "" for what is no number anyway."""
+    """Return the raw value for a missing value, as the wiring writes it; "" for a type without numbers."""
     if not text or text.lower() in ("nan", "-"):
         return ""
     plain = re.sub(r"^16#|(?<=[0-9a-f])h$", "", text.strip().lower())
@@ -169,7 +169,7 @@ def null_of(text: str, kind: str) -> str:
 
 
 def shared_registers(places: Mapping[str, tuple[str, int, int, str]]) -> list[str]:
-    """Return in words which points are on one register; ``places``: table, address, registers and bit by name."""
+    """Return a text that names points on the same register; ``places``: table, address, registers and bit by name."""
     found = []
     ordered = sorted(places.items(), key=lambda one: one[1][:2])
     for index, (name, (table, address, size, bit)) in enumerate(ordered):

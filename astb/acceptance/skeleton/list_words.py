@@ -1,4 +1,4 @@
-"""The words that lists of registers are written with, in English and German."""
+"""The English and German words of lists of registers."""
 
 import re
 from typing import Final
@@ -82,7 +82,7 @@ ACCESS: Final = {
 }  # fmt: skip
 #: Functions that write.
 WRITING: Final = frozenset({"5", "6", "15", "16", "22", "23"})
-#: Columns that make numbers others, but not which: what is in all of their cells if they say nothing, what is right.
+#: Ambiguous columns, each with the cell that changes no number, and with advice for the user.
 OPEN: Final = {
     **dict.fromkeys(
         ("gain", "gains"), ("1", "it may multiply or divide; a column scale or divisor would be right")
@@ -99,7 +99,7 @@ OPEN: Final = {
         ("0", "it may be a display format or a unit; use a column scale, such as 0.1"),
     ),
 }
-#: Heads of columns that make numbers others, whatever else is in them.
+#: Column headings that always mean changed numbers, whatever the cells are.
 SCALING: Final = re.compile(
     r"scal|skal|fa[ck]tor|expon|\bexp\b|\bsf\b|gain|mult|divi|teiler|resol|auflös|precis|genauig|conver|umrech|"
     r"formul|formel|offset|versatz|decim|dezimal|nachkomma|10\^|power|potenz|\blsb\b"
@@ -114,9 +114,9 @@ DEVICES: Final = (
     "station",
     "geräteadresse",
 )
-#: The function that reads what another one writes.
+#: The read function for each write function.
 READ_BY: Final = {"5": "1", "15": "1", "6": "3", "16": "3"}
-#: What a Modicon number begins with.
+#: First digit of a Modicon number, by table.
 DIGIT: Final = {"coil": "0", "discrete": "1", "input": "3", "holding": "4"}
 TYPES: Final = {
     **dict.fromkeys(("bit", "bool", "boolean"), "bit"),
@@ -129,7 +129,7 @@ TYPES: Final = {
     **dict.fromkeys(("float32", "float", "real", "single", "f32", "real32", "ieee754"), "float32"),
     **dict.fromkeys(("float64", "double", "lreal", "f64", "real64"), "float64"),
 }
-#: In which order the bytes A (the highest) to D of 32 bits travel: the words, the bytes in each.
+#: Order of the bytes A (the highest) to D of 32 bits on the wire: order of the words, order of the bytes in a word.
 ORDERS: Final = {
     "abcd": ("high", "big"),
     "cdab": ("low", "big"),

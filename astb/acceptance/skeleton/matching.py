@@ -1,4 +1,4 @@
-"""Which point of a rig a signal of the bench may be: by the words of its name, and by its unit."""
+"""Finds the point of a rig that a signal of the bench may be, by the words of its name and by its unit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from astb.acceptance.skeleton.points import DescribedPoint
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import UNITS
 
-#: What people write for one thing.
+#: Synonyms.
 _SYNONYMS: Final = {
     "left": ("links", "l", "li"),
     "right": ("rechts", "r", "re"),
@@ -42,7 +42,7 @@ _SYNONYMS: Final = {
     "dpv": ("bridge",),
 }
 _CONCEPT: Final = {word: concept for concept, words in _SYNONYMS.items() for word in (concept, *words)}
-#: Of each of these a point is one thing or another.
+#: A point has at most one word of each of these groups.
 _SLOTS: Final = (
     frozenset({"left", "right"}),
     frozenset({"pressure", "temperature", "force", "displacement", "height", "acceleration", "cell"}),
@@ -54,22 +54,22 @@ _SLOTS: Final = (
 _FILLERS: Final = frozenset(
     {"is", "are", "the", "of", "in", "stop", "load", "rig", "nominal", "diameter", "at", "spring", "feder"}
 )
-#: What is called so is no reading, where it can be written.
+#: Words of settings: a writable point with one of them is no reading.
 _SAID_TO_IT: Final = frozenset({"setpoint", "target"})
-#: What a unit says without a word.
+#: Words that a unit implies.
 _BY_UNIT: Final = {"Pa": "pressure", "K": "temperature"}
-#: What need not be said: an actuator on one side is a vertical one.
+#: Optional words: an actuator on one side is a vertical one.
 _IMPLIED: Final = frozenset({"vertical", "mode", "pressure", "temperature"})
 CLEAR: Final = 0.8
 MARGIN: Final = 0.15
 POSSIBLE: Final = 0.3
-#: What can be written is less likely to be a reading; and what identifies a setting is hardly what it is written to.
+#: Factors on the score: of a writable point as a reading, and of a point that identifies a setting as one to write.
 PERHAPS_READ: Final = 0.9
 TOLD_BACK: Final = 0.75
 
 
 class Match(NamedTuple):
-    """The point that a signal clearly is, if there is one, and those that it may be, the likeliest first."""
+    """The point that certainly is a signal, if there is one, and all possible points, the likeliest first."""
 
     clear: DescribedPoint | None
     candidates: Sequence[tuple[float, DescribedPoint]]
@@ -78,7 +78,7 @@ class Match(NamedTuple):
 def match(
     signals: Iterable[Signal], points: Sequence[DescribedPoint], *, read_back: bool = False
 ) -> dict[str, Match]:
-    """Return what each signal may be; with ``read_back``, where settings are reported, not where they are written."""
+    """Return the match of each signal; ``read_back`` matches points that report settings, not written ones."""
     table = {
         signal.name: [(score(signal, point, read_back=read_back), point) for point in points]
         for signal in signals
@@ -106,7 +106,7 @@ def match(
 
 
 def score(signal: Signal, point: DescribedPoint, *, read_back: bool = False) -> float:
-    """Return how likely ``point`` is ``signal``: 0 if it cannot be, 1 if every word agrees."""
+    """Return how likely ``point`` is ``signal``: 0 if impossible, 1 if every word agrees."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING, Kind.ACTION) and not read_back
     if not (point.written if goes else point.read):
         return 0.0
@@ -150,7 +150,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 def _unit_fits(signal: Signal, unit: str) -> float:
-    """Return 0 for a unit of another quantity, less than 1 where none is reported."""
+    """Return 0 for a unit of another quantity, less than 1 for a point without a unit."""
     if signal.unit == "1":
         return float(unit in ("", "1"))
     if not unit or unit not in UNITS:

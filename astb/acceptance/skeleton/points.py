@@ -17,30 +17,30 @@ from drivers.errors import WiringError
 
 @dataclass(frozen=True)
 class DescribedPoint:
-    """One point: what the rig calls it, and what is told of it."""
+    """One point: its name on the rig, and its description."""
 
     name: str  #: as the wiring names it: TRANSPORT.POINT
-    own: str  #: words of its own
-    context: str  #: words of what it is in: its message, its description
+    own: str  #: words of its name
+    context: str  #: words of its context: its message, its description
     unit: str
-    written: bool  #: by us
+    written: bool  #: by a client
     read: bool
     choices: Mapping[str, int] = field(default_factory=dict)
     line: str = ""  #: of ``[transports.NAME.points]``
     nulls: Mapping[int, str] = field(
         default_factory=dict
     )  #: raw values that are no measurement, with their names
-    absolute: bool = False  #: a pressure over nothing, where ours are over the atmosphere
+    absolute: bool = False  #: an absolute pressure, where ours are gauge pressures
 
 
-#: What is in a DBC instead of a node that no one named.
+#: Default sender in a DBC, if no node is named.
 _NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
 
 def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[DescribedPoint]:
-    """Return the signals of a DBC; anyone who sends most of them is the rig. WiringError for a file that is none.
+    """Return the signals of a DBC; the sender of most of them is the rig. WiringError for a file in another format.
 
-    What no one is said to send may be the rig's or ours.
+    Signals without a sender may be sent by the rig or by a client.
     """
     try:
         messages = read_dbc(path, charset).messages

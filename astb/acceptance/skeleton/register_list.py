@@ -1,4 +1,4 @@
-"""The points of a rig as a list of its Modbus registers names them, in the forms that people keep such lists in."""
+"""Reads the points of a rig from a list of its Modbus registers, in the common forms of such lists."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from bench_records.layout import RecordError
 from bench_records.tables.text_table import cells_of, text_lines
 from drivers.errors import WiringError
 
-#: How the addresses of a list count: as they are on the wire, from 1 in each table, or as Modicon numbered them.
+#: Ways to count addresses: as on the wire, from 1 in each table, or as Modicon numbers.
 Counting = Literal["wire", "one", "modicon"]
 
-#: Of an address, whatever it counts from.
+#: Maximum number of digits of an address, for all ways to count.
 _DIGITS: Final = 12
 
 
 @dataclass(frozen=True)
 class RegisterList:
-    """What a list says: its points, and in words how it was taken."""
+    """The content of a list: its points, and notes on its interpretation."""
 
     points: list[DescribedPoint]
     notes: list[str]
@@ -74,31 +74,31 @@ class _Row:
     unit: str
     access: str
     text: str
-    open: str = ""  #: what in it is not understood, and may change its number
+    open: str = ""  #: unknown columns that may change its number
 
 
 @dataclass(frozen=True)
 class _Conventions:
-    """How the cells of one list are meant."""
+    """The conventions of the cells of one list."""
 
     transport: str
     counting: Counting
-    twice: set[str]  #: names of several points
-    commas: bool  #: in decimals
+    twice: set[str]  #: names that several points have
+    commas: bool  #: decimal commas
     heads: Mapping[str, str]
     exponents: bool  #: in the column of factors
-    size_units: set[int]  #: so many of a size are a register
+    size_units: set[int]  #: number of size units in one register
 
 
 def register_points(path: Path, transport: str = "plc") -> list[DescribedPoint]:
-    """Return the rows of a list of registers (CSV). WiringError, with row and column, for what cannot be."""
+    """Return the rows of a list of registers (CSV). WiringError, with row and column, for wrong cells."""
     return read_register_list(path, transport).points
 
 
 def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
-    """Return the points of a list of registers, and how its addresses were taken, which ``counting`` says else.
+    """Return the points of a list of registers, and how it counts addresses; ``counting`` overrides the detection.
 
-    WiringError, with row and column, for what cannot be, and for addresses that may be two things.
+    WiringError, with row and column, for wrong cells and for ambiguous addresses.
     """
     account = Account()
     try:
@@ -157,7 +157,7 @@ def _points(
     access: Mapping[int, tuple[bool, bool] | None],
     conventions: _Conventions,
 ) -> tuple[list[DescribedPoint], list[str]]:
-    """Return the points, and in words which were left out and which share a register."""
+    """Return the points, and texts that name skipped points and shared registers."""
     points: list[DescribedPoint] = []
     places: dict[str, tuple[str, int, int, str]] = {}
     left_out: dict[str, list[str]] = {}
@@ -176,7 +176,7 @@ def _points(
 
 
 def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str], list[str]]:
-    """The rows with an address, how the columns are called, and in words what is not read."""
+    """Return the rows with an address, the names of the columns, and a text about unread columns."""
     delimiter, head, found = _head(path, lines)
     notes = (
         [f"Lines above the head of the list: {head}."] if any(line.strip() for line in lines[:head]) else []
@@ -206,7 +206,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
 
 
 def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequence[str]) -> None:
-    """WiringError for columns that are not read although numbers depend on them, and for lists of several devices."""
+    """WiringError for unread columns that change numbers, and for lists of several devices."""
     rows = [row for _, row in cells_of(lines, delimiter)]
     for index, name in enumerate(names):
         cells = {row[index] for row in rows if len(row) > index and row[index]}
@@ -221,7 +221,7 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
 
 
 def _with_bit(where: str, row: _Row) -> _Row:
-    """A row whose address may have a bit behind it, 40001.3, with both for themselves. WiringError for no such bit."""
+    """Split an address with a bit, such as 40001.3, into both. WiringError for an impossible bit."""
     address, point, behind = row.address.partition(".")
     if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
         raise WiringError(f"{where}: address = {row.address!r} has a bit, and the column bit has {row.bit}")
@@ -235,7 +235,7 @@ def _with_bit(where: str, row: _Row) -> _Row:
 
 
 def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
-    """Delimiter, index of the head, and where in it each column is: of all lines the one with most of them."""
+    """Return delimiter, index of the heading, and the position of each column. The heading has the most columns."""
     best: tuple[str, int, dict[str, int]] | None = None
     for delimiter in (",", ";", "\t", "|"):
         for index, line in enumerate(lines[:60]):
@@ -285,13 +285,13 @@ def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
 def _access(
     path: Path, rows: Sequence[_Row], tables: Mapping[int, str]
 ) -> dict[int, tuple[bool, bool] | None]:
-    """Return, by line, whether a point can be read, and whether it can be written; None where the list does not say."""
+    """Return for each line whether a point can be read and written; None if the list does not state it."""
     codes = {row.line: set(re.findall(r"\d+", row.function.replace("0x", ""))) for row in rows}
     codes = {line: {code.lstrip("0") for code in found} for line, found in codes.items()}
     told = any(
         found & WRITING for found in codes.values()
-    )  # a list that has them somewhere has them where they are
-    #: Where a list keeps readings in tables of their own, what can be written is there to be written.
+    )  # a list with a write function in one row has it in every writable row
+    #: Where a list has separate tables for readings, writable points are settings.
     apart = set(tables.values()) & {"input", "discrete"}
     found: dict[int, tuple[bool, bool] | None] = {}
     for row in rows:
@@ -361,17 +361,17 @@ def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
 
 
 def _registers(row: _Row) -> int:
-    """Return how many registers the type of a row has; 0 if it does not say."""
+    """Return the number of registers of the type of a row; 0 if it is not stated."""
     if re.fullmatch(r"(u?int|integer|(un)?signed)?", _plain(row.type).replace(" ", "")):
         return 0
     try:
         return {"16": 1, "32": 2, "64": 4}.get(kind_of("", f"{row.type} {row.order}".strip())[0][-2:], 0)
-    except WiringError:  # which is said where the point is made
+    except WiringError:  # reported when the point is built
         return 0
 
 
 def _scale(where: str, row: _Row, conventions: _Conventions) -> float:
-    """Return the product of all that scales a point. LeftOut where that is not clear."""
+    """Return the product of all scale factors of a point. LeftOut if one is ambiguous."""
     if row.open:
         raise LeftOut(row.open)
     commas, heads = conventions.commas, conventions.heads

@@ -1,4 +1,4 @@
-"""The text of a first wiring file: what is clear is filled in, what may be is in comments."""
+"""Writes a first wiring file: certain entries are filled in, possible ones are comments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bench_protocol.units import UNITS
 from bench_protocol.words import SWITCH
 
 _SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
-#: What drivers and plans ask for, in the order of the file; all else is ours alone, or optional.
+#: Signals that drivers and plans need, in the order of the file; the others are optional.
 GROUPS: Final = {
     "Measurements": [one.name for one in TABLE.of_kind(Kind.MEASUREMENT)],
     "What the rig says of itself": ["rig.state", "rig.reason", "interlock.estop"],
@@ -33,7 +33,7 @@ GROUPS: Final = {
         if one.name in _SAID or not one.name.startswith(("rig.", "generator.", "car."))
     ],
 }
-#: So much of a description stands behind a candidate.
+#: Maximum length of the description after a candidate.
 _TOLD_MAX: Final = 80
 _READINGS: Final = ("Measurements", "What the rig says of itself")
 _POLLED: Final = 'group = "fast"'
@@ -90,7 +90,7 @@ def skeleton(
     charset: str | None = None,
     counting: Counting | None = None,
 ) -> str:
-    """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
+    """Return a wiring file for the directory ``beside``; WiringError for an unreadable DBC or list."""
     points: list[DescribedPoint] = []
     text = (
         'description = "Incomplete description of a rig: fill in the missing entries"\nlatency = "100 ms"\n\n'
@@ -126,7 +126,7 @@ def skeleton(
 
 
 def _nulls(points: Sequence[DescribedPoint]) -> str:
-    """Return which raw values the DBC names as no measurement, by point."""
+    """Return the raw values that mean "no measurement" in the DBC, by point."""
     lines = [
         f'"{one.name.partition(".")[2]}" = {{ null = {sorted(one.nulls)} }}  # {", ".join(one.nulls.values())}\n'
         for one in points
@@ -137,7 +137,7 @@ def _nulls(points: Sequence[DescribedPoint]) -> str:
 
 
 def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
-    """Return the line of a point, which is polled if a reading comes from it, whatever else may be done with it."""
+    """Return the line of a point; a point with a reading is polled, even if it is also written."""
     if _POLLED in row.line or all(
         written[name].clear != row for group in _READINGS for name in GROUPS[group]
     ):
@@ -146,14 +146,14 @@ def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
 
 
 def matches(points: Sequence[DescribedPoint]) -> tuple[dict[str, Match], dict[str, Match]]:
-    """Return what each wanted signal may be, and where each setting may be read back."""
+    """Return the match of each wanted signal, and the points that may read back each setting."""
     signals = [TABLE[name] for name in WANTED]
     settings = [one for one in signals if one.kind is Kind.SETTING]
     return match(signals, points), match(settings, points, read_back=True)
 
 
 def _needed_by() -> dict[str, str]:
-    """Return, by signal, that plans do not start without it."""
+    """Return the number of plans that need a signal, as text by signal."""
     found = plans_by_need().items()
     return {name: f"{len(needing)} plans need it" for name, needing in found if name in TABLE.index}
 
@@ -171,7 +171,7 @@ def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
 
 
 def _keys(signal: Signal, point: DescribedPoint, back: DescribedPoint | None) -> str:
-    """Return what a line says; "" if a choice has numbers that no one knows."""
+    """Return the keys of a line; "" if a choice has unknown numbers."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING)
     parts = [f'{"to" if goes else "from"} = "{point.name}"']
     if signal.kind is Kind.SETTING and back is not None:
@@ -198,7 +198,7 @@ def _unit(point: DescribedPoint) -> str:
 
 
 def _numbers(point: DescribedPoint) -> str:
-    """Return which number of a candidate means what, or what a list says of it."""
+    """Return the meaning of each number of a candidate, or the text of the list."""
     told = ", ".join(f"{number} {text}" for text, number in point.choices.items())
     told = told or (" ".join(point.context.split()) if point.line else "")
     return f" ({told[:_TOLD_MAX]})" if told else ""

@@ -1,4 +1,4 @@
-"""Units as lists of registers and DBCs write them, and which of ours they are."""
+"""Units in the notation of lists of registers and DBCs, and the same units in the notation of ASTB."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bench_protocol.units import UNITS
 
 
 class WrittenUnit(NamedTuple):
-    """A unit that a user wrote: ours, if there is one, and what else the words say."""
+    """A unit from a file: the same unit in ASTB, if there is one, and the other facts in its text."""
 
     name: str
-    absolute: bool = False  #: of a pressure over nothing
-    factor: float = 1.0  #: of "0.01 mm": what one count is
+    absolute: bool = False  #: for a pressure: absolute
+    factor: float = 1.0  #: of "0.01 mm": the size of one count
 
 
 _NAMES: Final = {
@@ -29,8 +29,8 @@ _NAMES: Final = {
     **dict.fromkeys(("-", "none", "n/a"), ""),
 }
 _SPELLED: Final = Counter(name.lower() for name in UNITS)
-_BY_LOWER: Final = {name.lower(): name for name in UNITS if _SPELLED[name.lower()] == 1}  # mN and MN are two
-#: A unit of pressure with what it is over: psia, barg, kPa abs, bar(a), mbar (absolute).
+_BY_LOWER: Final = {name.lower(): name for name in UNITS if _SPELLED[name.lower()] == 1}  # mN and MN differ
+#: A unit of pressure with its reference: psia, barg, kPa abs, bar(a), mbar (absolute).
 _OVER: Final = re.compile(
     r"(?P<unit>psi|m?bar|[kM]?Pa)[ _.]*(?P<over>\(?(a|g|abs|absolute?|gauge|ü)\.?\)?)", re.IGNORECASE
 )
@@ -39,7 +39,7 @@ _COUNT: Final = re.compile(r"[x×*]?\s*(\d+(?:[.,]\d+)?)(?:/(\d+))?\s*[x×*]?\s*
 
 
 def unit_of(text: str) -> WrittenUnit:
-    """Return a unit as we write it, of one as lists and DBCs write it; as it stands, if it is none of ours."""
+    """Return the ASTB unit for a unit in a list or a DBC; an unknown unit is returned unchanged."""
     text = text.strip().removeprefix("[").removesuffix("]").strip()
     factor = 1.0
     if counted := _COUNT.fullmatch(text):
