@@ -1,4 +1,4 @@
-"""`astb diagnose`: measured data against a model: what is wrong with it, what causes that, and the better model."""
+"""`astb diagnose`: compares measured data with a model, finds errors and their causes, and extends the model."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -52,9 +52,9 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisRequest:
-    """What is to be diagnosed: data, the map of foreign files, the model in doubt, and the candidates (None: all).
+    """The request of a diagnosis: data, the map of foreign files, the model in doubt, and the candidates (None: all).
 
-    ``simulator`` is one of the user's own, "package.module:factory", in place of the bench and its ``model``.
+    ``simulator`` is a user's simulator, "package.module:factory", instead of the bench and its ``model``.
     """
 
     data: Sequence[Path]
@@ -66,9 +66,9 @@ class DiagnosisRequest:
 
 
 def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> Finding:
-    """Diagnose what is asked and write all results into ``out``.
+    """Run the requested diagnosis, and write all results into ``out``.
 
-    DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
+    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
     """
     for path in request.data:
         if not path.exists():
@@ -154,9 +154,9 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
 def read_data(
     paths: Sequence[Path], map_path: Path | None, parameters: "Parameters", own: str | None = None
 ) -> tuple[Simulator, Dataset]:
-    """Return the system and its measured runs: records of the bench, or files for a map or a simulator of one's own.
+    """Return the system and its measured runs: records of the bench, or files for a map or a user's simulator.
 
-    Of the bench's runs, `with_roles` states which choose models and tell the gain.
+    For runs of the bench, `with_roles` selects those that choose models and those that validate the gain.
 
     DiagnosisError or RecordError, which name the file and what would be right.
     """
@@ -174,9 +174,9 @@ def read_data(
 
 
 def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
-    """Return the set of the rig on which the runs were made, by the dimensions that their records state.
+    """Return the parameter set of the rig of the runs, from the dimensions in their records.
 
-    DiagnosisError for runs on rigs that are built otherwise from one another.
+    DiagnosisError if the dimensions differ between the runs.
     """
     first, *others = ((one.path.parent, _stated_in(one)) for one in records)
     for where, stated in others:
@@ -198,7 +198,7 @@ def _stated_in(record: "Record") -> dict[str, float]:
 
 
 def with_roles(dataset: Dataset) -> Dataset:
-    """Return the dataset with one run of each screening to choose models, one to tell the gain, all others fitted.
+    """Return the dataset: of each screening, one run chooses models, one validates the gain, and the others are fitted.
 
     Runs of separating plans are fitted. The two that are kept back have different loads and stretches, so that the fit
     sees every load, and every stretch under one of them.
@@ -291,7 +291,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
 
 
 def _checks(rows: Sequence[CheckPrediction]) -> "Table":
-    """Return what plans measure, as the models predict it, each number as fine as the prediction is certain."""
+    """Return the predictions of the models for the measurements of plans, rounded to their uncertainty."""
     columns = ("check", "stock", "tuned", "extended", "±", "measured", "unit")
     table = open_table(
         "Statistics: stiffness and damping at the checks' frequencies", *columns, whole=columns[:1]
@@ -306,7 +306,7 @@ def _checks(rows: Sequence[CheckPrediction]) -> "Table":
 
 
 def _roles(of: Provenance) -> str:
-    """State which runs the model was fitted to, which chose its causes, and which tell the gain."""
+    """Return the runs of each role: fitted, choice of causes, validation of the gain."""
     roles = {"fitted to": of.fit, "causes selected on": of.select, "gain measured on": of.report}
     return "; ".join(f"{what} {_runs(names)}" for what, names in roles.items() if names)
 

@@ -6,9 +6,9 @@ import click
 
 PASS: Final = 0
 FAIL: Final = 1  #: a plan judged the product, and it broke a limit
-MISUSE: Final = 2  #: the user asked for something that cannot be
+MISUSE: Final = 2  #: the user requested something impossible
 BLOCKED: Final = 3  #: the rig or a precondition broke, not the product
-INCOMPLETE: Final = 4  #: all that was measured passed, but the rig cannot measure everything
+INCOMPLETE: Final = 4  #: all measured checks passed, but the rig cannot measure everything
 DEVIATES: Final = 6  #: all checks passed, but the rig deviates from the model that ran next to it (`--watch`)
 REFUSED: Final = 5  #: rehearsed in virtual time, the plan trips a limit: the rig must not be moved by it
 

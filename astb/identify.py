@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from test_plans.programmes.motions import Programme
     from test_plans.specimen import Specimen
 
-#: Runs that are data, so that what they will tell can be computed.
+#: Measured runs with data, for which the information of an experiment can be computed.
 PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
@@ -59,9 +59,9 @@ _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 @dataclass(frozen=True, slots=True)
 class IdentificationRequest:
-    """What is to be identified: records, the map of foreign files, what is assumed, and a plan to look ahead to.
+    """The request of an identification: records, map of foreign files, prior, and a plan for a prediction.
 
-    ``specimen`` is the drawing of the springs, which goes over the ``model``; ``simulator`` takes the place of both.
+    ``specimen`` is the drawing of the springs and overrides the ``model``; ``simulator`` replaces both.
     """
 
     data: Sequence[Path]
@@ -73,7 +73,7 @@ class IdentificationRequest:
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One quantity as it is shown: in its unit, with its 95 % interval and that which was assumed."""
+    """One quantity for display: in its unit, with its 95 % interval and its prior value."""
 
     name: str
     title: str
@@ -83,7 +83,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     believed_low: float
     believed_high: float
-    left: float  #: part of the assumed standard deviation that is left
+    left: float  #: remaining part of the prior standard deviation
     told: bool
 
 
@@ -100,7 +100,7 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of an identification, or of looking ahead to a run: ``after`` is that run's plan."""
+    """The result of an identification, or of a prediction for a run: ``after`` is the plan of that run."""
 
     rows: list[Row]
     shapes: list[Shape] = []
@@ -111,9 +111,9 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def identify_data(request: IdentificationRequest, out: Path | None, console: "Console") -> Answer:
-    """Identify what is asked and write it to ``out``, if there is one; or look ahead to a run.
+    """Run the requested identification, and write it to ``out`` if given; or predict the result of a run.
 
-    DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
+    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
     """
     if request.simulator is not None:
         _refuse_springs(request, request.simulator)
@@ -210,7 +210,7 @@ def _programme(name: str) -> "Programme":
 
 
 def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Console") -> Answer:
-    """State what a run would tell of springs of which nothing but a set is known."""
+    """Report how well a run would determine the parameters of springs of which only a set is known."""
     with progress_bar(console) as progress:
         progress(f"looking ahead to {ahead.name}", 0.0)
         simulator = UnknownSpring(parameters)
@@ -219,7 +219,7 @@ def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Consol
 
 
 def _make_room(out: Path, model: str) -> None:
-    """Make the folder of the model, and refuse before anything is computed what cannot be written after it."""
+    """Create the folder of the model, and refuse an impossible output before the computation."""
     if out.exists() and Path(model).exists() and out.samefile(model):
         raise DiagnosisError(f"--out {out} is the --model on which it would be based; give it another name")
     try:
@@ -239,7 +239,7 @@ def _asked(found: Identification) -> list[Identified]:
 
 
 def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
-    """Yield what would show what the records do not."""
+    """Yield the experiments that would determine the remaining quantities."""
     runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
     after = {one.parameter.name: one for one in _asked(expected(found, runs))}
     for one in untold:
@@ -278,7 +278,7 @@ def _shapes(found: Identification) -> Iterator[Shape]:
 
 
 def _grid(visited: "Sequence[Array]") -> list[float]:
-    """Return round numbers (m) from one end of what was visited to the other."""
+    """Return round numbers (m) over the range of the data."""
     if not visited:
         return [0.0]
     low, high = min(float(one.min()) for one in visited), max(float(one.max()) for one in visited)
@@ -321,7 +321,7 @@ def write_springs(
 def _stated(
     parameters: "Parameters", base: "Parameters"
 ) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
-    """Return what a map, a drawing or the dimensions of a rig have changed in a set: parameters and effects."""
+    """Return the changes that a map, a drawing or the dimensions of a rig make in a set: parameters and effects."""
     changes: dict[str, Any] = {}
     for name, entry in parameters.entries.items():
         value, before = np.asarray(entry.value), np.asarray(base.entries[name].value)
@@ -359,7 +359,7 @@ def _provenance(asked: Sequence[Identified], found: Identification, dataset: "Da
 
 
 def show(answer: Answer, out: Path | None, console: "Console") -> None:
-    """Print doubts, the table of parameters, what is not told, and where the model is."""
+    """Print doubts, the table of parameters, the undetermined quantities, and the path of the model."""
     for text in answer.readings:
         console.print(text, soft_wrap=True)
     for doubt in answer.doubts:

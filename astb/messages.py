@@ -30,7 +30,7 @@ _NAMED: Final = 20
 
 
 class MessageError(ValueError):
-    """A receiver of messages that is none; the text states what would be right."""
+    """A wrong receiver of messages; the text states how to correct it."""
 
 
 class Receiver(Protocol):

@@ -1,4 +1,4 @@
-"""Who answers a plan's questions: a terminal, a file of answers, or a simulated rig that does what it can by itself."""
+"""Operators that answer the questions of a plan: a terminal, a file of answers, or a simulated rig."""
 
 import sys
 import threading
@@ -24,18 +24,18 @@ from test_plans.operator import (
     Unanswered,
 )
 
-#: What ``--answers`` says for "a panel answers, at the run's door".
+#: Value of ``--answers`` if a panel answers through the door of the run.
 PANEL: Final = "@panel"
-#: What ``--answers`` says for "the answers come line by line from the standard input".
+#: Value of ``--answers`` if the answers are lines of the standard input.
 STDIN: Final = "-"
 
 
 class AnswersFileError(ValueError):
-    """A file of answers that is none; the text names it and states what would be right."""
+    """A wrong file of answers; the text names it and states the correct form."""
 
 
 class SimulatedHand:
-    """Does by itself what a simulated rig can be told to do: deeds such as ``estop on``, the name of a fault.
+    """Carries out deeds of an operator on a simulated rig, such as ``estop on``; ``estop`` is the name of a fault.
 
     ``order`` gives the rig an order of its fault panel and returns the answer.
     """
@@ -50,8 +50,8 @@ class SimulatedHand:
             raise Unanswered("the simulated rig cannot do it by itself")
         try:
             told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
-            done = "error" not in told or (way == "off" and self._has(name))  # what was not on is off
-        except OSError as error:  # it runs elsewhere, or has gone
+            done = "error" not in told or (way == "off" and self._has(name))  # a fault that was not on is off
+        except OSError as error:  # the rig runs in another process, or has ended
             raise Unanswered(
                 f"the simulated rig does not receive the command: {error.strerror or error}"
             ) from None
@@ -91,7 +91,7 @@ class Terminal(QuestionBox):
         answers = " / ".join(question.allowed)
         self._print(f"? {question.text}  [{answers}], within {question.within:g} s", "bold")
         if self._reader is None:
-            # No one can be kept from waiting for a line; the process does not wait for this thread.
+            # The read cannot be cancelled; the process does not wait for this thread.
             self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
             self._reader.start()
 
@@ -106,16 +106,16 @@ class Terminal(QuestionBox):
         super().withdraw()
 
     def _forget_what_was_typed(self) -> None:
-        """Let nothing that was typed before a question answer it; lines of a pipe are meant in their order."""
+        """Discard input that was typed before a question; the lines of a pipe are kept, in their order."""
         if self._lines.isatty():
             forget_typed(self._lines)
 
     def _read(self) -> None:
         try:
-            with suppress(OSError, ValueError):  # a terminal that is gone, or what is no text
+            with suppress(OSError, ValueError):  # the terminal is gone, or its input is no text
                 while self._wanted.wait() and (line := self._lines.readline()):
                     self._take(line)
-        finally:  # whatever came, no one answers here any more
+        finally:  # after any error, this terminal gives no more answers
             self._ended = True
 
     def _take(self, line: str) -> None:
@@ -157,7 +157,7 @@ def read_answers(path: Path) -> Script:
 
 
 def operator_for(answers: str | None, console: Console) -> Operator:
-    """Return who answers: the file ``answers``, the standard input for ``-``, a panel for ``@panel``, else a terminal.
+    """Return the operator: the file ``answers``, the standard input for ``-``, a panel for ``@panel``, else a terminal.
 
     AnswersFileError as `read_answers`.
     """
@@ -171,7 +171,7 @@ def operator_for(answers: str | None, console: Console) -> Operator:
 
 
 def with_hand(operator: Operator | None, hand: Operator | None) -> Operator:
-    """Return who is asked on a rig that may have a ``hand`` of its own.
+    """Return the operator for a rig that may have a simulated ``hand``.
 
     What is known beforehand goes first; no one at a terminal can do to a simulated rig what it can do by itself.
     """

@@ -25,7 +25,7 @@ class Blocked(Exception):
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let `--rig` and `--rig-records` state which rig, and where its records go."""
+    """Add `--rig` and `--rig-records`: the rig, and the folder of its records."""
     group = parser.getgroup("astb", "test bench for air springs")
     group.addoption(
         "--rig",
@@ -170,14 +170,14 @@ def _whose_fault(error: BaseException) -> str:
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Count what is blocked, and plans that there are not, apart from what failed."""
+    """Count blocked tests and unknown plans separately from failures."""
     if getattr(report, "misuse", False):
         return "error", "E", "ERROR"
     return ("blocked", "B", "BLOCKED") if getattr(report, "blocked", "") else None
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """State what was blocked, and whose fault it was."""
+    """Report the blocked tests and the causes."""
     blocked = terminalreporter.stats.get("blocked", [])
     if blocked:
         terminalreporter.section("BLOCKED: the product was not judged")

@@ -60,7 +60,7 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
     limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb rig limits`
-    sealed: str = ""  #: path of a file of effects that no one is told
+    sealed: str = ""  #: path of a file with sealed effects, which are not shown
     spring: str = ""  #: path of an FMU that computes the springs
     spring_map: SpringMap = SpringMap()  #: which of its variables are what
     can: SimulatedCan = SimulatedCan()

@@ -80,7 +80,7 @@ class RigInMemory:
         latency: float = 0.0,
         absent: Mapping[str, str] | None = None,
     ) -> Bench:
-        """Return a bench on ports of its own, not yet connected.
+        """Return a bench on its own ports, not yet connected.
 
         ``faults``, drawn from ``seed``, befall its CAN frames (``outward`` those that it sends, where they differ);
         ``latency`` (s) is that of Modbus; ``absent`` is what the bench is to do without, with the reasons.
@@ -141,7 +141,7 @@ class RigInMemory:
             self.rig.peer_lost(port.name)
 
     def disconnect(self, wire: str) -> None:
-        """Let all clients of ``can`` or ``modbus`` lose their connections, and the rig hear of it."""
+        """Close the connections of all clients of ``can`` or ``modbus``, and report it to the rig."""
         if wire == "can":
             for port in list(self._ports):
                 port.lose("the CAN interface of the rig is down")
@@ -201,7 +201,7 @@ class RigInMemory:
         return stream.cycle_before(end + 1) if stream.due % TICK_NS else end
 
     def _pass_quietly(self, stream: "_Stream", end: int, last: int) -> None:
-        """Let rig and stream pass to ``end``, or to the end of the cycle in which something happens."""
+        """Advance rig and stream to ``end``, or to the end of the cycle in which something happens."""
         before = self.rig.ticks
         with stream.mutex:
             block, happened = self.rig.run_until_event(end // TICK_NS - self._ticks, stream.run)
@@ -213,7 +213,7 @@ class RigInMemory:
             self._pass_cycle(stream, last)
 
     def _pass_cycle(self, stream: "_Stream", last: int) -> None:
-        """Let the rig pass to the next cycle of the stream, which then sends, or to ``last`` before it."""
+        """Advance the rig to the next cycle of the stream, which then sends, or to ``last`` before it."""
         self._pass_to(min(stream.due, last))
         if stream.due <= last:
             stream.send()

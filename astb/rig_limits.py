@@ -1,4 +1,4 @@
-"""The limits that a rig has, as far as its file tells them, and the assumed ones in place of those that it does not."""
+"""The limits of a rig: those of its file, and assumed ones for the others."""
 
 from typing import Final, NamedTuple
 
@@ -13,7 +13,7 @@ ASSUMED: Final = "assumed"
 
 
 class KnownLimit(NamedTuple):
-    """A limit, and who says so: `SIMULATED`, `TOLD` or `ASSUMED`."""
+    """A limit and its source: `SIMULATED`, `TOLD` or `ASSUMED`."""
 
     limit: Limit
     source: str

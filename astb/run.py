@@ -197,7 +197,7 @@ def run_plan(
         if not (directory / RESULT).exists():  # stopped once more, while the files were written
             raise
         result, stopped = read_result(directory), stop
-    with Interruptions():  # what comes meanwhile is heard when the report lies there
+    with Interruptions():  # a later signal takes effect when the report is written
         report = _reported(directory, display)
     if report and keeping.pdf:
         _print(report, display)
@@ -307,7 +307,7 @@ def _sessions(
 
 @contextmanager
 def held_by_keyboard() -> Iterator[Suspension]:
-    """Let Ctrl-Z hold the run at the next place where its plan allows it, and once more let it go on.
+    """Hold the run on Ctrl-Z at the next place where its plan allows it; a second Ctrl-Z continues it.
 
     Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
     """

@@ -50,7 +50,7 @@ def queued(
 ) -> Iterator[None]:
     """Keep a ticket for the rig while the block lasts.
 
-    With ``told``, wait first until no ticket is before it; ``told`` gets the tickets before it whenever they change.
+    With ``told``, wait first until no ticket precedes it; ``told`` gets the earlier tickets at each change.
     """
     folder, clock = queue_path(rig_file), RealClock()
     mine = folder / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}-{os.getpid()}"

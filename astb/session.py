@@ -67,7 +67,7 @@ class Session:
 
 
 def simulated_parameters(simulation: Simulation) -> "Parameters":
-    """Return the parameter set that the rig file asks for, without what is sealed.
+    """Return the parameter set of the rig file, without its sealed effects.
 
     Raises ParameterError with name, value, unit and what would be right.
     """
@@ -119,7 +119,7 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
 
 
 def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
-    """Return the faults that the rig file asks for; FaultError for a time that is none."""
+    """Return the faults of the rig file; FaultError for an impossible time."""
     from bench_sim.rig.faults.orders import read_time
     from bench_sim.rig.faults.panel import PlannedFault
 
@@ -130,7 +130,7 @@ def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
 
 
 def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:
-    """Return what is on the CAN bus of ``rig``: its pace, where one is requested; ValueError if it cannot be."""
+    """Return the stages on the CAN bus of ``rig``: its pace, if one is requested; ValueError if it is impossible."""
     from bench_sim.rig.pace import Pace, read_bit_rate
 
     can = simulation.can
@@ -284,7 +284,7 @@ def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":
     """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench.
 
-    RigFileError for a file of instruments that is none. Of a real rig that names no such file no one knows any.
+    RigFileError for a wrong file of instruments. The instruments of a real rig without such a file are unknown.
     """
     if not rig.instruments:
         return ordinary() if rig.simulation else UNKNOWN
@@ -342,7 +342,7 @@ def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: in
     if seed is not None:
         command += ["--seed", str(seed)]
     pipe = subprocess.PIPE
-    # A process group of its own: Ctrl-C is for the plan, whose tear-down needs the rig.
+    # A separate process group: Ctrl-C is for the plan, and its tear-down needs the rig.
     return subprocess.Popen(command, stdin=lifeline, stdout=pipe, stderr=pipe, text=True, process_group=0)
 
 

@@ -19,8 +19,8 @@ TOLD: Final = "commit.txt"
 def commit() -> str:
     """Return the commit of the software, with "+ changes" if files differ from it; "" where no one knows.
 
-    A checkout is asked itself; a wheel was reported when it was built; what pip installed from a repository shows where
-    it came from.
+    The commit comes from git in a checkout, from a file written at build time in a wheel, and from the metadata of pip
+    for an installation from a repository.
     """
     if (_HOME / ".git").exists():
         revision = _git("rev-parse", "HEAD")

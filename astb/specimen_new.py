@@ -41,7 +41,7 @@ _GIVEN: Final = "given to `astb copy specimen`"
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is different from the specimen ``base``: preloads (N) by load case, and values of the drawing (SI).
+    """The changes to the specimen ``base``: preloads (N) by load case, and values of the drawing (SI).
 
     ``plans`` are run next to that of each load case.
     """
@@ -84,7 +84,7 @@ def new_specimen(
 
 
 def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
-    """Write a specimen with derived limits to a file; return the limits that no plan told, which are left out.
+    """Write a specimen with derived limits to a file; return the limits that no plan measured, which are left out.
 
     SpecimenError for what is not in the base or contradicts itself, and for a plan that does not run with it.
     """
@@ -127,7 +127,7 @@ def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     target.write_text("\n".join([*head, "", *_toml(content)]) + "\n", encoding="utf-8")
     try:
         read_specimen(target)
-    except SpecimenError:  # what is requested contradicts itself
+    except SpecimenError:  # the requested changes contradict each other
         target.unlink()
         raise
     return left_out
@@ -188,7 +188,7 @@ def _measured(
 def _limits(
     entries: Mapping[str, Any], case: str, found: Found, more: float, source: str
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return the limits of a load case as they are now, and the names of those that nothing tells.
+    """Return the new limits of a load case, and the names of those that no plan measures.
 
     ``more`` is by how much (N) the preload is larger than it was.
     """
@@ -212,7 +212,7 @@ def _limits(
 def _limit(
     name: str, entry: Mapping[str, Any], case: str, found: Found, more: float, source: str
 ) -> dict[str, Any] | None:
-    """Return one limit as it is now: around what was found, and as wide as it was; None where nothing was."""
+    """Return one new limit: around the new value, with the old width; None without a new value."""
     factor = UNITS[entry["unit"]].factor
     if name == "carried":
         ends = {end: _rounded(entry[end] + more / factor, 6) for end in ("low", "high") if end in entry}

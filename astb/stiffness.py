@@ -43,7 +43,7 @@ class StiffnessChecks:
         )
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a nuisance is an error of a sensor: what a planned experiment begins with is not read."""
+        """Return whether a nuisance is an error of a sensor: the start of a planned experiment is not read."""
         return nuisance.endswith(".offset")
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:

@@ -1,6 +1,6 @@
 """Text and tables on the terminal: as they stand, names in full at 80 columns, no line folded for a program or a file.
 
-Names, remarks and paths come from outside: here no text is markup, and what is to be bold or red is `styled`.
+Names, remarks and paths come from outside: here no text is markup, and bold or red text is `styled`.
 """
 
 import sys
@@ -39,7 +39,7 @@ def shared_console() -> Console:
 
 
 class _PlainConsole(Console):
-    """Writes its colours to the stream itself, and of each text what is printable."""
+    """Writes its colours directly to the stream, and only `printable` characters of each text."""
 
     @property
     def file(self) -> IO[str]:

@@ -14,7 +14,7 @@ def printable(text: str) -> str:
 
 
 class PrintableStream:
-    """A text stream that writes only what is `printable`. A rich console writes its own colours past it."""
+    """A text stream that writes only `printable` characters. A rich console bypasses it for its colours."""
 
     def __init__(self, stream: TextIO) -> None:
         self.rich_proxied_file = stream  #: the name by which rich finds it
@@ -28,5 +28,5 @@ class PrintableStream:
 
 
 def print_safely() -> None:
-    """Let all that this process prints from now on be printable."""
+    """Make all further output of this process printable."""
     sys.stdout, sys.stderr = PrintableStream(sys.stdout), PrintableStream(sys.stderr)

@@ -1,4 +1,4 @@
-"""A run with its twin: `astb watch` in its own process next to it, so that nothing of the run waits for it.
+"""A run with its twin: `astb watch` runs in its own process, so that the run never waits for it.
 
 Only a plan that asks in virtual time waits, while its clock stands: no twin would be as fast as the rig is there.
 """
@@ -19,9 +19,9 @@ from test_plans.run import NoTwin, TwinState
 
 #: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
 _PATIENCE: Final = 120.0
-#: A twin that uses no processor time for so long (s) is stopped, or waits for something that does not come.
+#: A twin that uses no processor time for this long (s) is stopped or waits in vain.
 _STILL: Final = 10.0
-#: After so long (s) a user who waits for the end of the run is told why.
+#: After this time (s) a user who waits for the end of the run gets the reason.
 _QUIET: Final = 3.0
 #: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
 _BEHIND: Final = 2.0
@@ -81,7 +81,7 @@ class RunTwin:
         return story
 
     def story(self) -> TwinStory | None:
-        """What the twin has kept until now; None if there is nothing."""
+        """The results that the twin has stored until now; None if there are none."""
         with suppress(OSError, RecordError):
             now = (self._directory / TWIN).stat().st_mtime_ns
             if now != self._read[0]:
@@ -96,7 +96,7 @@ def _is_searched(story: TwinStory) -> bool:
 
 @contextmanager
 def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[TwinState]:
-    """Let a twin watch the run that writes into ``directory`` while the block lasts, and ``warn`` of what it found.
+    """Run a twin of the run that writes into ``directory`` while the block lasts, and ``warn`` of its findings.
 
     It ends by itself with the run. Whatever becomes of it, the run goes on.
     """

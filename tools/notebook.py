@@ -1,6 +1,6 @@
-"""Run the notebooks of the tutorials and keep what came out: python -m tools.notebook [--into FOLDER].
+"""Run the notebooks of the tutorials and store their outputs: python -m tools.notebook [--into FOLDER].
 
-Each runs in a new folder by the interpreter that runs this. What is written has outputs and nothing that differs
+Each runs in a new folder by the interpreter that runs this. A stored notebook has its outputs, and nothing that differs
 between two runs of the same code. ``--into`` leaves the notebooks of the repository as they are.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 TUTORIALS: Final = Path(__file__).parents[1] / "docs" / "tutorials"
-#: Of one cell, in s: a diagnosis on a machine that is busy otherwise, its model compiled before.
+#: Time limit of one cell, in s: a diagnosis on a busy machine, with its model already compiled.
 PATIENCE: Final = 240
 #: Warnings of libraries and bars of progress are not what a reader comes for.
 NOISE: Final = "stderr"

@@ -1,6 +1,6 @@
-"""Carry out docs/tutorials/find-a-hidden-effect.md as it is typed, and write the figures that come out into the page.
+"""Carry out the commands of docs/tutorials/find-a-hidden-effect.md, and write the resulting figures into the page.
 
-python tools/tutorial_hidden_effect.py [DIRECTORY]    results stay in DIRECTORY; what is there is not run again
+python tools/tutorial_hidden_effect.py [DIRECTORY]    results stay in DIRECTORY; existing results are kept
 """
 
 import json
@@ -50,7 +50,7 @@ def commands(page: str) -> list[list[str]]:
 
 
 def carry_out(page: str, directory: Path) -> None:
-    """Type the page's commands in ``directory``, as far as what they write is not there."""
+    """Run the page's commands in ``directory``, except those whose results exist."""
     for name, text in files(page).items():
         (directory / name).write_text(text)
     for arguments in commands(page):

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from astb.panel.answers import Parts
 
 FINDING: Final = "finding.json"
-#: Where runs lie that are kept and no longer listed among the others.
+#: Folder of archived runs, which are not in the list.
 ARCHIVE: Final = "archive"
 #: Drawings that a page of trends has at most: each takes a tenth of a second to make.
 TRENDS: Final = 60
@@ -99,7 +99,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Kept:
-    """What lies in a folder of runs, as it is when a user asks. RecordError for what is not there or unreadable."""
+    """The contents of a folder of runs at the time of the request. RecordError for missing or unreadable runs."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -173,7 +173,7 @@ class Kept:
         return _page(lambda path: write_trends(trends, known.serial_number, path))
 
     def diagnoses(self) -> list[Diagnosis]:
-        """Return the diagnoses in the folder, the newest first; what is none is left out."""
+        """Return the diagnoses in the folder, the newest first; other folders are left out."""
         found = []
         for path in self._folder.rglob(FINDING):
             try:

@@ -31,7 +31,7 @@ _NAME: Final = "-rehearsal"
 _TAIL: Final = 4000  # characters
 #: What a run can go on with from an instant: options of `astb rehearse`.
 CHANGES: Final = ("fault", "effect", "change")
-#: How the line ends behind which it states what parted.
+#: End of the line before the list of deviations.
 _BESIDE: Final = "to the bit, and then:"
 #: Of the processor a rig in real time goes first.
 _NICE: Final = ("nice", "-n", "15")

@@ -1,4 +1,4 @@
-"""Starts runs, each `astb run` in its own process, and hands on what the panel asks of the one that goes on."""
+"""Starts runs, each `astb run` in its own process, and forwards requests of the panel to the present run."""
 
 import os
 import signal
@@ -27,20 +27,20 @@ from test_plans.analysis import CHAMBERS
 from test_plans.discovery import plans, unknown
 from test_plans.parameters import ParameterRefused
 
-#: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
+#: A run that does not answer within this time is killed by an emergency stop: the rig then holds.
 STOP_WITHIN: Final = 1 * s
 _LOG_TAIL: Final = 2000  # bytes
 MS: Final = 1_000_000  # ns
-#: Of each side the pressures in the spring: the bellows first, without which no one knows of any air.
+#: Pressure signals of each side: the bellows first, because without it the amount of air is unknown.
 _AIR: Final = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
-#: Who stopped a run, if his page does not know his name.
+#: Name of the user who stopped a run, if the page does not know it.
 SOMEBODY: Final = "a user of the panel"
 _FAILED: Final = (CheckVerdict.FAIL, CheckVerdict.ERROR)
 
 
 @dataclass(slots=True)
 class Stopped:
-    """An emergency stop: by whom, what was done, when (ns since 1970), and when the springs were seen to be empty."""
+    """An emergency stop: user, action, time (ns since 1970), and the time when the springs were empty."""
 
     by: str
     how: str
@@ -58,19 +58,19 @@ class Stopped:
 
 
 class CannotDo(Exception):
-    """What cannot be done now; the text states why, and what would be right."""
+    """An action that is impossible now; the text states why, and what to do."""
 
 
 class Runs:
-    """The runs on one rig: what was started here, and what the panel found going on."""
+    """The runs on one rig: those started here, and those that the panel found."""
 
     def __init__(self, watch: Watch, out: Path, kept: KeptRig | None = None) -> None:
         self._watch, self.out, self._kept = watch, out, kept
         self._process: subprocess.Popen[bytes] | None = None
         self._log: Path | None = None
         self._record = ""  # of the last run that was seen
-        self._concluded: tuple[str, dict[str, Any]] | None = None  # what that came to
-        self.stopped: Stopped | None = None  #: by the last emergency stop, until another run starts
+        self._concluded: tuple[str, dict[str, Any]] | None = None  # result of this run
+        self.stopped: Stopped | None = None  #: of the last emergency stop, until another run starts
         self._stops = 0
         self._starts = threading.Lock()
 
@@ -94,7 +94,7 @@ class Runs:
         if self._watch.lacks_stop:
             raise CannotDo(f"no run starts without a stop: {self._watch.lacks_stop}; add one to its wiring")
         refuse_settings(plan, settings)
-        with self._starts:  # anyone who clicks twice starts one
+        with self._starts:  # a double click starts one run
             if self.going:
                 raise CannotDo("a run is in progress already: stop it, or wait for its end")
             if link := self._watch.present().link:
@@ -124,7 +124,7 @@ class Runs:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C and the end of the panel's terminal are not for the run
+                start_new_session=True,  # Ctrl-C and the end of the panel's terminal do not reach the run
                 pass_fds=() if lifeline is None else (lifeline,),
             )
 
@@ -138,7 +138,7 @@ class Runs:
         return self._process is not None and self._process.poll() is None
 
     def order(self, do: str, **more: str) -> None:
-        """Hand an order to the run: hold, resume, stop, answer. CannotDo if there is none, or it refuses."""
+        """Send an order to the run: hold, resume, stop, answer. CannotDo if there is none, or it refuses."""
         try:
             told = knock(self._watch.path, {"do": do, **more})
         except NoRun:
@@ -151,13 +151,13 @@ class Runs:
             raise CannotDo(told["error"])
 
     def emergency_stop(self, by: str = "") -> str:
-        """Bring the bench to its safe position over the wires, and end the run; return what was done.
+        """Bring the bench to its safe position over the wires, and end the run; return a description of the action.
 
-        ``by`` is who says so, as far as the page knows.
+        ``by`` is the name of the user, as far as the page knows it.
 
-        The run itself says it to the rig, as its commander. One that does not answer is killed, and the rig then holds
-        and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
-        not hear of it.
+        The run sends the order to the rig, as its commander. A run that does not answer is killed; the rig then holds
+        and vents as it does without a commander. Without a run the panel sends the order. CannotDo if the rig did not
+        receive it.
         """
         if self._watch.lacks_stop and not self.going:
             raise CannotDo(f"press the emergency stop on the rig: {self._watch.lacks_stop}")
@@ -217,7 +217,7 @@ class Runs:
         self._by_hand(lambda: self._watch.act("action.reset"))
 
     def vent(self) -> None:
-        """Let the air out of both springs, while no one commands."""
+        """Vent both springs, while no one commands."""
         self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
 
     def _by_hand(self, do: Callable[[], None]) -> None:
@@ -229,14 +229,14 @@ class Runs:
             raise CannotDo(str(error)) from None
 
     def moved(self, old: Path, new: Path) -> None:
-        """Note that the folder of a run has another name now; the last run goes on being shown."""
+        """Update the folder of a run after it was renamed; the last run remains visible."""
         if self._record and Path(self._record) == old.resolve():
             self._record = str(new.resolve())
 
     # -- what is told ----------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Return what the page shows of the last run: whether it starts, its verdict, or why it came to nothing."""
+        """Return the state of the last run for the page: starting, its verdict, or why it failed."""
         snapshot = self._watch.status.run
         if snapshot is not None:
             self._record = snapshot["record"]
@@ -264,7 +264,7 @@ class Runs:
 
 
 def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
-    """CannotDo, in the words of the command line, for a plan that there is not, or what it does not take."""
+    """CannotDo, with the message of the command line, for an unknown plan, or for settings that it does not take."""
     if (known := plans().get(plan)) is None:
         raise CannotDo(unknown(plan))
     try:

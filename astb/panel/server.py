@@ -145,7 +145,7 @@ def _about(parts: Parts) -> dict[str, Any]:
 
 
 def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
-    """Return the plans as they are told for a specimen, without a name for the ordinary one."""
+    """Return the plans for a specimen as JSON data, for the ordinary one without a name."""
     known = Specimens(parts.out)
     try:
         spring = known.read(specimen)
@@ -195,7 +195,7 @@ def _seat(parts: Parts, request: Request) -> None:
 
 
 class _Fresh:
-    """Lets a browser keep nothing: after an update of the package its page is the new one."""
+    """Prevents that a browser caches the page, so that an update of the package takes effect."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

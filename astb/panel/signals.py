@@ -12,7 +12,7 @@ from bench_protocol.units import UNITS
 from bench_protocol.words import LimitKind
 from bench_records.replay import DECIMALS, WRITTEN
 
-#: What is read from two metres away, in this order.
+#: Signals with large digits, readable from two metres away, in this order.
 KEY: Final = (
     "left.height",
     "right.height",

@@ -119,7 +119,7 @@ class Specimens:
 
 
 def _rows(table: Mapping[str, Any], where: str = "") -> Iterator[dict[str, str]]:
-    """Yield the values and limits of a specimen's file, as they stand there."""
+    """Yield the values and limits of a specimen's file without changes."""
     for key, entry in table.items():
         name = f"{where}{key}"
         if isinstance(entry, dict) and "unit" in entry:

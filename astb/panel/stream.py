@@ -62,7 +62,7 @@ class Trace:
         self._next = -1
 
     def picture(self) -> bytes:
-        """Return what has come since the last picture; b"" if nothing has."""
+        """Return the data since the last picture; b"" if there are none."""
         head, fresh = self._scale.head, self._next < 0
         if head < 0 or (head < self._next and not fresh):
             return b""

@@ -1,4 +1,4 @@
-"""What the models said that ran next to runs: the view *Twin*, of the run that goes on and of those that were."""
+"""Results of the models that ran next to runs: the view *Twin*, for the present run and for finished ones."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the route of the view: what was said of a run, by default of the newest next to which a model ran."""
+    """Return the route of the view: the findings for a run, by default for the newest one with a model next to it."""
     return [Route("/api/twin", answered(lambda request: twin_runs(parts.out, request)))]
 
 
 def twin_runs(out: Path, request: Request) -> dict[str, Any]:
-    """Return the runs that have a twin, the newest first, and what it said of one. RecordError for what is none."""
+    """Return the runs that have a twin, the newest first, and the findings of one. RecordError if it has none."""
     runs = (
         [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]
         if out.is_dir()
@@ -70,7 +70,7 @@ def _read(minute: LastMinute) -> dict[str, Any]:
 
 
 def _shown(deviation: Deviation) -> dict[str, Any]:
-    """Return a parting with its values in the unit that people read."""
+    """Return a deviation with its values in their display units."""
     signal = shown(TABLE[deviation.channel])
     values = {
         "measured": signal.of(deviation.measured),

@@ -34,14 +34,14 @@ from bench_records.twin import TWIN, read_twin
 
 
 class TwinReader:
-    """Reads what the twin of the present run has written, and reads it again when it has written more."""
+    """Reads the file of the twin of the present run, and reads it again when it has changed."""
 
     def __init__(self) -> None:
         self._read: tuple[Path, int] | None = None
         self._story: dict[str, Any] | None = None
 
     def story(self, record: str) -> dict[str, Any] | None:
-        """Return what is said of the run in the directory ``record``; None where no twin has said anything."""
+        """Return the findings of the twin of the run in the directory ``record``; None if there are none."""
         path = Path(record) / TWIN
         try:
             now = path, path.stat().st_mtime_ns
@@ -66,24 +66,24 @@ class TwinReader:
         return self._story
 
 
-#: What each contact says, by name.
+#: Meaning of each contact, by name.
 CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
-#: How often samples are sorted into the envelope, and what is slow is requested.
+#: Period in which samples are sorted into the envelope and slow signals are requested.
 PUMP: Final = 25 * ms
 LOOK: Final = 200 * ms
 ASK: Final = 500 * ms
 AGAIN: Final = 1 * s  # until another attempt to reach the rig
-#: Without a look at the rig for so long, no one knows how it is.
+#: After this time without contact, the state of the rig is unknown.
 BLIND: Final = 1.5 * s
-#: Blocks of samples that wait to be sorted; more of them means that no one sorts, and what comes then is lost.
+#: Maximum number of unsorted blocks of samples; when it is reached, new blocks are dropped.
 _WAITING_MAX: Final = 2000
 _CONNECT: Final = 5 * s
-#: Settings that state how the valves stand.
+#: Settings of the valves.
 VALVES: Final = (
     *(f"air.{side}_{what}" for side in SIDES for what in ("mode", "reservoir")),
     "air.dpv",
 )
-#: Kinds of limit that judge the reading itself, and tell it in its steps.
+#: Kinds of limit that judge the reading itself, and report it in its steps.
 _IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
@@ -98,7 +98,7 @@ class KeyReading(msgspec.Struct, frozen=True):
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The rig at one moment, as plain data."""
 
-    link: str  #: "" while the rig is heard, else why it is not
+    link: str  #: reason why the rig is unreachable; "" while it sends
     state: str = UNKNOWN
     at_rest: bool = False  #: whether its wiring calls the state one of rest
     reason: str = ""
@@ -107,7 +107,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     program: str = ""
     contacts: dict[str, bool] = {}
     readings: tuple[KeyReading, ...] = ()
-    lacking: dict[str, str] = {}  #: measurements of which nothing is known now, each with why
+    lacking: dict[str, str] = {}  #: unknown measurements, each with the reason
     valves: dict[str, str] = {}  #: `VALVES` as they are in force
     late: int | None = None  #: ticks since the rig started
     latest: float | None = None  #: s
@@ -172,12 +172,12 @@ class Watch:
         self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
-        """Return what is known of signals that come by themselves (SI), NaN where nothing is; the rig is not asked."""
+        """Return the last values of signals that the rig sends (SI), NaN without one; this requests nothing."""
         listening = self._listening
         return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
 
     def write(self, values: Mapping[str, float | str]) -> None:
-        """Bring settings to the rig while no one commands it; BenchError if it refuses."""
+        """Write settings to the rig while no one commands it; BenchError if it refuses."""
         self._connected().settings.write(values)
 
     def _connected(self) -> Listening:
@@ -220,7 +220,7 @@ class Watch:
             self.status = self._offline_status(str(error))
 
     def _follow(self, listening: Listening) -> None:
-        """Watch until the link is lost, or it is the end."""
+        """Watch until the link is lost, or `close` is called."""
         looked = asked = -(10**18)
         while not self._end.wait(PUMP) and not listening.lost:
             self._pump()
@@ -238,7 +238,7 @@ class Watch:
             self._waiting.append((times, rows, values))
 
     def _pump(self) -> None:
-        """Sort into the envelope what has come since the last time."""
+        """Sort new samples into the envelope."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
@@ -250,7 +250,7 @@ class Watch:
         self.envelope.take(times[kept], rows[kept], numbers)
 
     def _offline_status(self, link: str) -> Status:
-        """What can be said without the rig."""
+        """Return the status without the rig."""
         run, pid = self._run()
         return Status(link=link or "the connection is lost", run=run, pid=pid)
 
@@ -319,14 +319,14 @@ def _lacks_stop(rig: RigFile, path: Path) -> str:
 
 
 def valves(listening: Listening) -> dict[str, str]:
-    """Return how the valves of a rig are set, as far as it has them."""
+    """Return the settings of the valves of a rig, as far as it has them."""
     has = [name for name in VALVES if name not in listening.wiring.absent]
     told = listening.settings.readings(*has) if has else {}
     return {name: _word(name, value) for name, value in told.items()}
 
 
 def _comes(readings: Readings, name: str) -> bool:
-    """Whether a reading comes by itself on this rig."""
+    """Whether the rig sends a reading cyclically."""
     return readings.unknown(name) != "read when asked"
 
 
@@ -340,7 +340,7 @@ def _word(name: str, value: float) -> str:
 
 
 def first_out(readings: Readings) -> str:
-    """The limit that tripped first since the last reset, in words."""
+    """Return the limit that tripped first since the last reset, as text."""
     tripped = TABLE.tripped(readings.glimpse("rig.tripped"))
     if tripped is None:
         return ""

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
     from test_plans.plan import Plan
 
-#: So many signals are reported, those that part first.
+#: Number of signals in the report, the earliest deviations first.
 _TOLD: Final = 6
-#: A reading has parted where it is farther from what it was than so many of its own steps.
+#: A reading deviates if the difference from its old value is larger than this number of its resolution steps.
 _PARTED: Final = 3.0
 
 
 class SignalDeviation(NamedTuple):
-    """A signal that is not what it was: since when (s), and where it is farthest from it, in words."""
+    """A signal with other values than before: first time (s), and the largest difference as text."""
 
     signal: str
     since: float
@@ -43,7 +43,7 @@ class SignalDeviation(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What is otherwise from an instant on, as people write it: faults with their values, effects, parameters."""
+    """Changes from an instant on, as text: faults with their values, effects, parameters."""
 
     faults: "Sequence[tuple[str, Mapping[str, str]]]"
     effects: "Mapping[str, str]"
@@ -51,7 +51,7 @@ class Changes(NamedTuple):
 
 
 class Past(NamedTuple):
-    """A kept run, the time (s) from which on it goes on otherwise, and what is otherwise there."""
+    """A kept run, the time (s) of the change, and the changes."""
 
     record: Record
     plan: "Plan"
@@ -78,7 +78,7 @@ class Past(NamedTuple):
         return self.at + self.record.start_ns / NS
 
     def again(self, simulation: Simulation) -> dict[str, Any]:
-        """Return what `rehearse` has to be given on the rig of a ``simulation``; ParameterError for what cannot be."""
+        """Return the arguments for `rehearse` on the rig of a ``simulation``; ParameterError for impossible ones."""
         changed = self._changed(simulation)
         otherwise = Otherwise.of(changed, self.seed, self.changes.effects, self.changes.parameters)
         return {
@@ -100,7 +100,7 @@ class Past(NamedTuple):
         return replace(simulation, effects=own, faults=(*simulation.faults, *entries))
 
     def _notes(self, otherwise: Otherwise) -> list[str]:
-        """Return in words what is another one from that time on; nothing if nothing is."""
+        """Return the changes at that time as text; nothing if there are none."""
         broken = [
             " ".join((name, *(f"{k}={v}" for k, v in values.items()))) for name, values in self.changes.faults
         ]
@@ -110,7 +110,7 @@ class Past(NamedTuple):
         )
 
     def report(self, directory: Path) -> list[str]:
-        """Return in words what became of the run that was made again in ``directory``, next to what was.
+        """Return a text that compares the repeated run in ``directory`` with the original one.
 
         RecordError if it was another one before that time.
         """
@@ -140,7 +140,7 @@ def plan_of(record: Record) -> "Plan":
 
 
 def deviating_signals(before: Record, now: Record, at: float) -> list[SignalDeviation]:
-    """Return which measurements of the run that was made again part from the record after ``at`` s, the first first.
+    """Return the measurements of the repeated run that deviate from the record after ``at`` s, the earliest first.
 
     RecordError if they do so earlier: then it is not the same rig.
     """
@@ -189,7 +189,7 @@ def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.floa
 
 
 def changed_checks(before: "Sequence[Check]", now: "Sequence[Check]") -> list[str]:
-    """Return what became of the checks, in words: those that are not what they were."""
+    """Return the checks with changed results, as text."""
     was = {one.name: str(one) for one in before}
     told = [
         f"{one}  (it was: {was[one.name]})" if one.name in was else f"{one}  (there was none)"

@@ -1,4 +1,4 @@
-"""How far each reading of a recorded run went, where in the run, and how fast what has a place moved."""
+"""Extremes of each reading of a recorded run, the steps where they occur, and the speeds of positions."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""What of a simulated rig is another one from an instant on: effects that begin there, parameters that change."""
+"""Changes of a simulated rig from an instant on: effects that begin there, parameters that change."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -42,7 +42,7 @@ class Otherwise(NamedTuple):
         return cls(names, after, told + [_KEPT] * (not VOLUMES.isdisjoint(names)))
 
     def begin(self, rig: "Rig", at: float) -> None:
-        """Let it be so from ``at`` s of the rig's time on. ParameterError for springs that an FMU computes."""
+        """Apply the changes from ``at`` s of the rig's time on. ParameterError for springs that an FMU computes."""
         try:
             turn(rig, at, self.names, self.record)
         except RuntimeError as error:

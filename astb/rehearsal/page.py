@@ -1,4 +1,4 @@
-"""The page of a rehearsal: limits by what is left of them, the envelope, and curves with their limits drawn in."""
+"""The page of a rehearsal: limits by remaining margin, the envelope, and curves with their limits."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from bench_records.run_folder import circumstances
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
 
 PAGE: Final = "rehearsal.html"
-#: A reading that was never missing for a tenth of what is allowed needs no line.
+#: A reading needs no line if its longest gap is shorter than a tenth of the permitted one.
 _TOLD_FROM: Final = 0.1
 _PLACES: Final = ("lower", "upper")
 
@@ -48,7 +48,7 @@ _STYLE: Final = """\
 
 
 def write_page(found: Rehearsal, directory: Path) -> Path:
-    """Write ``rehearsal.html`` from what was found and the record in ``directory``; return its path.
+    """Write ``rehearsal.html`` from the rehearsal and the record in ``directory``; return its path.
 
     RecordError if the record cannot be read or the page not written.
     """
@@ -135,7 +135,7 @@ def word(found: Rehearsal) -> str:
 
 
 def sentence(found: Rehearsal) -> str:
-    """Return in a sentence what came of it: what would trip where, or which limit came closest."""
+    """Return the result as a sentence: the limit that would trip and its place, or the closest limit."""
     if found.refusal:
         one = found.refusal
         return f"{one.words}; in {one.step or 'no step'} at {one.time:.2f} s"

@@ -1,4 +1,4 @@
-"""Rehearses a plan: runs it on the simulated rig, and shows how far it went and whether the rig would let it."""
+"""Rehearses a plan: runs it on the simulated rig, and reports extremes, margins, and limits that would end the plan."""
 
 from collections.abc import Callable, Sequence
 from math import isnan, nan
@@ -59,7 +59,7 @@ class LimitMargin(msgspec.Struct, frozen=True):
     source: str
     limit: str  #: in words
     closest: str
-    began: str = ""  #: where the reading was at first, in words; "" of what is no place
+    began: str = ""  #: first reading, as text; "" for a quantity without a position
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -75,7 +75,7 @@ class Refusal(msgspec.Struct, frozen=True):
 
 
 class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
-    """What a rehearsal found; limits are sorted by what is left of them, the least first."""
+    """The result of a rehearsal; limits are sorted by remaining margin, the smallest first."""
 
     plan: str
     title: str
@@ -85,7 +85,7 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
     refusal: Refusal | None
     limits: list[LimitMargin]
     envelope: list[Extreme]
-    indicated: list[str]  #: limits that would trip and only tell so
+    indicated: list[str]  #: limits that would trip and only report it
     duration: float  #: s
     air: float  #: m³ at 0 °C and 1013 mbar that the springs took in
     verdict: Outcome  #: of the plan on the simulated spring
@@ -115,7 +115,7 @@ def rehearse(
     prepare: Callable[["Rig"], None] = lambda rig: None,
     notes: Sequence[str] = (),
 ) -> tuple[Rehearsal, Path]:
-    """Run ``plan`` in virtual time on what simulates ``rig``; return what was found, and the directory of its record.
+    """Run ``plan`` in virtual time on the simulation of ``rig``; return the result, and the directory of its record.
 
     Without a ``simulation`` that of `simulation_of` is taken; the limits are those of ``rig`` in any case, and what the
     wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin;
@@ -192,7 +192,7 @@ def _conclude(
 
 
 def simulation_of(rig: RigFile) -> Simulation:
-    """Return what simulates ``rig``: what its file says, or the ordinary simulation with the limits of a real rig."""
+    """Return the simulation of ``rig``: that of its file, or the ordinary simulation with the limits of a real rig."""
     return rig.simulation or Simulation(limits=rig.limits)
 
 

@@ -23,11 +23,11 @@ class Closest(NamedTuple):
 
     judged: float  #: what stood, for as long as the limit asks, farthest out; NaN if it never did
     tick: int  #: when, in ticks of the rig
-    rest: float  #: where the reading was at first; 0 for what is no place
+    rest: float  #: first reading; 0 for a quantity without a position
 
 
 class Trip(NamedTuple):
-    """A limit that tripped: its number, the tick, and what was judged."""
+    """A limit that tripped: its number, the tick, and the judged value."""
 
     row: int
     tick: int

@@ -72,7 +72,7 @@ class Screen:
 
 
 def comparison_table(minute: LastMinute, story: TwinStory) -> Table:
-    """Return a table of the last mean of each reading, what was expected, and their difference over its uncertainty.
+    """Return a table of the last mean of each reading, its expected value, and their difference over its uncertainty.
 
     The uncertainty is expanded (k = 2). Red is what lies beyond it.
     """

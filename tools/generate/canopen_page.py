@@ -116,7 +116,7 @@ def _print_objects(out: TextIO, objects: list[DictionaryObject]) -> None:
 
 
 def _number(entry: Entry) -> str:
-    """Return a default; what has 32 bits is an identifier or a field of bits."""
+    """Return a default value; values with 32 bits, identifiers or bit fields, are hexadecimal."""
     return (
         f"{entry.default:X}h" if entry.default and entry.type is DataType.UNSIGNED32 else str(entry.default)
     )

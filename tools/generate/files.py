@@ -38,7 +38,7 @@ from tools.generate.rest_page import rest_page
 from tools.generate.wiring_page import wiring_page
 
 ROOT: Final = Path(__file__).parents[2]
-#: Every identifier, bit and address that was ever given: what stands here stays, see `bench_protocol.wires.moved`.
+#: Every assigned identifier, bit and address: an entry never changes, see `bench_protocol.wires.moved`.
 KEPT_MAP: Final = ROOT / "bench_protocol" / "generated" / "kept_map.csv"
 PARAMETER_FILE: Final = ROOT / "bench_sim" / "parameters" / "astb.toml"
 HIDDEN_EFFECT_PAGE: Final = ROOT / "docs" / "tutorials" / "find-a-hidden-effect.md"
@@ -81,7 +81,7 @@ def modbus_csv() -> str:
 
 
 def kept_places() -> dict[str, str]:
-    """Return what stood where on the wires when the files were last generated, by place."""
+    """Return the assignments of the wires at the last generation, by place."""
     if not KEPT_MAP.exists():
         return {}
     with KEPT_MAP.open(encoding="utf-8", newline="") as file:
@@ -89,7 +89,7 @@ def kept_places() -> dict[str, str]:
 
 
 def kept_map_csv() -> str:
-    """Return the kept map with what the table has added; a place that was once given stays as it was."""
+    """Return the kept map with the additions of the table; an assigned place never changes."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["place", "content"])
@@ -408,7 +408,7 @@ def files() -> dict[Path, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Write or check; return the exit code. Nothing is written while the table moves what was once given."""
+    """Write or check; return the exit code. Nothing is written if the table moves an assigned place."""
     if wrong := moved(kept_places(), TABLE):
         print(
             f"The table moves what other programs rely on:\n  {f'{chr(10)}  '.join(wrong)}", file=sys.stderr

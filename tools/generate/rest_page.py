@@ -1,4 +1,4 @@
-"""The reference page of what stands after a command, by the rig's tables of states and of settings at rest."""
+"""The reference page of the state after each command, from the rig's tables of states and of settings at rest."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""The reference page of wiring files: their keys with what is said of them in the code, and an example."""
+"""The reference page of wiring files: their keys with the comments in the code, and an example."""
 
 import ast
 import inspect
@@ -195,7 +195,7 @@ def wiring_page() -> str:
 
 
 def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
-    """Yield key, default and comment of each field; ValueError for a field that says nothing of itself."""
+    """Yield key, default and comment of each field; ValueError for a field without a comment."""
     lines = inspect.getsource(keys).splitlines()
     tree = ast.parse("\n".join(lines)).body[0]
     assert isinstance(tree, ast.ClassDef)
