@@ -1,8 +1,8 @@
-"""The black box: what the bench measured and did in the ten seconds before and after its first trip or fault.
+"""The black box: readings and actions of the bench in the ten seconds before and after its first trip or fault.
 
-The tick writes every sample onto an endless tape; when the second ten seconds are over, the tape becomes the record of
-the incident, which stays until the next incident after a reset. It is read as Modbus files (function 20): file 1 tells
-the incident, each of the others has the samples of one channel. `bench_protocol.black_box` describes them.
+The tick writes every sample to a ring buffer. When the second ten seconds are over, the buffer becomes the record of
+the incident. The record stays until the next incident after a reset. It is read as Modbus files (function 20). File 1
+describes the incident, each other file holds the samples of one channel (see `bench_protocol.black_box`).
 """
 
 from collections import deque
@@ -91,7 +91,7 @@ class BlackBox:
             self._tick, self._cause, self._signal = tick, cause, signal
 
     def rearm(self) -> None:
-        """Let the next incident take the place of this one: what happened was reset."""
+        """Allow the next incident to replace this one, after a reset."""
         self._armed = True
 
     def keep(self) -> None:

@@ -20,7 +20,7 @@ Carry = Callable[[Block, str], Block]
 
 # Written at once to one client. Larger blocks are cut, so that "drop the oldest" never drops a whole burst.
 _FRAMES_PER_WRITE: Final = 1024
-# Parsed at once of what one client has sent: some 0.5 ms of work before the others have their turn.
+# Bytes of one client that are parsed at once: some 0.5 ms of work before the other clients have their turn.
 _BYTES_AT_ONCE: Final = 8192
 # A line counts as one frame, and so do as many bytes without one.
 _BYTES_PER_FRAME: Final = 64
@@ -81,7 +81,7 @@ class _CanClient(Connection):
             self._read()
 
     def _read(self) -> None:
-        """Take what has come, a portion at a time, and pause where the client is too far ahead of its share."""
+        """Read received bytes, one portion at a time, and pause where the client is too far ahead of its share."""
         self._waking = None
         assert self.transport is not None
         while self._unread and not self.transport.is_closing():
@@ -239,11 +239,11 @@ class CanHub:
         return tuple(client.name for client in self._clients)
 
     def publish(self, block: Block) -> None:
-        """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends elsewhere.
+        """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends in another thread.
 
-        It wakes the loop's thread, which then wants the interpreter: let it be the last thing a tick does.
+        It wakes the loop's thread, which then needs the interpreter lock, so call it at the end of a tick.
         The hub keeps a reference until it is sent: do not write into the array afterwards.
-        Before the hub is open and after it has been closed, frames go nowhere, as on a bus without nodes.
+        Before the hub is open and after it has been closed, frames are discarded, as on a bus without nodes.
         """
         self.relay(block, "")
 
@@ -309,7 +309,7 @@ class CanHub:
 
     def take(self, block: Block, sender: _CanClient) -> None:
         """Stamp what ``sender`` has sent and pass it on."""
-        self._flush()  # what was published before comes before
+        self._flush()  # frames that were published earlier are sent first
         block["time"] = self._now()
         block = self._carry(block, sender.name)
         if block.size:
@@ -317,9 +317,7 @@ class CanHub:
             self._on_frames(block, sender.name)
 
     def _flush(self) -> None:
-        self._woken = (
-            False  # first: what is appended from now on either is seen below or wakes the loop again
-        )
+        self._woken = False  # first: a frame appended after this is either sent below or wakes the loop again
         while self._published:
             self._spread(*self._published.popleft())
 

@@ -21,7 +21,7 @@ _PATIENCE: Final = 1.0  # s, for the writing thread at the end
 
 
 class Tap:
-    """One reader's place: what has come since it last looked, as pcapng."""
+    """The queue of one reader: frames since its last read, as pcapng."""
 
     def __init__(self, bus: str, waiting_max: int = WAITING_MAX) -> None:
         self._waiting: deque[tuple[Block, bool]] = deque()
@@ -42,7 +42,7 @@ class Tap:
                 self.dropped += lost.size
 
     def read(self) -> bytes:
-        """Return what goes behind everything read so far: the first time the header comes before it."""
+        """Return the bytes that follow all bytes read so far; the first call returns the file header, too."""
         with self._lock:
             waiting, self._waiting, self._frames = self._waiting, deque(), 0
         parts = [packet_bytes(block, outbound=outbound) for block, outbound in waiting]
@@ -104,7 +104,7 @@ class CaptureFile:
         self._thread.start()
 
     def close(self) -> None:
-        """Write what is left and end."""
+        """Write the remaining frames and end."""
         self._closing.set()
         self._thread.join(_PATIENCE)
 

@@ -37,7 +37,7 @@ class _Reader(Connection):
         self._server.forget(self)
 
     def pause_writing(self) -> None:
-        self._blocked = True  # the tap keeps what comes, and drops the oldest when it is full
+        self._blocked = True  # the tap keeps new frames, and drops the oldest when it is full
 
     def resume_writing(self) -> None:
         self._blocked = False

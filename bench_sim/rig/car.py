@@ -22,7 +22,7 @@ from bench_sim.rig.setpoints import DISPLACEMENTS, LONGEST_WAVE_STEP, REACH
 #: The law of the car is compiled as it stands.
 _wave, _slope = compiled(law.track_wave), compiled(law.track_slope)
 _move, _ahead, _shaken = (compiled(one) for one in (law.move_car, law.springs_ahead, law.floor_acceleration))
-#: So long the load cells are read before a ride: what they tell then is what the springs do at rest.
+#: Time in ticks for which the load cells are read before a ride, to measure the forces of the springs at rest.
 _REST_TICKS: Final = round(1 * s / TICK)
 #: A ride that ends lets what it has moved come back in a second, as a generator that is stopped.
 RETURN_TICKS: Final = round(1 * s / TICK)
@@ -77,7 +77,7 @@ def _follow(c: Any) -> bool:
             offset += car.to_targets[row, WAYS + k] * car.springs[k]
         way = offset - c.offset[row]
         there = c.setpoint[row] + offset
-        # And not NaN: without a force there is nothing to ride on.
+        # This also rejects NaN: without a force there is no ride.
         if not (abs(way) <= LONGEST_WAVE_STEP[row] and abs(there) <= REACH[row]):
             return False
         c.offset[row] = offset
@@ -154,7 +154,7 @@ class Couplings:
         self.moved = self._to_targets.any(axis=1)
 
     def begin(self, c: Any, settings: Mapping[str, float]) -> bool:
-        """Put the car of the ``settings`` (SI, by name) into the tick's controls; False for what is no car."""
+        """Put the car of the ``settings`` (SI, by name) into the tick's controls; return False for invalid settings."""
         own = {
             name.removeprefix("car."): value for name, value in settings.items() if name.startswith("car.")
         }
@@ -178,7 +178,7 @@ class Couplings:
         car["lead"] = own["piston_lead"]
         car["lead"][Target.PLATFORM_VERTICAL :] = own["platform_lead"]
         car["rest"] = 0.0
-        # It begins on a tick of which the wires tell.
+        # The ride begins on a tick whose signals are sent.
         c["waits"] = c["resting"] = _REST_TICKS + -int(c["tick"]) % MEDIUM
         c["waves"], c["phase"][0] = 1, 0.0
         c["frequency"][0], c["cycles"][0] = own["track_frequency"], own["track_waves"]

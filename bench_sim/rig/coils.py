@@ -1,4 +1,4 @@
-"""What each coil of the rig does, and what each of its contacts tells."""
+"""The action of each coil of the rig, and the state behind each of its contacts."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -14,7 +14,7 @@ from bench_sim.rig.supervisor import Supervisor
 def coil_actions(
     supervisor: Supervisor, generator: FunctionGenerator, apply: Callable[[], bool]
 ) -> Mapping[str, Callable[[], bool]]:
-    """Return what each coil does, and whether the present state allowed it; ``apply`` takes over what is staged."""
+    """Return the action of each coil, which returns whether the state allowed it; ``apply`` applies staged settings."""
     return _of_every(
         Kind.ACTION,
         {
@@ -35,7 +35,7 @@ def coil_actions(
 
 
 def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str, Callable[[], bool]]:
-    """Return what identifies of each interlock whether it is set, and of what is ``staged``."""
+    """Return for each interlock a function that returns whether it is set; ``staged`` is that of staged settings."""
     return _of_every(
         Kind.INTERLOCK,
         {
@@ -51,7 +51,10 @@ def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str,
 
 
 def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
-    """Return ``told`` by the last part of the names; ValueError unless it has every signal of ``kind`` in the table."""
+    """Return the functions ``told`` by the last part of the signal names.
+
+    ValueError unless there is one for every signal of ``kind`` in the table.
+    """
     names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
     if different := names ^ told.keys():
         raise ValueError(f"table and rig differ in the {kind}s {', '.join(sorted(different))}")

@@ -1,6 +1,6 @@
-"""What commands on CAN do to the controls of the tick: whose frames count, which set-points are followed.
+"""The effect of CAN commands on the controls of the tick: the accepted sender, and the set-points that are followed.
 
-What is refused is counted.
+Refused frames are counted.
 
 All of it is compiled and works on arrays, one block of frames from one sender at a time.
 """
@@ -106,11 +106,11 @@ class Receiving(NamedTuple):
 
 @compiled
 def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> None:
-    """Let the decoded samples of commands act; changes of the control bits are added to ``changes``.
+    """Apply the decoded samples of commands; changes of the control bits are added to ``changes``.
 
-    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
-    makes its frame refused: sides that belong together must not move alone. The first one for actuators that are shut
-    in waits for the supervisor, who lets them take over from where they are.
+    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". If one set-point is
+    out of range, its whole frame is refused, because sides that belong together must not move alone. The first
+    set-point for actuators that are shut in waits for the supervisor, which engages them at their present position.
     """
     accepted_from = 0
     for k in range(signals.size):
@@ -220,9 +220,9 @@ def _may_prove(c: Any, sender: int, token: int) -> bool:
 
 @compiled
 def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
-    """Take the frames that have come since the last tick; return whether the supervisor must decide on them.
+    """Process the frames received since the last tick; return whether the supervisor must decide on them.
 
-    What was refused is reported in ``published`` (SI by table row); the caller holds the mutex.
+    Counts of refused frames are written to ``published`` (SI by table row); the caller holds the mutex.
     """
     count = take(incoming.ring, incoming.block, incoming.senders)
     first = 0

@@ -14,8 +14,8 @@ OnPeerLost = Callable[[str], None]
 
 #: A connection that was spared is looked at again after so long, s.
 _RESPITE: Final = 1.0
-#: asyncio leaves a cycle of objects behind with every connection, and the collector of the rig's process rests: after
-#: so many connections what is young is collected, in some 0.2 ms.
+#: asyncio leaves a reference cycle behind with every connection, and the garbage collector of the rig's process is off.
+#: After so many connections the youngest generation is collected, in some 0.2 ms.
 _COLLECT_EVERY: Final = 100
 _connections: Final = itertools.count(1)
 
@@ -86,6 +86,6 @@ class Connection(asyncio.Protocol):
         return self._timer is not None
 
     def drop(self) -> None:
-        """End the connection without waiting for the peer to take what is still to be sent."""
+        """End the connection without waiting for the peer to read the remaining bytes."""
         if self.transport is not None:
             self.transport.abort()

@@ -1,4 +1,4 @@
-"""What the tick keeps of its own: set-points, generator, air control and watchdog as one record, and its numbering."""
+"""The state of the tick as one record: set-points, generator, air control and watchdog, and its numbering."""
 
 from dataclasses import asdict
 from enum import IntEnum, IntFlag
@@ -54,7 +54,7 @@ HOLDING: Final = tuple(
 
 
 class AirSupply(IntEnum):
-    """What the state of the bench lets the air do."""
+    """The actions of the air supply that the state of the bench allows."""
 
     SHUT = 0
     RESTRICTED = 1
@@ -99,9 +99,9 @@ CAR: Final = np.dtype(
     [
         *((name, "<f8", np.shape(value)) for name, value in asdict(MovingCar()).items()),
         ("track_size", "<f8", (3,)),  # height of a wave of the track, each way
-        ("lead", "<f8", (TARGETS,)),  # by how much what moves each set-point is told ahead, s
+        ("lead", "<f8", (TARGETS,)),  # time in s by which each set-point is sent ahead
         ("of_cells", "<f8", (3, CELLS)),  # what the springs do by one newton on each cell
-        ("to_targets", "<f8", (TARGETS, 6)),  # set-points by place of the springs and by what they do
+        ("to_targets", "<f8", (TARGETS, 6)),  # set-points by position of the springs and by their forces
         ("rest", "<f8", (CELLS,)),  # what the cells read before
         ("delivered", "<f8", (SENSORS,)),  # room to read in
         ("readings", "<f8", (SENSORS,)),

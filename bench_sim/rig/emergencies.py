@@ -1,4 +1,4 @@
-"""What is wrong with the bench: every new error is told once by an emergency message (CiA 301), and so is their end."""
+"""Errors of the bench: each new error, and the end of all errors, sends one emergency message (CiA 301)."""
 
 from collections import deque
 from collections.abc import Callable
@@ -42,7 +42,7 @@ class Emergencies:
         return register
 
     def report(self, reason: Reason, tripped: int = 0) -> None:
-        """Tell of an error, unless it is active already; ``tripped`` distinguishes limits , as in ``rig.tripped``."""
+        """Send an error, unless it is active already; ``tripped`` distinguishes limits, as in ``rig.tripped``."""
         code = EMERGENCY_CODES[reason]
         if (code, tripped) in self._active:
             return

@@ -1,6 +1,6 @@
-"""Springs that a library of another user's computes, in the tick: how it is called, waited for, and lost.
+"""Springs in the tick that an external library computes: its calls, the wait for it, and its failures.
 
-Its functions are called by their addresses, in the rig's own process or in one of its own (`serve`), and never by the
+Its functions are called by their addresses, in the rig's process or in a separate one (`serve`), and never through the
 interpreter.
 """
 
@@ -94,7 +94,7 @@ def _note(e: Any, k: int, call: int) -> None:
 
 @compiled
 def _do_step(e: Any, k: int) -> int:
-    """Let one instance go on; the number of a status, or -1 if it has ended or not gone all the way."""
+    """Step one instance; return its status, or -1 if it has ended or stopped before the end of the step."""
     one, clock = e.instances, e.clock
     if one[k, VERSION] == 2:
         return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
@@ -166,7 +166,7 @@ def begin_outputs(e: Any, k: int) -> bool:
 
 @compiled_once
 def _ask(e: Any) -> None:
-    """Let its own process take the communication step, and wait for it as long as there is patience."""
+    """Order the communication step from the library's process, and wait for it up to the time limit."""
     n = e.numbers
     spare = n.ctypes.data + 8 * Place.SPARE
     if not send_word(n[Place.ASK], spare):

@@ -33,9 +33,9 @@ class Ordered(NamedTuple):
 
 
 class Fittings:
-    """What is fitted to ``plant``, and what of it may be changed when.
+    """The parts fitted to ``plant``, and the states in which they may be changed.
 
-    The parameter set may say differently than the settings: a plate that was bored wrong stays in until a user orders
+    The parameter set may differ from the settings: a plate with a wrong bore stays in until a user orders
     another one. So only a change of the order changes the plant.
     """
 

@@ -94,7 +94,7 @@ class FunctionGenerator:
         return True
 
     def stop(self) -> bool:
-        """End the program and let its axes come back softly, or forget what was added; return whether there was one."""
+        """End the program with a soft return of its axes, or discard the added motion; return whether there was one."""
         if not self.busy:
             some, self._added = bool(self._added), []
             return some

@@ -40,7 +40,7 @@ class InForce:
     ) -> None:
         self._controls, self._values, self._registers = controls, values, registers
         self.generator, self._fittings = generator, Fittings(plant, registers.active, springs)
-        #: How fast actuators unload that let go, N/s each.
+        #: Unload rate of actuators that are being released, N/s each.
         self._letting_go: npt.NDArray[np.float64] = plant.parameters.actuator_unload_rate
         self._put(registers.active)
 
@@ -56,7 +56,7 @@ class InForce:
         return True
 
     def rest(self, *, vented: bool) -> None:
-        """Return what is in force and what is staged to rest; ``vented``: also what would move air."""
+        """Reset active and staged settings; with ``vented`` also the settings that would move air."""
         registers, c = self._registers, self._controls
         registers.active.update(
             {name: value for name, value in REST.items() if vented or name not in CONNECTING}
@@ -71,13 +71,13 @@ class InForce:
         c["slew"] = 0
 
     def take_present(self, target: Target) -> None:
-        """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
+        """Set an actuator's set-point to its present reading, so that engaging it changes nothing."""
         c = self._controls
         c["setpoint"][target] = c["goal"][target] = self._present(target)
         c["slew"][target] = 0
 
     def engage(self) -> None:
-        """Let the actuators take over from where they are; a set-point that has come already is where they go."""
+        """Engage the actuators at their present position; a set-point that was received already becomes the target."""
         c = self._controls
         for target in _ACTUATORS:
             if c["slew"][target]:

@@ -1,4 +1,4 @@
-"""The story of an incident in words: what tripped, what had gone before it, what the bench did, how it ended."""
+"""The report of an incident in words: the trip, the events before it, the reaction of the bench, and the end."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple

@@ -1,4 +1,4 @@
-"""How late ticks are: a histogram that everybody sees on the wires, and what a late tick means to the bench."""
+"""Lateness of ticks: a histogram that is published on CAN and Modbus, and the effect of a late tick on the bench."""
 
 from typing import Any, Final
 

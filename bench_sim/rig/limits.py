@@ -217,7 +217,7 @@ def _judge(c: Any, detector: Any, reading: float) -> float:
 def detect(c: Any, values: Any, detectors: Any) -> int:
     """Advance the limit detectors by one sample; return whether one of them tripped just now.
 
-    A standing detector lets its reading come back, bit by bit, but not go out again.
+    While a limit stays exceeded, its detector allows the reading to come back, step by step, but not to go out again.
     """
     happened = Happened.NOTHING.value
     for row in range(detectors.size):
@@ -247,9 +247,9 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
 
 
 def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
-    """Clear what has tripped.
+    """Clear all trips.
 
-    What is still outside is standing from now on: it trips only if it goes farther out, so that the way back is open.
+    A reading that is still outside its limit trips only if it goes farther out, so that it can be moved back.
     """
     for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0

@@ -63,7 +63,7 @@ class _ModbusClient(Connection):
         self._respond()
 
     def _respond(self) -> None:
-        """Answer what has come, but only a portion at a time: no client may keep the loop from the others."""
+        """Answer received requests, one portion at a time, so that no client blocks the loop for the others."""
         assert self.transport is not None
         if self._blocked or self._pieces or self.transport.is_closing():
             return
@@ -104,7 +104,7 @@ class _ModbusClient(Connection):
             self.loop.call_at(self._pieces[0][0], self._go_on)
 
     def _go_on(self) -> None:
-        """Send the next piece, and behind the last one answer what has come meanwhile."""
+        """Send the next piece; after the last one answer the requests received meanwhile."""
         if self.transport is None or self.transport.is_closing() or not self._pieces:
             return
         self._send_due(self._pieces[0][0])
@@ -136,9 +136,9 @@ class ModbusTcpServer:
     """A Modbus/TCP server around ``answer(adu, peer)``, which returns the response ADU or None for silence.
 
     Pipelined and split requests are fine; a wrong header ends the connection. So does silence for ``idle_limit`` s, a
-    request that stays incomplete or answers that stay unfetched for ``split_limit`` s. What goes wrong inside
-    ``answer`` is exception 4 to the client and is reported to the loop's exception handler. ``pieces(response)``
-    returns in which pieces an answer leaves, each with the time (s) since the one before.
+    request that stays incomplete or answers that stay unfetched for ``split_limit`` s. An error inside ``answer`` is
+    exception 4 to the client and is reported to the loop's exception handler. ``pieces(response)`` returns in which
+    pieces an answer leaves, each with the time (s) since the one before.
 
     One place beyond ``clients_max`` is kept for the peer of which ``holds(peer)`` is true; one of which
     ``commands(peer)`` is true, because it commands on the other wire, may be silent for as long as it likes.

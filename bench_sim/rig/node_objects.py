@@ -87,7 +87,7 @@ class NodeObjects:
         self.parameters = dict(DEFAULTS)
         #: Who sent the request that is being answered.
         self.peer = ""
-        #: What was refused or dropped, by sub-index of the object that reports of it.
+        #: Numbers of refused or dropped frames, by sub-index of the object that reports them.
         self.refused = {sub: 0 for index, sub in ENTRIES if index == REFUSED and sub}
         self._opened_by: str | None = None  # the peer whose download of the token came just now
 

@@ -46,7 +46,7 @@ def read_bit_rate(text: str) -> float:
 
 
 class NodeState(StrEnum):
-    """What the error counters let a node do."""
+    """The bus state of a node, by its error counters."""
 
     ACTIVE = "error active"
     PASSIVE = "error passive"
@@ -91,8 +91,8 @@ class Pace(Stage):
 
     ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
     drawn from ``seed``, goes wrong at some bit, costs an error frame, and is repeated. A node that is off the bus comes
-    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. A user always acknowledges.
-    ``tell(load, errors)`` hears every 100 ms how busy the bus was in the last second, and the rig's transmit errors.
+    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. Every frame is acknowledged.
+    ``tell(load, errors)`` is called every 100 ms with the bus load of the last second, and the rig's transmit errors.
     """
 
     rank = Stage.PACE
@@ -146,7 +146,7 @@ class Pace(Stage):
         return len(self._arriving) + len(self._contending)
 
     def spoil(self, peer: str, frames: int) -> None:
-        """Let the next ``frames`` transmissions of ``peer`` go wrong; 32 in a row take it off the bus."""
+        """Make the next ``frames`` transmissions of ``peer`` fail; after 32 in a row it is off the bus."""
         self._node(peer).spoilt += frames
 
     def outgoing(self, block: Block, now: int) -> Block:
@@ -191,7 +191,7 @@ class Pace(Stage):
         return self.nodes.setdefault(peer, Node())
 
     def _next(self, now: int) -> bool:
-        """Let one frame go over the bus, if one begins before ``now``."""
+        """Send one frame over the bus, if one begins before ``now``."""
         begin = self._free_at
         if not self._contending:
             if not self._arriving:

@@ -1,4 +1,4 @@
-"""The places of a server: so many for everybody, and one that is kept for the holder of the bench."""
+"""The places of a server: a number of places for all clients, and one that is kept for the holder of the bench."""
 
 from collections.abc import Callable, Iterator
 from typing import Final, Generic, TypeVar
@@ -7,7 +7,7 @@ from bench_sim.rig.connection import Connection
 
 Holds = Callable[[str], bool]
 
-#: Who came when all places were taken has so long to prove that he is the holder, and is asked so often (s).
+#: Grace period (s) for a client on trial to become the holder, and the interval (s) at which this is checked.
 _TRIAL: Final = 2.0
 _LOOK: Final = 0.05
 
@@ -15,10 +15,10 @@ C = TypeVar("C", bound=Connection)
 
 
 class Places(Generic[C]):
-    """The connections of one server: ``limit`` of them and, where ``holds(peer)`` tells who that is, the holder's.
+    """The connections of one server: ``limit`` of them, and one for the holder, whom ``holds(peer)`` identifies.
 
-    Who comes when all places are taken is let in on trial, one at a time, and dropped if he does not hold the bench
-    within 2 s: strangers that fill it do not keep its commander out.
+    When all places are taken, one more client at a time is admitted on trial. It is dropped if it does not hold the
+    bench within 2 s. So other clients that fill the server do not keep its commander out.
     """
 
     def __init__(self, limit: int, holds: Holds | None = None) -> None:

@@ -44,7 +44,7 @@ def run_rig(
     """Open CAN and Modbus, call ``ready(can, modbus, control)`` with their addresses, and tick until ``stop`` is set.
 
     ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface; ``stages``
-    stand on the bus behind it, and so does ``capture``, which lets others read along on ``capture_port``.
+    are on the bus behind it, and so is ``capture``, from which other programs read all frames on ``capture_port``.
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
@@ -140,7 +140,7 @@ def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Ite
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Let the garbage collector of this process rest, and the process go before others."""
+    """Switch off the garbage collector of this process, and raise the priority of the process."""
     hurry_process()
     gc.collect()
     gc.freeze()

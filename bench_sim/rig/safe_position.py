@@ -1,8 +1,9 @@
-"""The safe position: shut-in actuators hold the bolster until its springs are empty, set it down, and only then let go.
+"""The safe position: shut-in actuators hold the bolster until its springs are empty, lower it, and are released.
 
-Actuators that unloaded while there is pressure would let the springs throw the bolster up: 172 mm at 1.56 bar. So what
-has once been engaged keeps its grip, whatever becomes of commander, wires and power: the valves of the actuators shut
-by their springs, the exhausts of the springs open by theirs, and the orifice of a lowering valve does the rest.
+If actuators unloaded while there is pressure, the springs would throw the bolster up: 172 mm at 1.56 bar. So engaged
+actuators stay engaged when commander, communication or power fail. The valves of the actuators are closed by return
+springs, the exhausts of the air springs are opened by return springs, and the orifice of a lowering valve limits the
+speed.
 """
 
 import math
@@ -17,7 +18,8 @@ from bench_sim.model.layout import Sensor
 from bench_sim.model.wiring import sensors_of
 from bench_sim.rig.controls import AirSupply
 
-#: Just less than what carries the bolster (0.23 bar): nothing moves when actuators with hardly a load let go.
+#: Slightly less than the pressure that carries the bolster (0.23 bar): the release of nearly unloaded actuators causes
+#: no motion.
 EMPTY: Final = 0.22 * bar
 #: What an actuator still pulls up when the bolster counts as set down.
 SET_DOWN: Final = 0.5 * kN
@@ -38,9 +40,9 @@ class Grip(IntEnum):
 
 @compiled
 def keep_grip(c: Any, values: Any) -> None:
-    """Decide from the readings whether the actuators may let go; ``values``: signals by table row, sensors first.
+    """Decide from the readings whether the actuators may be released; ``values``: signals by table row, sensors first.
 
-    A pressure that no one can read counts as there.
+    A pressure without a valid reading counts as present.
     """
     empty = True
     for chamber in _CHAMBERS:

@@ -187,7 +187,7 @@ async def _close(server: asyncio.Server) -> None:
 
 
 async def _turns() -> None:
-    """Let the loop finish what it has begun: accepting and losing a connection take it up to three turns."""
+    """Run the loop for the turns that it needs to accept or close a connection: up to three."""
     for _ in range(5):
         await asyncio.sleep(0)
 

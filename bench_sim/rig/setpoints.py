@@ -20,7 +20,7 @@ class SetpointPace:
     """How fast one set-point may move; SI units per second."""
 
     target: str  #: an actuator, or an axis of the platform as ``platform.roll``
-    mode: str  #: what is controlled: ``force`` or ``displacement``
+    mode: str  #: the controlled quantity: ``force`` or ``displacement``
     unit: str  #: in which people read it, per second
     travel: float  #: at most, on the way to a new goal
     wave: float  #: largest peak of a wave of the function generator

@@ -1,4 +1,4 @@
-"""A SocketCAN interface of the rig: frames leave in bulk, and its own thread reads what comes."""
+"""A SocketCAN interface of the rig: frames are sent in bulk, and a separate thread receives."""
 
 import contextlib
 import select

@@ -55,9 +55,9 @@ COMMAND_VALID: Final = "valid commands arrive"
 ESTOP_RELEASED: Final = "emergency stop released"
 MAINS: Final = "the mains are there"
 
-#: States in which the actuators hold or move what they are reported.
+#: States in which the actuators hold or follow their commands.
 ENGAGED: Final = (_S.HOLD, _S.ACTIVE)
-#: States in which they are shut in, whatever they were reported: a held force would let a moving bolster fly on.
+#: States in which they are shut in, whatever their command: a held force would not stop a moving bolster.
 SHUT_IN: Final = (_S.FAULT_HOLD,)
 #: What leads from a state of `SAFE` towards the next command; all else that leads there ends one.
 WAKING: Final = (_E.POWER_ON, _E.BOOTED, _E.CHECKED, _E.RESET)

@@ -266,7 +266,7 @@ class PlantArrays(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """What is sampled at 200 Hz: readings of the sensors, all signals by table row, limits and faults on them."""
+    """The data sampled at 200 Hz: readings of the sensors, all signals by table row, limits and faults on them."""
 
     readings: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]  #: SI; the measurements stand first, in the order of the sensors
@@ -295,7 +295,7 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
 
 @compiled
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
-    """Take a step; of lost springs from elsewhere tell once, and whenever a user goes on without them."""
+    """Take a step; report failed external springs once, and each time the bench is armed without them."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Place.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
@@ -310,7 +310,7 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 
 @compiled
 def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
-    """Let the sensors read; of lost springs and all that is on them nothing is known."""
+    """Read the sensors; readings are NaN once external springs have failed."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Place.ON] == 0:
         observe(x, mem, u, par, work[0], algebraic, ideal)
@@ -352,7 +352,7 @@ def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int
 
 @compiled
 def _end(pacing: Pacing, outgoing: Ring, out: Any, frames: int) -> None:
-    """Let the frames of a tick leave with the time of day, and unlock the mutex."""
+    """Send the frames of a tick with the time of day, and unlock the mutex."""
     pace = pacing.record[0]
     for k in range(frames):
         out[k].time += pace.epoch

@@ -1,4 +1,4 @@
-"""Lets a bench that runs have other parameters from an instant on: what it is made of changes, its state stays."""
+"""Changes the parameters of a running bench at one instant; its state stays."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -66,9 +66,9 @@ def differing(before: Any, after: Any) -> list[str]:
 
 
 def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
-    """Let the parameters ``names`` be those of the record ``after`` from ``at`` s of the rig's time on.
+    """Set the parameters ``names`` to those of the record ``after`` from ``at`` s of the rig's time on.
 
-    What is broken on purpose stays so on top of them. RuntimeError for parameters of springs that an FMU computes.
+    Active faults stay on top of them. RuntimeError for parameters of springs that an FMU computes.
     """
     points = rig.faults.points
     points.parameters.own(names)

@@ -34,7 +34,7 @@ class FrameFault:
         self.random = np.random.default_rng(seed)
 
     def through(self, block: Block, peer: str, now: int) -> Block:
-        """Return what goes on, now, of ``block``."""
+        """Return the frames that pass on, now, from ``block``."""
         if self._direction not in (BOTH, FROM_RIG if peer == RIG else TO_RIG):
             return block
         hit = self.random.random(block.size) < self._chance
@@ -43,11 +43,11 @@ class FrameFault:
         return self.befall(block, hit, peer, now) if hit.any() else block
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
-        """Return what goes on, now, of ``block``, whose frames ``hit`` (bool) are concerned."""
+        """Return the frames that pass on, now, from ``block``; the fault affects the frames ``hit`` (bool)."""
         raise NotImplementedError
 
     def due(self, now: int) -> Iterable[tuple[Block, str]]:
-        """Return what goes on now of what was kept, with its sender."""
+        """Return the delayed frames that pass on now, with their sender."""
         del now
         return ()
 

@@ -123,7 +123,7 @@ class FaultChoice:
         return self.default or ""
 
     def read(self, text: Any, sensor: str) -> str:
-        """Return ``text`` if it is one of the choices; FaultError otherwise."""
+        """Return ``text`` if it is one of the choices; FaultError if it is not."""
         del sensor
         if str(text) in self.choices:
             return str(text)
@@ -136,7 +136,7 @@ class Fault:
 
     name: str
     place: FaultPlace
-    title: str  #: one sentence: what it is
+    title: str  #: one sentence that describes the fault
     seen: str  #: one sentence: what a driver sees
     begin: Begin
     parameters: tuple[FaultNumber | FaultChoice, ...] = ()

@@ -70,7 +70,7 @@ def hold_inputs(faults: Any, u: Any) -> None:
 def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
     """Disturb the readings (SI) of one sampling instant, in the order in which the faults were switched on.
 
-    What is only off, or turned, stays within the range of its transducer.
+    A reading with an offset or a wrong sign stays within the range of its transducer.
     """
     for row in range(faults.counts[0]):
         one = faults.disturbances[row]

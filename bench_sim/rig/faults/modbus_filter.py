@@ -64,7 +64,7 @@ class Mute(RequestFault):
 
 
 class Junk(RequestFault):
-    """Answers that are none: another transaction, another unit, or bytes without meaning."""
+    """Invalid answers: another transaction, another unit, or random bytes."""
 
     TRANSACTION, UNIT, NOISE = "transaction", "unit", "noise"
 

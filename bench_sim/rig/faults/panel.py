@@ -128,7 +128,7 @@ class FaultPanel:
             self.points.schedule.run()
 
     def _off(self, label: str) -> None:
-        # A fault ends in the reverse order of its beginning; what has run out cancels nothing any more.
+        # A fault is undone in the reverse order of its steps; the undo of an expired step has no effect.
         for undo in reversed(self._on.pop(label).undos):
             undo()
 

@@ -11,7 +11,7 @@ from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
 _SIDE: Final = FaultChoice("side", SIDES, "which spring")
-#: A lever that long ago let go stands far beyond the range of its valve, and no farther than it comes back in seconds.
+#: The end of a detached lever is far outside the range of its valve, but near enough to return within seconds.
 _LEVER_GONE: Final = 0.1
 #: Beyond every lever and every pressure.
 _NEVER: Final = 1e12

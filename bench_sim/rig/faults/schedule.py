@@ -1,4 +1,4 @@
-"""When faults begin and end: what is to be done at which tick, told to the tick so that it stops there."""
+"""The start and end of faults: actions by tick. The tick stops at each of them."""
 
 import heapq
 import itertools
@@ -56,7 +56,7 @@ class Schedule:
         return end
 
     def run(self) -> None:
-        """Do what is due."""
+        """Run the actions that are due."""
         while self._due and self._due[0][0] <= self.tick:
             _, _, do = heapq.heappop(self._due)
             do()
