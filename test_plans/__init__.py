@@ -1,1 +1,1 @@
-"""The test plans of the bench, and what they are made of; `test_plans.discovery` finds them."""
+"""The test plans of the bench and their building blocks; `test_plans.discovery` finds the plans."""

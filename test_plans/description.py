@@ -47,7 +47,7 @@ class Description(Mapping[str, float]):
         return len(self.dimensions.known)
 
     def stated(self, name: str) -> Dimension | None:
-        """Return a dimension with its uncertainty, None for what is none or not known."""
+        """Return a dimension with its uncertainty; None if it is unknown or not a dimension."""
         return self.dimensions.known.get(name)
 
     def lacks(self, *names: str) -> str:
@@ -81,7 +81,7 @@ def is_dimension(need: str) -> bool:
 
 @once_for_a_rig
 def lag_of(rig: Mapping[str, float], *signals: str) -> float:
-    """Return how late the readings of some signals are (s), the mean of them."""
+    """Return the mean latency (s) of the readings of some signals."""
     return sum(rig[lag(one)] for one in signals) / len(signals)
 
 
@@ -92,7 +92,7 @@ def lags(signals: Iterable[str]) -> tuple[str, ...]:
 
 @cache
 def ours() -> Description:
-    """Return what is known of the virtual bench, for what is computed without any rig."""
+    """Return the description of the virtual bench, for calculations without a rig."""
     return Description(ORDINARY_RIG, ordinary())
 
 

@@ -23,7 +23,7 @@ from test_plans.run import PlanError
 
 #: Entry points of this group name a module with plans outside this package: ``ours = "our_plans.creep"``.
 GROUP: Final = "astb.plans"
-#: What names a folder with plans of one's own, every file in it.
+#: The environment variable that names a folder with custom plans; every file in it is a plan.
 FOLDER: Final = "ASTB_PLANS"
 _OWN: Final = "own_plans."
 
@@ -46,7 +46,7 @@ def unusable() -> list[str]:
 
 
 def unknown(name: str, otherwise: str = "") -> str:
-    """Return in words that there is no plan ``name``: what is near, and what cannot be used. See `did_you_mean`."""
+    """Return a message that there is no plan ``name``, with similar names and unusable plans. See `did_you_mean`."""
     return "; ".join([f"there is no plan {name!r}", did_you_mean(name, plans(), otherwise), *unusable()])
 
 

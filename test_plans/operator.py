@@ -23,10 +23,10 @@ class Unanswered(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a plan asks: a text, what may be answered, and how long it waits (s).
+    """A question of a plan: its text, the allowed answers, and the time limit (s).
 
-    ``deed`` names what is to be done by hand for those who can do it themselves: a simulated rig knows its faults,
-    ``estop on`` and ``estop off``.
+    ``deed`` names the manual action for rigs that can do it themselves. A simulated rig knows its faults, ``estop on``
+    and ``estop off``.
     """
 
     text: str
@@ -46,7 +46,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What was answered, and by whom."""
+    """An answer, and who gave it."""
 
     text: str
     by: str
@@ -110,9 +110,9 @@ class Script:
 
 
 class QuestionBox:
-    """Where a question waits for anyone who answers it, from any thread: a terminal, a panel in a browser.
+    """Holds a question until any thread answers it, for example a terminal or a panel in a browser.
 
-    ``question`` is what to show. What is shown where is not its business.
+    ``question`` is the text to show. Other displays are not its concern.
     """
 
     def __init__(self) -> None:

@@ -107,7 +107,7 @@ class Parameter:
 
 
 def declared_parameters(function: Callable[..., None]) -> tuple[Parameter, ...]:
-    """Return the parameters of a plan's function: all of its own but the first, which is the run.
+    """Return the parameters of a plan's function: all of its parameters except the first, which is the run.
 
     TypeError for one without a default, or with neither a range nor choices, or with a default outside of them.
     """

@@ -70,7 +70,7 @@ class Plan:
         return partial(part, **{name: value for name, value in self.values.items() if name in names})
 
     def on(self, specimen: Specimen) -> Plan:
-        """Return the plan as it is told for ``specimen``: with what that has to carry in title and instruction."""
+        """Return the plan as described for ``specimen``: title and instruction contain the loads of this specimen."""
 
         def preload(found: re.Match[str]) -> str:
             load = specimen.loads.get(found[1])
@@ -112,8 +112,8 @@ def plan(
 ) -> Plan | Callable[[Part], Plan]:
     """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
 
-    The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
-    begins by arming the bench and ends by letting the air off and disarming. What the function takes next to the run
+    The name is the function's, the instruction its docstring (or that of its module). Without custom parts a plan
+    begins by arming the bench and ends by venting the springs and disarming. What the function takes next to the run
     are the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter
     that has no default, no unit or no range, or for a need that is no signal.
     """

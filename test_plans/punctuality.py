@@ -1,4 +1,4 @@
-"""How punctual the rig was during a run, by its own account."""
+"""Lateness of the rig during a run, by its own counters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: What the rig counts of its own ticks.
+#: Counters of the rig about its ticks.
 _ACCOUNT: Final = ("rig.tick", "rig.late_ticks", "rig.lateness_max", *(one.signal for one in LATENESS_BINS))
 #: Upper edges of all bins of the rig's lateness histogram but the last, which has none.
 _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])

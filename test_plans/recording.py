@@ -111,7 +111,7 @@ class Recording:
                 self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
-        """Tell every change; the cause comes in the same frame as the state that it led to, and is told first."""
+        """Report every change; the cause comes in the same frame as the state that it led to, and is reported first."""
         for time, row, value in sorted(
             zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
         ):
@@ -146,7 +146,7 @@ def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -
 
 
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:
-    """Let the record keep settings in force from now on: numbers in SI, choices as their names."""
+    """Record these settings from now on: numbers in SI, choices as their names."""
     table = run.bench.table
     known = {name: value for name, value in values.items() if not isnan(value)}
     data = {

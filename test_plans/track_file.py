@@ -35,7 +35,7 @@ WAYS: Final[Mapping[str, tuple[str, str]]] = {
 #: By what a table goes on, and its SI unit.
 CLOCKS: Final[Mapping[str, str]] = {"distance": "m", "time": "s"}
 _NAMED: Final = re.compile(r"\s*(?P<name>[^\[(]*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
-#: Between the middles of the rails, over which cant is told (EN 13848-1).
+#: Distance between the middles of the rails, to which cant refers (EN 13848-1).
 BASE: Final = 1.5 * m
 #: Fewer rows are no track.
 LEAST_ROWS: Final = 8
@@ -85,7 +85,7 @@ class TrackRecord:
 
 
 def read_track(path: Path) -> TrackRecord:
-    """Return the track of a table. NoTrack for a file that is none: gaps, units, places that do not rise."""
+    """Return the track of a table. NoTrack for an invalid file: gaps, wrong units, places that do not rise."""
     try:
         keys = FileKeys()
         sheet = _plainly_named(read_sheet(path, keys, [], Account()))

@@ -32,7 +32,7 @@ TURNING: Final = 0.02
 
 
 class NotMeasured(ValueError):
-    """The samples cannot give what was asked of them."""
+    """The samples do not contain the requested quantity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "
 
 
 def _fit(times: Samples, motion: Samples, phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
-    """Return the factors of 1, t, the wave and its slope in ``motion``, and what they leave."""
+    """Return the factors of 1, t, the wave and its slope in ``motion``, and the residual."""
     columns = np.column_stack([np.ones_like(times), times - times.mean(), *_shape(phase, wave)])
     found, *_ = np.linalg.lstsq(columns, motion)
     return found, motion - columns @ found

@@ -21,7 +21,7 @@ from test_plans.analysis import Samples
 
 Rig = Mapping[str, float]
 
-#: What has to be known for what is said here.
+#: Dimensions that this module needs.
 WEIGHT: Final = ("bolster_mass", "gravity")
 LASERS: Final = tuple(across(f"{side}.height") for side in SIDES)
 ACTUATORS: Final = tuple(across(f"vertical_{side}") for side in SIDES)
@@ -64,7 +64,7 @@ def lifted(rig: Rig, roll: float) -> dict[str, float]:
     return {f"vertical_{side}": rig[across(f"vertical_{side}")] * roll for side in SIDES}
 
 
-#: What has to be read to know how the springs are sheared and rolled.
+#: Signals that determine the shear and roll of the springs.
 POSE_SIGNALS: Final = (
     *(f"{side}.height" for side in SIDES),
     "lateral.displacement",
@@ -116,7 +116,7 @@ def share_of_spring(rig: Rig, side: str, force: float, moment: float) -> float:
 
 
 def pressed_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
-    """Return the force that the vertical actuators press one spring with (N, downward), beside the bolster's weight."""
+    """Return the force of the vertical actuators on one spring (N, downward), without the bolster's weight."""
     shares = {one: share_of_spring(rig, side, 1.0, rig[across(f"vertical_{one}")]) for one in SIDES}
     return np.asarray(sum(share * values[f"vertical_{one}.force"] for one, share in shares.items() if share))
 
@@ -130,7 +130,7 @@ def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What one actuator (or a pair of them) moves, and what stands between: all from the data sheets."""
+    """The load of one actuator (or a pair), and the gear between actuator and load: all from the data sheets."""
 
     mass: float  #: kg per actuator
     frame: float  #: N/m

@@ -1,4 +1,4 @@
-"""Transfer functions of sampled random motions, with what is known of their uncertainty."""
+"""Transfer functions of sampled random motions, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def spectra(
     turn = 2j * np.pi * f
     forward, backward = 1.0 + turn * y_lag, 1.0 + turn * x_lag
     count = len(X)
-    # Overlap by half, with a Hann window: neighbours share a sixth of what they tell.
+    # Overlap by half, with a Hann window: neighbours share a sixth of their information.
     return Spectra(
         f,
         xx.real * np.abs(backward) ** 2,

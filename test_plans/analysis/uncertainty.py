@@ -328,8 +328,9 @@ def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
 def repeated(found: Sequence[Measured]) -> Measured:
     """Return the mean of several measurements of the same thing with the same instruments.
 
-    What the instruments do is common to all and stays; what differs from one to the next is taken from their scatter:
-    s/√n, times √((n−1)/(n−3)) for what so few tell of s (JCGM 101, 6.4.9.2). ValueError for less than four.
+    Errors of the instruments are common to all measurements and stay. The random error is estimated from the scatter:
+    s/√n, times √((n−1)/(n−3)) because few measurements give a poor estimate of s (JCGM 101, 6.4.9.2). ValueError for
+    less than four.
     """
     n = len(found)
     if n < 4:
@@ -343,5 +344,5 @@ def repeated(found: Sequence[Measured]) -> Measured:
     parts = {cause: float(np.mean([one.parts.get(cause, 0.0) for one in found])) for cause in causes}
     parts["repeats"] = scatter
     even = float(np.mean([one.even for one in found]))
-    u = max(sqrt(sum(part**2 for part in parts.values())), even)  # which may be too small a part to be told
+    u = max(sqrt(sum(part**2 for part in parts.values())), even)  # its part may be too small to be listed
     return Measured(float(values.mean()), u, even, parts)

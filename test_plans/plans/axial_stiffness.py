@@ -53,10 +53,10 @@ STAIR_WAIT: Final = 3 * s
 def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Axial stiffness of each spring, in the three ways of EN 13597.
 
-    The springs carry the `load` on their leveling valves and stand at design height.
+    The springs carry the `load` on their leveling valves at design height.
 
     * Isobaric: the bolster goes up and down in steps of 10 mm to 20 mm, at each of which the pressure is brought back
-      to what it was. What remains is the change of the area with height, and the rubber.
+      to its first value. The stiffness comes from the change of the area with height, and from the rubber.
     * Closed: the auxiliary volumes are shut off, a slow triangle of 5 mm to either side compresses the bellows alone.
     * Open: the same triangle with all the volume of the spring.
 

@@ -67,10 +67,10 @@ STEP: Final = 0.02 * s
 #: Winds that may be asked for, and how finely the strongest one that the bench can hold is sought.
 WINDS: Final = Range(3.0, 25.0, "m/s")
 WIND_STEP: Final = 0.1
-#: The unequal preload is raised in steps until the roll is within this fraction of what is asked.
+#: The unequal preload is raised in steps until the roll is within this fraction of the requested roll.
 ROLLED_WITHIN: Final = 0.03
 ROLL_STEPS: Final = 6
-#: What is faster the host cannot stream.
+#: The host cannot stream faster motions.
 FASTEST: Final = 5 * Hz
 BEFORE: Final = 2 * s
 #: The track lasts so long at least, and its first cycles swing in.
@@ -79,7 +79,8 @@ LEAD: Final = 1.5 * s
 #: Of the first harmonic of a wind that is not steady: so many pieces show how much it scatters.
 PIECES: Final = 4
 SCATTER: Final = "wind of other frequencies"
-#: No one states how late the platform's transducer is; as late as that of the lateral actuator, but for so much.
+#: The latency of the platform's transducer is not specified. It is assumed to be that of the lateral actuator,
+#: within ``LATE_BY``.
 LATE: Final = "lag of the platform's transducer"
 LATE_BY: Final = 0.5 * ms
 #: The track's motion overcomes friction, and the roll by unequal preload grows by a part of it: how much, and how well
@@ -205,7 +206,7 @@ def _bench_holds(name: str) -> Precondition:
 
 
 def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float) -> float:
-    """Return how far (m) the softest springs within their limits would let the bolster go toward its bump stop.
+    """Return how far (m) the softest springs within their limits allow the bolster to move toward its bump stop.
 
     ``asked`` are the values of the plan's parameters.
     """
@@ -270,7 +271,7 @@ def _crosswind_and_track(
     differential pressure valve connects them, and the bolster is free in all directions under the preload. One side is
     loaded more and the other less, until the bolster leans by `roll`; a positive one leans into the wind. A `wind`,
     steady, with the gust of EN 14067-6, or stochastic with von Kármán's spectrum, rises within 4 s: the lateral
-    actuator pushes with what one bogie bears of it, and the vertical ones add its moment. While it blows, the platform
+    actuator pushes with the share of one bogie, and the vertical ones add its moment. While it blows, the platform
     follows a unilateral cosine of `amplitude` and `frequency`, up and sideways together. All five axes follow one time
     base: the host streams them, or, `by` the rig, a steady wind and the track are one program of its function
     generator.
@@ -473,7 +474,7 @@ def middle(band: Band) -> float:
 
 
 def spread(found: list[float]) -> float:
-    """Return the standard uncertainty of the mean of what several pieces tell."""
+    """Return the standard uncertainty of the mean of the results of several pieces."""
     return float(np.std(found, ddof=1)) / len(found) ** 0.5
 
 

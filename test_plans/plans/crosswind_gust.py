@@ -36,17 +36,17 @@ AFTER: Final = 3 * s
 SETTLING: Final = ("time to settle", "s")
 MIDDLE: Final = RISE + MEAN
 LASTS: Final = 2 * MIDDLE + 2 * s
-#: What is averaged to see where the bolster stands, how many samples against noise, and every how many is kept.
+#: Window for the mean position of the bolster, number of samples against noise, and decimation.
 SMOOTH: Final = 1 * s
 NOISE: Final = 10
 KEPT: Final = 10
-#: The gust for which the file states roll, what remains, and the time to settle: its wind and the train's speed.
+#: The gust for which the file states roll, permanent displacement and settle time: its wind and the train's speed.
 STATED: Final = (10.0, 100 * kmh)
 #: Limits that hold for weaker and slower gusts, too, but not for stronger or faster ones.
 NO_MORE: Final = ("roll", "remains")
 #: Settled: so near to where the mean wind holds it, of the way that the gust moved it.
 SETTLED: Final = 0.1
-#: What is judged of the answer, by its limit: name and unit.
+#: The checks of the response, by limit: name and unit.
 JUDGED: Final = {
     "displacement": (
         CheckName(
@@ -139,7 +139,7 @@ def holds(run: Run, load: str) -> float:
 
 
 def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
-    """Refuse a gust that reaches the bump stop; let the springs carry the load, shut in, and the bolster go."""
+    """Refuse a gust that reaches the bump stop; put the load on the springs, shut them, and release the bolster."""
     most, held = strongest(wind, train_speed), holds(run, load)
     if most > held:
         raise ParameterRefused(
@@ -185,14 +185,14 @@ def crosswind_gust(
     The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
     free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes over the
     car, in the shape of EN 14067-6, up to `wind`, which is 1.7 times the mean. Then the mean wind blows on for 4 s and
-    fades. What one bogie bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
+    fades. The share of one bogie pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
     difference of the vertical ones follow a waveform that the host streams.
 
     Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
     the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
-    time until the bolster is at rest again, and of what remains after the wind. The file states roll and what remains
-    for a gust of 10 m/s at 100 km/h: in a stronger or faster one they are not judged. The time to settle is stated for
-    that speed, too; a slower train is longer in the gust, and may take as much longer.
+    time until the bolster is at rest again, and of the displacement that remains after the wind. The file states roll
+    and remaining displacement for a gust of 10 m/s at 100 km/h: in a stronger or faster one they are not judged. The
+    time to settle is stated for that speed, too; a slower train is longer in the gust, and may take as much longer.
     """
     times, force = blow(wind, train_speed)
     with run.phase("gust"):
@@ -263,7 +263,7 @@ def _answer(at: Samples, rig: Rig, values: Mapping[str, Samples]) -> tuple[Sampl
 
 
 def _numbers(at: Samples, area: float, rig: Rig, values: Mapping[str, Samples]) -> tuple[float, ...]:
-    """Return what is judged: the lateral stiffness, the others in the order of their names, and the time to settle."""
+    """Return the results: the lateral stiffness, the others in the order of their names, and the settle time."""
     y, roll, pushed, parted = _answer(at, rig, values)
     peak, calmed = int(np.argmax(y)), _during(at, LASTS + AFTER - SMOOTH)
     moment = pushed[peak] * CAR.pressure_height

@@ -28,8 +28,8 @@ CLOSES: Final = CheckName(
     "closes again, {higher} higher",
     "The difference at which the valve closes again: if it closes late, the car leans for longer than necessary.",
 )
-#: Slow next to the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
-#: by 41 mbar.
+#: Slow compared with the valve, which reduces the difference by 0.4 bar/s when it opens. One millimetre changes the
+#: pressure difference by 41 mbar.
 ROLL_RATE: Final = 2.5 * mm / s
 BACK_RATE: Final = 10 * mm / s
 #: To either side: half of it parts the pressures by 0.7 bar, at which a sound valve is shut.
@@ -99,11 +99,11 @@ def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Sample
 
 
 def _roll(run: Run, home: Home, z: float, rate: float) -> None:
-    """Lift the left side by ``z`` (m) and let the right one down by as much."""
+    """Lift the left side by ``z`` (m) and lower the right side by the same distance."""
     run.bench.vertical.move_to(home.left + z, home.right - z, rate=rate)
 
 
 def _smooth(values: Samples) -> Samples:
-    """Return means over `SMOOTH` neighbours of what was received."""
+    """Return means of the readings over `SMOOTH` neighbours."""
     received = values[np.isfinite(values)]
     return np.convolve(received, np.full(SMOOTH, 1 / SMOOTH), mode="valid")

@@ -1,4 +1,4 @@
-"""Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
+"""Endurance: many cycles, and at intervals the changes of stiffness, damping, height and tightness."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -51,7 +51,7 @@ LOOK_OVER: Final = 10 * s
 PRELOAD_RATE: Final = 5 * kN / s
 STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
-#: A twin is asked every so many s whether rig and model deviate.
+#: Interval (s) at which the twin is checked for a deviation of the rig from the model.
 ASKED_EVERY: Final = 20 * s
 NOBODY_WATCHES: Final = "no twin watches this run, so deviations are not detected, and the cycles continue"
 A_THOUSAND: Final = 1000.0
@@ -60,7 +60,7 @@ MADE: Final = CheckName(
     "cycles",
     "How many of the requested cycles were made: a test that was stopped early proves less.",
 )
-#: What is judged: its name, its curve, the limit of its change in 1000 cycles, and the unit of that.
+#: The checks: name, curve, limit of the change in 1000 cycles, and its unit.
 JUDGED: Final = (
     (
         CheckName(
@@ -91,13 +91,13 @@ JUDGED: Final = (
         "mm",
     ),
 )
-#: What a look finds, K' and c of a sine or one height, and what was read for it.
+#: The result of an inspection, K' and c of a sine or one height, and the readings for it.
 Found = Callable[[Rig, Mapping[str, Any]], tuple[float, ...]]
 
 
 @dataclass(slots=True)
 class Series:
-    """The same measurement in every look: how it is computed, and what was read."""
+    """The same measurement in every inspection: its calculation and its readings."""
 
     computed: list[Found] = field(default_factory=list)
     read: list[Mapping[str, Any]] = field(default_factory=list)
@@ -112,7 +112,7 @@ class Series:
 
 @dataclass(slots=True)
 class Looks:
-    """How many cycles were made, and what was found after some of them, by spring."""
+    """The number of cycles, and the results after some of them, by spring."""
 
     made: int = 0
     cycles: list[float] = field(default_factory=list)
@@ -122,7 +122,7 @@ class Looks:
     def add(
         self, sines: Mapping[str, Found], read: Mapping[str, Samples], heights: Mapping[str, float]
     ) -> None:
-        """Add one look: what ``sines`` make of what was ``read``, and mean ``heights`` by signal."""
+        """Add one inspection: the results of ``sines`` from the readings ``read``, and mean ``heights`` by signal."""
         self.cycles.append(float(self.made))
         for where, of in sines.items():
             series = self.sines.setdefault(where, Series())
@@ -276,7 +276,7 @@ def _cycle(
 ) -> Deviation | None:
     """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
 
-    With ``ends`` they end where rig and model deviate: return what is said of that, or None if all were made.
+    With ``ends`` they end where rig and model deviate: return that deviation, or None if all cycles were made.
     """
     while count > 0:
         some = min(count, PROGRAM)
@@ -294,7 +294,7 @@ def _cycle(
 
 
 def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
-    """Wait until the cycles are done; with ``ends``, or until rig and model deviate: return what is said of it."""
+    """Wait until the cycles are done; with ``ends``, or until rig and model deviate: return that deviation."""
     last = run.now + round(within * NS)
     while ends:
         if (deviation := run.twin.deviation) is not None:
@@ -311,7 +311,7 @@ def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
 def _look(
     run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
 ) -> steps.Weighing:
-    """Add to ``looks`` what is found now; return what identifies the mass of air."""
+    """Add the present results to ``looks``; return the readings that give the mass of air."""
     with run.phase(f"look after {looks.made} cycles"):
         run.bench.wait(REST)
         air = steps.weigh_the_air(run)

@@ -31,7 +31,7 @@ DAMPED: Final = CheckName(
 
 
 def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
-    """Refuse what would meet the bump stop; then let the springs carry the load."""
+    """Refuse a motion that would reach the bump stop; then put the load on the springs."""
     gap = run.rig["stop_gap"]
     travel = min(abs(offset), stop_travel_max(run.rig)) + amplitude
     if travel > gap:
@@ -64,8 +64,8 @@ def lateral_stiffness(
     the springs to the `offset`, tilted together where the bump stop would be in the way, and the lateral actuator moves
     them about it by the `amplitude`: a sine of 0.5 Hz, first harmonic, half of the pair's.
 
-    Good is what the specimen's file says of stiffness and damping at this amplitude, times what it says is left of them
-    at this offset. It interpolates between the values of the file; beyond them it does not know what is good.
+    Good is what the specimen's file says of stiffness and damping at this amplitude, times the factor that it states
+    for this offset. The plan interpolates between the values of the file; beyond them it does not judge.
     """
     limits = run.specimen.load(load).limits
     left = limits.curve_at("lateral_left_at_offset", abs(offset))

@@ -9,7 +9,7 @@ from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
-#: The gas of a fast filling cools with 13 s; meanwhile pressure and temperature tell little.
+#: The gas of a fast filling cools with a time constant of 13 s; meanwhile pressure and temperature are not steady.
 COOL: Final = 15 * s
 HOLD: Final = 30 * s
 

@@ -36,7 +36,7 @@ STAIR_SAMPLES: Final = 15
 ON_THE_WAY: Final = 100
 STAIR_WAIT: Final = 2.5 * s
 STAIR_LOOK: Final = 1.5 * s
-#: The gas of the filling cools; what remains of that changes by less than 0.5 mbar/s from stair to stair.
+#: Time for the gas of the filling to cool; after it the pressure changes by less than 0.5 mbar/s between stairs.
 COOL: Final = 30 * s
 #: Just open, the valve fills with 18 and exhausts with 6 mbar/s.
 FLOWING: Final = 3 * mbar / s
@@ -258,7 +258,7 @@ def _took(
 def _step(
     run: Run, home: Home, step: float, pressure: float, within: float
 ) -> tuple[Samples, Mapping[str, Samples]]:
-    """Step to a height and wait for the pressure, at which each side is shut; return times (s) and what was read.
+    """Step to a height and wait for the pressure at which each side is shut; return times (s) and readings.
 
     Times count from the first motion.
     """
@@ -273,7 +273,7 @@ def _step(
     with bench.capture(*names) as capture:
         _go(run, home, step)
         end = bench.now + within
-        with suppress(BenchTimeout):  # a valve that does not do it in time has failed, and is told so
+        with suppress(BenchTimeout):  # a valve that does not do it in time has failed, which is reported
             while waiting:
                 left = max(end - bench.now, 0.0)
                 bench.wait_for(lambda: bool(there()), within=left, what="pressure of the other load")

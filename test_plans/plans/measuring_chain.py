@@ -154,22 +154,22 @@ FRAME_GIVES_WAY: Final = CheckName(
     "{side} stiffness of the frame",
     "Force over the difference between piston and spring travel: a soft frame reduces every commanded displacement.",
 )
-#: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
+#: The readings of each step: means by signal. The applied force (N), and the force by the load cells.
 Steps = Sequence[Mapping[str, float]]
 Forces = tuple[Samples, Samples]
-#: Air that is let off cools. Its warming dies away with 20 s (virtual rig): at this pace 0.08 K are left to go.
+#: Vented air is cold. It warms with a time constant of 20 s (virtual rig): at this rate 0.08 K are left.
 WARM: Final = 0.02 * K
 WARM_OVER: Final = 5 * s
-#: What a run before has let off is as cold as 290 K when this one begins.
+#: The air that an earlier run vented may be as cold as 290 K when this run begins.
 WARM_WITHIN: Final = 5 * minutes
-#: A bolster that is let go sways for some seconds.
+#: A bolster that is released sways for some seconds.
 STILL: Final = 8 * s
 
 
 def without_air(run: Run) -> None:
-    """Let all air off, the rest of it too, and the actuators go: nothing presses but the bolster.
+    """Vent all air, the rest of it too, and release the actuators: only the bolster presses.
 
-    The bolster presses out the last air, which cools once more: only then all is to be warm.
+    The bolster presses out the last air, which cools once more. Therefore the wait for warm air comes last.
     """
     steps.power_up(run)
     with run.phase("without air"):
@@ -272,7 +272,7 @@ def measuring_chain(
 def _zeros(
     rig: Rig, has: Callable[[str], bool]
 ) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
-    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
+    """Yield the known values without air and force: name, summed readings, value and tolerance (SI), unit."""
     for group, (tolerance, unit) in ZEROS.items():
         for name in (one for one in BY_GROUP[group] if one not in bearing(rig)):
             read, off = {name: 1.0}, tolerance
@@ -315,7 +315,7 @@ def _check_zeros(run: Run) -> None:
 def _zero(
     sum_of: Mapping[str, float], cell: tuple[str, float] | None, rig: Rig, read: Mapping[str, float]
 ) -> float:
-    """Return a sum of readings; of a ``cell`` that carries the bolster, as if that weighed what is expected."""
+    """Return a sum of readings; for a ``cell`` that carries the bolster, corrected from rest load to expected load."""
     more = rest_load(rig, cell[0]) - cell[1] if cell else 0.0
     return sum(share * read[name] for name, share in sum_of.items()) - more
 
@@ -344,7 +344,7 @@ def _weigh(run: Run, mass: float) -> None:
 def _steps(
     run: Run, names: Sequence[str], forces: Sequence[float], press: Callable[[Run, float], None]
 ) -> list[Mapping[str, float]]:
-    """Press with each of the ``forces`` (N); return what was read on each step."""
+    """Press with each of the ``forces`` (N); return the readings of each step."""
     read: list[Mapping[str, float]] = []
     for force in forces:
         press(run, force)
@@ -387,7 +387,7 @@ def _check_line(
     forces: Callable[[Rig, Steps], Forces],
     gain: Band,
 ) -> None:
-    """Check the slope of what the cells read over what was applied, and how far it bends from a straight line."""
+    """Check the slope of the load cells' readings over the applied force, and their deviation from a straight line."""
 
     def line(rig: Rig, *means: Mapping[str, float]) -> tuple[float, float]:
         applied, cells = forces(rig, means)
@@ -405,7 +405,7 @@ def _sum(read: Steps, *names: str) -> Samples:
 
 
 def _series(read: Steps) -> dict[str, Samples]:
-    """Return what was read on all steps, by signal."""
+    """Return the readings of all steps, by signal."""
     return {name: _sum(read, name) for name in read[0]}
 
 

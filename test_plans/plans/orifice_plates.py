@@ -31,8 +31,8 @@ OF_PLATES: Final = ("bore of the plates", "mm")
 
 
 def leave_as_found(run: Run) -> None:
-    """Make the bench safe, and let the plates be fitted that it was built with."""
-    steps.make_safe(run)  # if that fails no one is asked to open a spring that may be under air
+    """Make the bench safe, and have its original plates fitted."""
+    steps.make_safe(run)  # if that fails, the operator is not sent to a spring that may be under air
     _fit(run, PLATE)
 
 
@@ -47,10 +47,10 @@ def leave_as_found(run: Run) -> None:
 def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Orifice plates: vertical stiffness and damping of each spring with each pair of plates.
 
-    For each pair of plates that the specimen's file names the air is let off and the plates are fitted: by the bench
-    itself where it can be told to, else by the operator, who is asked. Then the springs carry the `load` on their
-    leveling valves and stand at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near
-    the peak of damping of the ordinary plate.
+    For each pair of plates that the specimen's file names, the springs are vented and the plates are fitted. If the
+    bench cannot change them itself, the operator is asked to. Then the springs carry the `load` on their leveling
+    valves at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near the peak of damping
+    of the ordinary plate.
 
     Good is what the specimen's file says of each plate. A plate that no one fits is not judged. The ordinary plates of
     13 mm are fitted at the end.
@@ -91,7 +91,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
 
 def _fit(run: Run, plate: float, *checks: str) -> bool:
-    """Fit plates, or let the operator fit them; return whether they are in. The springs are without air."""
+    """Fit plates, or have the operator fit them; return whether they are fitted. The springs are without air."""
     if run.bench.has("rig.orifice_diameter"):
         fit_plate(run, plate)
         return True

@@ -107,7 +107,7 @@ def roll_coupling(
 def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, float]:
     """Return the lateral force (N) that turns its sign with the roll, and K' rolled over level.
 
-    Of what was measured at the roll, rolled to the other side, and level.
+    The arguments are the results at the roll, at the opposite roll, and level.
     """
     odd = 0.5 * ROLL_SHEAR * (secants[0] - secants[1])
     return odd, 0.5 * (storages[0] + storages[1]) / storages[2]

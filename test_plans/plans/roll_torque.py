@@ -71,12 +71,12 @@ class Motion(NamedTuple):
 
 
 class Law(NamedTuple):
-    """What three motions tell of one spring: F = K_yy y + K_yφ φ, M = K_φy y + K_φφ φ, both per spring."""
+    """The law of one spring from three motions: F = K_yy y + K_yφ φ, M = K_φy y + K_φφ φ, both per spring."""
 
     by_roll: float  #: N/rad
     by_shear: float  #: N·m per m
     ratio: float
-    torsion: float  #: N·m/rad, what is left of the torque without the springs' heights
+    torsion: float  #: N·m/rad, the torque without the part of the springs' heights
     of_the_pair: float  #: N·m/rad
 
 

@@ -39,7 +39,7 @@ SAFE_AFTER: Final = 15 * s
 ESTOP_AFTER: Final = 0.1 * s
 #: Beyond the time that is allowed, to see by how much it is missed.
 LONGER: Final = 3 * s
-#: What is silent for so long may have done anything meanwhile.
+#: After a silence of this length the state of the signal is unknown.
 UNSEEN: Final = 1 * s
 LET_GO: Final = 2 * kN
 THROWN: Final = 8 * mm
@@ -53,10 +53,10 @@ OFF_WITHIN: Final = 5 * s
 #: The bench goes on venting when it is disabled: below this the springs may be opened, whatever the readings err by.
 EMPTIED: Final = 0.5 * RESIDUAL_PRESSURE
 EMPTY_WITHIN: Final = 10 * s
-#: What is 1 where it is so, and 0 where it is not.
+#: Threshold between 0 (no) and 1 (yes).
 YES: Final = 0.5
 HOLDING: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED")
-#: What is checked of every way into the safe position.
+#: The checks of every transition to the safe position.
 SAFE: Final = (
     CheckName(
         "{after}: springs without air after",
@@ -116,15 +116,15 @@ def safety(run: Run) -> None:
     """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
 
     Before each the springs are filled to the pressure of the empty car, under a bolster that the actuators hold at
-    design height: what must not happen is that it is thrown up. Then, one after the other: the set-points stop, as if
+    design height: the bolster must not be thrown up. Then, one after the other: the set-points stop, as if
     their wire broke or the commander died; nothing is written to the PLC any more; the supply of air is shut; the
-    emergency stop is pressed. The last two are the operator's, who is asked; a simulated rig does them by itself.
+    emergency stop is pressed. The operator is asked to do the last two; a simulated rig does them by itself.
     At last the bench is switched off.
 
-    Good is what the bench promises, whatever specimen is on it: it holds 100 ms after the last set-point and
-    disables itself after 500 ms; it holds a second after the last message to the PLC; springs keep their air without a
-    supply; the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without
-    pressure and the actuators let go within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
+    Good is what the bench promises, whatever specimen is on it: it holds 100 ms after the last set-point and disables
+    itself after 500 ms; it holds a second after the last message to the PLC; springs keep their air without a supply;
+    the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without pressure and
+    the actuators are released within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
     pressure. What cannot be provoked is reported as not available.
     """
     _lose_the_setpoints(run)
@@ -150,7 +150,7 @@ class Course:
         return float(self._times["rig.state"][np.argmax(there)]) if there.any() else self._watched
 
     def until_small(self, names: Iterable[str], limit: float, read: Read | None = None) -> float:
-        """Return from when on (s) the sizes of all ``names`` stayed within ``limit`` (SI), by what was ``read``."""
+        """Return the time (s) from which the magnitudes of all ``names`` in ``read`` stayed within ``limit`` (SI)."""
         return max(self._last_large(name, (read or self._values)[name], limit) for name in names)
 
     def rise(self, read: Read | None = None) -> float:
@@ -162,7 +162,7 @@ class Course:
         return float(np.max(rises))
 
     def measured(self, run: Run, evaluate: Callable[[Read], float]) -> Measured:
-        """Return what ``evaluate`` computes of what was read, with its uncertainty."""
+        """Return the result of ``evaluate`` on the readings, with its uncertainty."""
         return run.measured(evaluate, self._values, rate=self._rates)
 
     def _last_large(self, name: str, values: Samples, limit: float) -> float:
@@ -285,7 +285,7 @@ def _lose_the_supply(run: Run) -> None:
 
 @contextmanager
 def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
-    """Let a simulated rig undo what it was reported, if the block ends before it was asked to: the rig runs on."""
+    """Undo the action on a simulated rig if the block ends before the request to undo it, because the rig runs on."""
     try:
         yield
     except BaseException:
@@ -323,7 +323,7 @@ def _check_off(run: Run) -> None:
     with run.phase("power off"), bench.despite_faults():
         if bench.state in FAULT_STATES:
             bench.reset()
-        # What was vented fast is cold, and its pressure rises for a while as it warms, although the valves are open.
+        # Air that was vented fast is cold. Its pressure rises for a while as it warms, although the valves are open.
         with suppress(BenchTimeout):
             bench.wait_for(
                 lambda: all(bench.readings.value(name) < EMPTIED for name in BELLOWS),

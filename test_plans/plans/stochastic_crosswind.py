@@ -42,13 +42,13 @@ STEP: Final = 0.02 * s
 #: Ten times the fastest that wind and track have.
 RATE: Final = 50 * Hz
 BEFORE: Final = 2 * s
-#: What is faster the host cannot stream; what is slower is no irregularity but the line of the track.
+#: The host cannot stream faster motions; slower motions belong to the line of the track, not to its irregularity.
 FASTEST: Final = 5 * Hz
 SLOWEST: Final = 0.2 * Hz
 SEGMENT: Final = 8 * s
 #: Of the springs' stiffness: where wind and track move them enough.
 BAND: Final = (0.5 * Hz, 2 * Hz)
-#: What is judged of how far springs and pressures move: its name, limit and unit.
+#: The checks of the motion of springs and pressures: name, limit and unit.
 SWINGS: Final = (
     (
         CheckName(
@@ -99,7 +99,7 @@ LEVEL: Final = (4.032e-7, 2.119e-7)
 
 
 def take_up(run: Run, load: str) -> None:
-    """Let the springs carry the load, hold them at design height, shut them in, and let the bolster go sideways."""
+    """Put the load on the springs, hold them at design height, shut them, and release the bolster sideways."""
     steps.carry_load(run, load)
     go_home(run)
     run.bench.wait(COOL)
@@ -134,7 +134,7 @@ def stochastic_crosswind(
 ) -> None:
     """Stochastic crosswind: the springs in a gusty wind while the platform runs a track.
 
-    The springs carry the load, shut in at design height. The lateral actuator pushes with what one bogie bears of a
+    The springs carry the load, shut in at design height. The lateral actuator pushes with the share of one bogie of a
     `wind` with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
     irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5 Hz. The
     vertical actuators hold the bolster where it is, as the inertia of a car does. The same number `draw` makes the same

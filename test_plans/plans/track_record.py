@@ -51,9 +51,9 @@ READ: Final = (*POSE_SIGNALS, *WAYS[:2], *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSUR
 BEFORE: Final = 2 * s
 #: So much later than it was asked to the platform may be.
 LATEST: Final = 0.5 * s
-#: Of what was asked for, rms, so much may be lacking or too much: lost between set-points 20 ms apart, lag, noise.
+#: Allowed difference from the requested motion, rms, as a fraction: set-points 20 ms apart, lag and noise.
 BESIDE_MOST: Final = 0.1
-#: What moves less, rms, is as little as its transducer tells (m, rad).
+#: Motions with a smaller rms are within the resolution of the transducer (m, rad).
 LEAST: Final = 2e-4
 #: Every how many samples is drawn.
 KEPT: Final = 4
@@ -82,16 +82,16 @@ def drawn() -> TrackRecord:
 
 
 def read(track: str) -> TrackRecord:
-    """Return the track that a parameter names; NoTrack for a file that is none."""
+    """Return the track that a parameter names; NoTrack for a file that is not a track."""
     return drawn() if track == DRAWN else read_track(Path(track))
 
 
 def excitation(
     record: TrackRecord, speed: float, duration: float, wind: float
 ) -> tuple[Samples, dict[str, Samples]]:
-    """Return times (s) and what is added to each set-point (SI): a track under a train, and a steady wind across it.
+    """Return times (s) and the motion added to each set-point (SI): a track under a train, and a steady crosswind.
 
-    All of it comes within 4 s and goes within 4 s, and counts for ``duration`` s in between.
+    All of it rises within 4 s and fades within 4 s, and counts for ``duration`` s in between.
     """
     count = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, count * STEP, count + 1)
@@ -156,11 +156,11 @@ def track_record(
     """Track record: the springs on a track that a user measured, as a train of some speed meets it.
 
     The springs carry the load, shut in at design height; the vertical actuators hold the bolster where it is, as the
-    inertia of a car does, and the lateral one pushes it with what one bogie bears of a steady `wind`, or lets it go.
+    inertia of a car does, and the lateral one pushes it with the share of one bogie of a steady `wind`, or releases it.
     The platform runs the record in its three ways together, about its mean, from its beginning on: a record by distance
     at `speed`, one by time as it is. All axes follow one time base, come and go within 4 s, and are streamed by the
-    host; what is beyond the platform's ways or paces is refused before anything moves. Instead of a file, ERRI-low is
-    the low level of ERRI B 176 between waves of 3 and 70 m.
+    host; a motion beyond the travel or speed of the platform is refused before anything moves. Instead of a file,
+    ERRI-low is the low level of ERRI B 176 between waves of 3 and 70 m.
 
     Good is a platform that goes where the record has it, and a bolster that stays clear of its bump stop. The vertical
     stiffness of the springs over frequency is kept, and not judged: limits hold for the motion for which they were
@@ -182,7 +182,8 @@ def track_record(
     calm, shaken = at < 0.0, (at >= RISE) & (at < times[-1] - RISE)
     travel = run.measured(partial(_travel, calm, shaken), run.rig, values, rate=RATE)
     run.check(TRAVEL, travel, "mm", high=run.rig["stop_gap"])
-    # Not sideways: the lateral actuator lets the bolster go, so that hardly a force reports of its springs.
+    # Not sideways: the lateral actuator releases the bolster, so that the lateral force is too small to measure
+    # stiffness.
     keep_stiffness(run, load, "vertical", upright(shaken, run.rig, values))
 
 

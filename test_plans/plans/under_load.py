@@ -22,8 +22,8 @@ def _under_load(run: Run, load: str) -> None:
       pressure valve, and the answer to the track, a unilateral cosine of 5 mm;
     * the air that the shut springs lost meanwhile.
 
-    Good is a spring that does what its drawing predicts: stiffness, damping and pressure within the limits of the
-    specimen's file, and no leak. The air is let off at the end, whatever happened before.
+    Good is a spring that agrees with its drawing: stiffness, damping and pressure within the limits of the
+    specimen's file, and no leak. The springs are vented at the end in any case.
     """
     stated = run.specimen.load(load)
     steps.check_air(run, stated)

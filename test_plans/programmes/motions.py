@@ -14,7 +14,7 @@ Form = Literal["sine", "triangle"]
 Switch = Literal["off", "on"]
 AirMode = Literal["hold", "level"]
 
-#: How a record names what is to be replayed, what only prepares it, and where nothing moves.
+#: Names in a record of the motion to be replayed, of the preparation, and of the time without motion.
 REPLAY: Final = "replay"
 CONDITION: Final = "condition"
 REST: Final = "rest"
@@ -133,7 +133,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Programme:
-    """What one visit to the bench does; plan and record bear its name, ``purpose`` ends its instruction."""
+    """The motions of one visit to the bench; plan and record have its name, ``purpose`` ends its instruction."""
 
     name: str
     title: str

@@ -129,9 +129,9 @@ def perform(run: Run, programme: Programme) -> None:
 
 
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
-    """Put one load down and take up that of ``part``; what a rig does not let anybody change leaves the rest undone.
+    """Put one load down and take up that of ``part``; if the rig does not allow the change, skip the rest.
 
-    What has been moved until then is worth replaying all the same: it may show why.
+    The motion until then is still worth a replay, because it may show the cause.
     """
     put_down(run)
     try:

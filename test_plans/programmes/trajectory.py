@@ -42,7 +42,7 @@ class Trajectory:
     leveling: Samples
     reservoirs: Samples
     dpv: Samples
-    conditioned: float  #: s, from when on friction has forgotten what was before
+    conditioned: float  #: s, time after which friction no longer depends on earlier motion
     marks: tuple[tuple[str, float], ...]  #: name and beginning (s) of each segment
     rig: Rig  #: its dimensions
 
@@ -118,7 +118,7 @@ class _Walk:
         self.marks: list[tuple[str, float]] = []
 
     def add(self, segment: Segment) -> None:
-        """Append what one segment does."""
+        """Append the motion of one segment."""
         self.marks.append((segment.name, self.samples / self.rate))
         match segment:
             case Wave():

@@ -1,4 +1,4 @@
-"""The named steps of the test instructions: raise the air, level, shake, roll, let the air off."""
+"""The named steps of the test instructions: raise the air, level, shake, roll, vent the air."""
 
 from test_plans.steps.air import AIR, TIGHT, WEIGHED_BY, Weighing, check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (
@@ -27,7 +27,7 @@ from test_plans.steps.stiffness import (
 )
 from test_plans.steps.track_and_roll import TRACK_AND_ROLL, roll_by_unequal_preload, track_excitation
 
-#: What is checked of springs under a load, as `aw0` and `aw3` do it.
+#: The checks of springs under a load, as in `aw0` and `aw3`.
 UNDER_LOAD = (*AIR, *STIFFNESS, *TRACK_AND_ROLL, TIGHT)
 
 __all__ = [

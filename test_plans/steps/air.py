@@ -116,9 +116,9 @@ def _read(run: Run, mean: Mapping[str, float], name: str) -> Measured:
 
 
 def weigh_the_air(run: Run) -> Weighing:
-    """Read what identifies the mass of air in each spring; give it to `check_tightness` some time later.
+    """Read the signals that give the mass of air in each spring; pass the result to `check_tightness` some time later.
 
-    On a rig that cannot tell there is nothing to read.
+    A rig without these signals is not read.
     """
     if run.lacks(*WEIGHED_BY):
         return Weighing(0.0, {}, {})
@@ -171,6 +171,6 @@ def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load
 
 
 def _settled(rig: Rig, name: str, times: Samples, values: Samples) -> float:
-    """What a reading was: a thermometer that follows with first order reads what was, T = T_read + τ dT_read/dt."""
+    """Return the true value of a reading; a first-order thermometer lags, so T = T_read + τ dT_read/dt."""
     level, slope = straight_line(times, values)
     return level + lag_of(rig, name) * slope if name.endswith("temperature") else level

@@ -32,7 +32,7 @@ CARRYING: Final = (
     *(f"vertical_{side}.{quantity}_setpoint" for side in SIDES for quantity in ("force", "displacement")),
     *WEIGHT,
 )
-#: Signals to hold the bolster sideways, and to let it move sideways without force.
+#: Signals that hold the bolster sideways, or release it so that it moves sideways without force.
 HELD_SIDEWAYS: Final = ("lateral.control", "lateral.displacement", "lateral.displacement_setpoint")
 FREE_SIDEWAYS: Final = ("lateral.control", "lateral.force", "lateral.force_setpoint")
 #: Valves between each bellows and its auxiliary chamber; all air of a spring flows through this chamber.
@@ -260,7 +260,7 @@ def hold_the_height(run: Run) -> None:
             run.say(f"{lacking}; the lateral position of the bolster is not changed")
         else:
             bench.lateral.hold_position()
-        # The valves control the pressure of the auxiliary chambers, so each side keeps the present reading of its own.
+        # The valves control the pressure of the auxiliary chambers, so each side keeps its present auxiliary pressure.
         names = [f"{side}.auxiliary_pressure" for side in SIDES]
         if lacking := bench.lacks(*names):
             run.say(f"{lacking}; at rest the bellows have the same pressure")

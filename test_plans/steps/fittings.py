@@ -1,4 +1,4 @@
-"""What is changed on the bench by hand: preloads with their shims, orifice plates and the connecting pipe."""
+"""Manual changes of the bench: preloads with their shims, orifice plates and the connecting pipe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from test_plans import steps
 if TYPE_CHECKING:
     from test_plans.run import Run
 
-#: What is changed by `fit_plate` and `fit_pipe`, and what `leave_connected` opens.
+#: Settings that `fit_plate` and `fit_pipe` change, and valves that `leave_connected` opens.
 PLATES_AND_PIPE: Final = ("rig.orifice_diameter", "rig.pipe")
 CONNECTIONS: Final = ("air.left_reservoir", "air.right_reservoir", "air.dpv")
 #: Fitted when the bench was built.
@@ -19,7 +19,7 @@ PLATE: Final = 13 * mm
 
 
 def put_down(run: Run) -> None:
-    """Let the air off and the actuators go, so that a user may change shims, plates and the pipe."""
+    """Vent the springs and release the actuators, so that a user may change shims, plates and the pipe."""
     steps.depressurise(run)
     with run.phase("disarm"):
         run.bench.disarm()
@@ -38,7 +38,7 @@ def fit_pipe(run: Run, fitted: Literal["off", "on"]) -> None:
 
 
 def leave_connected(run: Run) -> None:
-    """Open what was isolated, for the air goes through it, and make the bench safe."""
+    """Open the isolated valves, because the air flows through them, and make the bench safe."""
     with ExitStack() as last_first:
         last_first.callback(steps.make_safe, run)
         last_first.callback(run.bench.air.connect_dpv)

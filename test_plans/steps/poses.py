@@ -115,19 +115,19 @@ class PoseReading:
 
 
 def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
-    """Read how the springs stand and what they carry, for ``over`` s."""
+    """Read pose and load of the springs, for ``over`` s."""
     with run.bench.capture(*_READ) as capture:
         run.bench.wait(over)
     mean, slope = {}, {}
     for name in _READ:
         mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
-    for name in BELLOWS_TEMPERATURES:  # a thermometer that follows with first order reads what was
+    for name in BELLOWS_TEMPERATURES:  # corrected for the lag of the first-order thermometers
         mean[name] += lag_of(run.rig, name) * slope[name]
     return pose_of(mean, run.rig)
 
 
 def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
-    """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
+    """Return pose and load of the springs from the mean of each reading (SI)."""
     cells = {name: mean[name] for name in (*VERTICAL_CELLS, *SHEAR_CELLS)}
 
     def of_both(reading: str) -> float:

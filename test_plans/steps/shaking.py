@@ -1,4 +1,4 @@
-"""A wave of 5 mm on one axis, its samples at full amplitude, and how what they tell is checked and kept."""
+"""A wave of 5 mm on one axis, its samples at full amplitude, and the checks and records of its results."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ SAMPLE_RATE: Final = 200 * Hz
 DISTORTED: Final[Mapping[Wave, float]] = {"sine": 0.02, "triangle": 0.01}
 TRIES: Final = 3
 
-#: What is read while an axis is shaken, as far as the rig has it, next to its load cells.
+#: Signals read while an axis is shaken, as far as the rig has them, in addition to its load cells.
 VERTICAL: Final = (*HEIGHTS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
 LATERAL: Final = ("lateral.displacement", *GENERATOR)
 #: What moves with an axis.

@@ -27,7 +27,8 @@ ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"
 
 
 def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
-    """Return how far (m) the softest springs within their limits let the bolster go under a wind of ``force`` (N).
+    """Return the lateral travel (m) of the bolster that the softest springs within their limits allow under a wind of
+    ``force`` (N).
 
     The track keeps the springs in motion, so friction does not hold them. ``pressure`` is the part of the load's own.
     """

@@ -1,4 +1,4 @@
-"""Named curves for the record: what stands along their axes, and in which unit."""
+"""Named curves for the record, with the quantities and units of their axes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _axis(label: str, unit: str) -> Axis:
     return Axis(label, "" if unit == "1" else unit, found.factor, found.zero)
 
 
-Quantity = tuple[str, str]  #: what it is called, and its unit
+Quantity = tuple[str, str]  #: name and unit
 
 PRESSURE: Final = ("pressure", "bar")
 STEP: Final = ("step", "1")

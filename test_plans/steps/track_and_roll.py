@@ -44,7 +44,7 @@ PARTED: Final = CheckName(
     "pressure difference by rolling",
     "The pressure difference under unequal loads: a valve between the springs that leaks or sticks open shows here.",
 )
-#: What is checked of track and roll.
+#: The checks of track and roll.
 TRACK_AND_ROLL: Final = (ROLL_STIFFNESS, PARTED, PASSED_ON, PEAK)
 
 _TRACK: Final = ("left.height", "right.height", "platform.vertical")
@@ -99,7 +99,7 @@ def _answer(
 ) -> tuple[float, float]:
     """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m).
 
-    Both as a bolster of ``mass`` (kg) would move: the peak is half the way of the platform and half of its own.
+    Both for a bolster of ``mass`` (kg). The peak is half the platform's travel plus half the bolster's.
     """
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])

@@ -48,7 +48,7 @@ LEAD: Final = 0.5 * s
 MEASURED: Final = 1.0 * s
 #: The generator's count of cycles comes at 50 Hz: so much later a cycle may seem to begin.
 COUNT_LATE: Final = 0.04 * s
-#: From here on the accelerometer tells more of the bolster than the piston behind oil and frame.
+#: Above this frequency the accelerometer measures the bolster better than the piston behind oil and frame does.
 SEISMIC: Final = 3 * Hz
 
 _ACCELEROMETER: Final = "lateral.acceleration"
@@ -85,7 +85,7 @@ Values = dict[str, Samples]
 
 
 class Sine(NamedTuple):
-    """What was read during a sine: times (s), values by signal, and its frequency (Hz)."""
+    """The readings during a sine: times (s), values by signal, and its frequency (Hz)."""
 
     times: Samples
     values: Values
