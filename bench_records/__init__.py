@@ -1,1 +1,1 @@
-"""What a run leaves behind: the record of every sample, the result of every check, and the report of both."""
+"""The output of a run: the record of every sample, the result of every check, and the report of both."""

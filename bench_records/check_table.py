@@ -47,7 +47,7 @@ class CheckRow(NamedTuple):
 
 
 class Meaning(NamedTuple):
-    """What checks of one kind measure, and why that matters."""
+    """The quantity that checks of one kind measure, and its purpose."""
 
     names: str
     about: str
@@ -85,7 +85,7 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
 
 
 def meanings(checks: list[Check]) -> list[Meaning]:
-    """What the checks measure and why, each sentence once, in the order of the checks."""
+    """Quantity and purpose of the checks, each sentence once, in the order of the checks."""
     named: dict[str, dict[str, None]] = {}
     for one in checks:
         if one.about:
@@ -149,7 +149,7 @@ def certainty(one: Check) -> str:
 
 
 def _causes(parts: Mapping[str, float], u: float) -> str:
-    """What causes an uncertainty ``u``: the largest share of the variance, and the second if it counts."""
+    """The causes of an uncertainty ``u``: the largest share of the variance, and the second if it is significant."""
     shares = sorted(((part / u) ** 2, cause.replace("_", " ")) for cause, part in parts.items())[::-1]
     if not shares:
         return ""

@@ -1,4 +1,4 @@
-"""Checksums of what a run leaves, in the format of sha256sum: `sha256sum -c SHA256SUMS` checks them without us."""
+"""Checksums of the files of a run, in the format of sha256sum, so that `sha256sum -c SHA256SUMS` can check them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench_records.disk import kept
 from bench_records.layout import JUNIT, META, PARQUET, RESULT, put
 
 SUMS: Final = "SHA256SUMS"
-#: What a run concluded and what it rests on. The report can be made again from these.
+#: The results of a run and their data. The report can be generated again from these files.
 KEPT: Final = (PARQUET, META, RESULT, JUNIT)
 FRAMES: Final = "can.blf"
 

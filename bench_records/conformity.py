@@ -1,7 +1,8 @@
 """Conformity with limits under uncertainty: coverage factor, probability, and how a value is written next to its own.
 
-What a value may be off by is an even distribution (the largest of those that went into it, with the standard deviation
-``even``) and a normal one for all the rest, together ``u``: the model of EA-4/02, S9; normal where ``even`` is 0.
+The error of a value is the sum of two parts, together with the standard uncertainty ``u`` (model of EA-4/02, S9). One
+part has a rectangular distribution with the standard deviation ``even``, the largest of its rectangular contributions.
+The other part is normal. If ``even`` is 0, the error is normal.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
 
 
 def percent(probability: float) -> str:
-    """A probability for people; never more certain than anybody can be of an uncertainty."""
+    """A probability as text; it is never closer to 0 or 1 than an uncertainty can support."""
     if probability > 0.999:
         return "> 99.9 %"
     return "< 0.1 %" if probability < 0.001 else f"{100 * probability:.1f} %"

@@ -31,15 +31,15 @@ ROW_GROUP = 1 << 20
 
 
 def recover(directory: Path | str) -> Recovery:
-    """Make the Parquet record of a stream that a killed process left behind, and state how much of it there was.
+    """Make the Parquet record from the stream of a killed process, and state its recovered length.
 
-    Raises ``RecordError`` where there is no stream, none of ours, or one that a run is writing.
+    Raises ``RecordError`` if there is no stream, if it has another format, or if a run is still writing it.
     """
     stream = Path(directory) / STREAM
     if not stream.is_file():
         raise RecordError(f"{directory} holds no {STREAM}, so it cannot be recovered")
     refuse_held(stream.parent)
-    give_room(stream.parent)  # what a killed run had reserved
+    give_room(stream.parent)  # reserved by the killed run
     return convert(stream, {}, recovering=True)
 
 

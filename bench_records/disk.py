@@ -1,4 +1,4 @@
-"""What a disk refuses, in words, and the room that is kept free for the result of a run."""
+"""Errors of a disk as text, and the disk space that is reserved for the result of a run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final
 from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
-#: Of no use to name another file for: the machine is at fault, not anyone who named it.
+#: Errors of the machine: another file name would not help.
 REFUSALS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -27,13 +27,13 @@ REFUSALS: Final = {
 #: Result, check lists and checksums of the longest plans take a quarter of it; a report often fits as well.
 ROOM: Final = 2 << 20
 ROOM_FILE: Final = "room.part"
-#: What is wrong with a name, before anything was written.
+#: Errors of a file name, found before the first write.
 _NAMES: Final = (errno.ENOENT, errno.ENOTDIR)
 _CANNOT: Final = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 class NotKept(RecordError):
-    """A disk that refuses what a run has to keep; the text names the file and states why."""
+    """The disk refused a file of a run; the text names the file and the reason."""
 
 
 def why(error: BaseException) -> str:
@@ -45,7 +45,7 @@ def why(error: BaseException) -> str:
 
 
 def of_the_disk(error: BaseException) -> bool:
-    """Return whether the disk is at fault, and neither a name nor anyone who may write there."""
+    """Return whether the error is of the disk, and not of a file name or of missing permission."""
     return isinstance(error, OSError) and error.errno in REFUSALS and error.errno not in _NAMES
 
 
@@ -72,13 +72,13 @@ def begun(path: Path, what: str = "") -> Iterator[None]:
 
 
 def keep_room(directory: Path) -> None:
-    """Reserve the room that the result of a run will need. NotKept if there is not as much."""
+    """Reserve the disk space for the result of a run. NotKept if there is not enough."""
     path = directory / ROOM_FILE
     try:
         with path.open("wb") as file:
             reserve(file.fileno(), ROOM)
     except OSError as error:
-        if error.errno in _CANNOT:  # a file system that promises nothing
+        if error.errno in _CANNOT:  # a file system without reservation
             return
         give_room(directory)
         raise NotKept(
@@ -88,6 +88,6 @@ def keep_room(directory: Path) -> None:
 
 
 def give_room(directory: Path) -> None:
-    """Set the reserved room free."""
+    """Release the reserved disk space."""
     with suppress(OSError):
         (directory / ROOM_FILE).unlink()

@@ -95,7 +95,7 @@ class Document(NamedTuple):
 
 
 def joined(parts: Iterable[Any], by: str = "") -> Markup:
-    """Return texts one after the other, those that are no markup escaped."""
+    """Return the concatenated texts; texts that are not markup are escaped."""
     return Markup(by).join(parts)
 
 

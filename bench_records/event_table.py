@@ -9,13 +9,13 @@ from bench_records.record import Record
 from bench_records.run_drawings import TRIP, lines_by_quantity
 from bench_records.typography import THIN_SPACE, fixed, plain
 
-# The page is for reading; anyone who wants more has the record.
+# The page shows only the first events; the record has all.
 EVENT_ROWS = 150
 AROUND_TRIP_S = 10.0
 
 
 def tabled_events(record: Record) -> list[RecordedEvent]:
-    """Events for the table: phases and checks have their own, and settings are for anyone who replays the run."""
+    """Events for the table, without phases and checks, which have other tables, and settings, which replays need."""
     return [event for event in record.events if event.kind not in {"phase", "setting", "check"}]
 
 

@@ -24,7 +24,7 @@ _PROGRAM: Final = "ASTB"
 
 
 class Comment(msgspec.Struct):
-    """What the header of an MDF file of ours says."""
+    """The header of an MDF file that was exported from a record."""
 
     program: str
     start_ns: int
@@ -50,7 +50,7 @@ def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()
 
 
 def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
-    """As `write_csv`, into a file of Parquet or of Arrow, as the ending says; the clock is the index of the frame."""
+    """As `write_csv`, but to Parquet or Arrow, depending on the suffix; the clock is the index of the data frame."""
     frame = table_of(record, rate, names)
     if path.suffix.lower() == ".parquet":
         frame.to_parquet(path)

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
     Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
 
-#: Samples are thinned when so many more s of them may be.
+#: Samples are thinned each time that this many more seconds of them can be.
 _AT_A_TIME: Final = 60.0
 
 
 class GrowingRecord(Record):
-    """What the run that writes into ``directory`` has written so far.
+    """The record so far of the run that writes into ``directory``.
 
-    Its series, events and phases are those of the last `look`. RecordError where no run is writing. It keeps the
-    stream open: the end of a run, which makes another file of it, loses nothing.
+    Series, events and phases are those of the last `look`. RecordError if no run is writing. The stream stays open, so
+    that no sample is lost when the run ends and replaces the stream by another file.
     """
 
     def __init__(self, directory: Path | str) -> None:
@@ -72,7 +72,7 @@ class GrowingRecord(Record):
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """All samples of one signal so far, in order of time, as `Record.series` gives them."""
         if name not in self.signals:
-            return super().series(name)  # which says so
+            return super().series(name)  # which raises the error
         chunks = self._samples.get(name, [])
         if not chunks:
             return np.empty(0), np.empty(0)
@@ -113,7 +113,7 @@ class GrowingRecord(Record):
             reader = pa.ipc.open_stream(source)
             if (
                 not self._head
-            ):  # the schema stands before the first batch, and is read again before every later one
+            ):  # the schema is before the first batch, and is read again before every later batch
                 self._head = source.getvalue()[: source.tell()]
                 self._read = source.tell()
                 fresh = fresh[source.tell() :]

@@ -1,4 +1,4 @@
-"""Records of the files of other programs: columns and channels are called as signals are, and nothing is guessed."""
+"""Makes records from files of other programs; columns and channels must have the names of signals, without guesses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bench_records.tables.sheet import Column, Sheet
 
 TIME: Final = "time_s"
-#: What a clock may be called that has dates, or reports its unit.
+#: Permitted names of a clock that has dates or a unit.
 _CLOCKS: Final = ("time", "timestamp", "datetime", "date", "date/time", "zeit", "zeitstempel", "datum", "t")
 _COLUMN: Final = re.compile(r"(?P<name>\S+?)(?: ?(?:\[(?P<unit>[^\]]*)\]|\((?P<round>[^)]*)\)))?")
 #: From names of the table of signals to how the record describes them.
@@ -36,7 +36,7 @@ Known = Callable[[str], SignalInfo | None]
 
 
 class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The keys of ``[file]`` of a map, and those that a map has elsewhere."""
+    """The keys of ``[file]`` of a map, and those from its other tables."""
 
     time: ColumnName | None = None
     date: ColumnName | None = None  #: of times of day
@@ -44,12 +44,12 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
     thousands: str | None = None
     group: ColumnName | None = None  #: of an MDF file: only this one
     raw: bool = False
-    #: What represents no value, by signal; of "": in all columns.
+    #: Codes for missing values, by signal; "" is for all columns.
     null: dict[str, list[float | str]] = msgspec.field(default_factory=dict)
 
 
 def import_keys(texts: Iterable[str]) -> ImportKeys:
-    """Return what ``KEY=VALUE`` texts say. RecordError for a key that there is not, or a value that it cannot have."""
+    """Return the parsed ``KEY=VALUE`` texts. RecordError for an unknown key or an invalid value."""
     given: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -81,11 +81,11 @@ def _code(text: str) -> float | str:
 
 
 class _Found(NamedTuple):
-    """What a file holds of one signal."""
+    """The data of one signal in a file."""
 
     signal: SignalInfo
     series: Series
-    scale: float  #: SI value of what its numbers count
+    scale: float  #: SI value of the unit of its numbers
     zero: float = 0.0  #: SI value of their 0
 
 
@@ -154,7 +154,7 @@ def _is_empty(column: Column) -> bool:
 
 
 def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
-    """Which column is the clock. RecordError if no key, name or date says it."""
+    """The column of the clock. RecordError if no key, name or date identifies it."""
     decimal = keys.decimal
     if keys.time is not None:
         place = sheet.place(keys.time, f"{sheet.path}: --table time")
@@ -226,7 +226,7 @@ def read_mdf(
             if own is None:
                 codes = {signal.name: _source(0, signal.name, keys).codes}
                 series = measured(_without_codes(path, {signal.name: series}, codes, account)[signal.name])
-            found.append(_Found(signal, series, *si))  # a file of ours is in SI
+            found.append(_Found(signal, series, *si))  # an exported record is in SI
         if ours is None:
             if start := mdf_file.start_of(mdf):
                 account.take(f"the file says that it begins at {in_words(start, True)}")

@@ -1,4 +1,4 @@
-"""What the rig's black box kept of an incident, next to the record of the run: a story in words, and its samples."""
+"""The black box data of an incident, stored with the record of the run: a text and its samples."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ def write_incident(
         samples = pa.BufferOutputStream()
         pq.write_table(pa.table({_TIME: times, **channels}), samples)
         put(Path(directory) / SAMPLES, samples.getvalue().to_pybytes())
-        put(Path(directory) / STORY, story.encode())  # last: anyone who finds it finds the samples
+        put(
+            Path(directory) / STORY, story.encode()
+        )  # written last, so that the samples exist if the story exists
 
 
 class IncidentSection(NamedTuple):
@@ -48,7 +50,7 @@ class IncidentSection(NamedTuple):
 
 
 def incident_of(record: Record) -> IncidentSection | None:
-    """Return what the black box kept during the run, with a drawing of what tripped; None if nothing happened."""
+    """Return the black box data of the run, with a drawing of the tripped signal; None without an incident."""
     import pyarrow.parquet as pq
 
     from bench_records.layout import as_array

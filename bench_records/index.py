@@ -108,7 +108,7 @@ _CHECK: Final = (
 
 
 class RunIndex:
-    """The runs below ``folder``. RecordError if it is not a folder, or the index can be neither read nor written."""
+    """The runs below ``folder``. RecordError if it is not a folder, or if the index cannot be read or written."""
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():

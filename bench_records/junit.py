@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 from bench_records.layout import JUNIT, put
 from bench_records.result import CheckVerdict, Outcome, Result
 
-# What XML 1.0 cannot hold, even escaped.
+# Characters that XML 1.0 does not permit, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 _MET = {True: "met", False: "not met", None: "not judged"}

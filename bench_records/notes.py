@@ -20,7 +20,7 @@ from bench_records.disk import kept
 from bench_records.layout import RecordError
 
 NOTES: Final = "notes"
-#: A note goes with a run wherever that goes: a film is not a note.
+#: Notes are copied with their run, so their size is limited; films are too large.
 FILE_MAX: Final = 50_000_000
 
 
@@ -95,7 +95,7 @@ def _content(file: Path) -> bytes:
 
 
 def notes_of(directory: Path) -> list[Note]:
-    """Return the notes of the run in ``directory``, oldest first; one that cannot be read says so in its text."""
+    """Return the notes of the run in ``directory``, oldest first; the text of an unreadable note is the error."""
     found = []
     for path in _places(directory / NOTES):
         try:
@@ -106,6 +106,6 @@ def notes_of(directory: Path) -> list[Note]:
 
 
 def is_as_added(directory: Path, note: Note) -> bool:
-    """Return whether the file of a note is there and as it was added."""
+    """Return whether the file of a note exists and is unchanged."""
     path = directory / NOTES / Path(note.file).name
     return not note.file or (path.is_file() and sha256_of(path) == note.sha256)

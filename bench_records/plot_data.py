@@ -1,7 +1,7 @@
-"""The numbers behind the drawings of a report, packed for its script: what a reader zooms into and points at.
+"""The numbers of the drawings of a report, packed for its script, which needs them to zoom and to show values.
 
-Each series of numbers is written once, in steps of a 65534th of its range; all of them together are deflated. A run of
-any length has so many points at most that the page stays one that a stick or a mail carries.
+Each series is written once, in steps of 1/65534 of its range; all series are compressed together. The number of points
+is limited for runs of any length, so that the page is small enough for a mail.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 ASSETS: Final = Path(__file__).parent / "assets"
-#: Steps of a range, and what represents a gap.
+#: Steps of a range, and the code of a gap.
 STEPS: Final = 65534
 GAP: Final = 65535
 
@@ -107,7 +107,7 @@ class PlotData:
 
 
 def embedded(told: Any) -> str:
-    """Plain data as JSON that cannot end the element of a page in which it stands."""
+    """Plain data as JSON, escaped so that it cannot close its HTML element."""
     return json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 

@@ -1,7 +1,7 @@
-"""What all drawings of reports share: colours, type, a pair of axes of a given size, and the SVG element for the page.
+"""Common parts of the drawings of reports: colours, font, axes of a given size, and the SVG element for the page.
 
-Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish , and no meaning rests
-on colour alone.  Text stays text, so that it is set in the page's own type and can be searched.
+Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish. No information depends
+on colour alone.  Text stays text, so that it has the font of the page and can be searched.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
     size = _TITLE * min(
         1.0, (room - _width(told, 8.5) - _BETWEEN) / max(_width(title, _TITLE, bold=True), 1.0)
     )
-    # With y given nothing else of the drawing is measured to find the place.
+    # With y given, matplotlib does not measure the drawing to place the title.
     axes.set_title(title, loc="left", fontsize=max(size, 6.0), fontweight="bold", pad=5, y=1.0)
     axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
 
@@ -123,7 +123,7 @@ def _width(text: str, size: float, *, bold: bool = False) -> float:
 
 
 def number(value: float) -> str:
-    """A number as people read it, with a narrow space between thousands: drawings know no markup."""
+    """A number with narrow spaces between thousands; drawings have no markup for them."""
     return f"{value:,.10g}".replace(",", "\u2009").replace("-", "\u2212")
 
 
@@ -155,9 +155,9 @@ def svg(figure: Figure, name: str) -> str:
 
 
 def element(text: str, name: str, title: str = "") -> str:
-    """What a figure was saved as (SVG), as an element for the page, as `svg` returns it.
+    """Convert a saved SVG figure to an element for the page, as `svg` returns it.
 
-    ``title`` names it for a screen reader, which reads the texts of the drawing where there is none.
+    ``title`` is its name for a screen reader; without a title, a screen reader reads the texts of the drawing.
     """
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -24,7 +24,7 @@ _WITHIN: Final = 120.0  # s
 
 
 def browser() -> str | None:
-    """Return the path of the browser that prints, None where there is none."""
+    """Return the path of the browser for printing; None if there is none."""
     chosen = os.environ.get(CHOSEN)
     return next(filter(None, map(shutil.which, [chosen] if chosen else BROWSERS)), None)
 
@@ -40,7 +40,7 @@ def browser_version(path: str) -> int | None:
 
 
 def write_pdf(page: Path) -> Path:
-    """Print a page of ours as PDF next to it; return its path. RecordError if that fails, and what would help."""
+    """Print a report as PDF into the same folder; return its path. RecordError, with a remedy, if that fails."""
     program = browser()
     if program is None:
         looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)

@@ -1,4 +1,4 @@
-"""The reader of a record: series by name, a table at one rate, the events, the phases, and where it all came from."""
+"""The reader of a record: series by name, a table at one rate, the events, the phases, and its origin."""
 
 from __future__ import annotations
 
@@ -137,9 +137,9 @@ class Record:
 
 
 def read(directory: Path | str) -> Record:
-    """Open the record in a directory, also that of a run that was killed: its meta data say so as ``recovered``.
+    """Open the record in a directory, also that of a killed run, whose meta data have the entry ``recovered``.
 
-    Raises ``RecordError`` if there is none, if the run goes on, or if it is not one of ours.
+    Raises ``RecordError`` if there is no record, if the run is still running, or if the format is another.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -1,9 +1,9 @@
 """The writer of a record: takes samples from the receiver's thread, and keeps them even if the process is killed.
 
-Two moments matter.  During the run, nothing may wait for the disk: ``receive`` only copies into memory, a thread
-of the recorder writes a batch every half second, of the run's clock or of the wall's, whichever comes first.
-(In virtual time everything may wait: there each batch is written at once, which spares two changes of thread.)
-At the end the stream becomes a Parquet file whose bytes do not depend on how the batches happened to fall.
+During the run, no caller waits for the disk: ``receive`` only copies into memory. A thread of the recorder writes a
+batch every half second of the run's clock or of the wall clock, whichever is earlier.  In virtual time callers may
+wait, so each batch is written at once, which saves two changes of thread.  At the end, the stream is converted to a
+Parquet file whose bytes do not depend on the limits of the batches.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ BATCH_INTERVAL_S = 0.5
 # Two hours at the bench's full rate, 0.9 GB of memory at the very worst: a limit, not a target.
 SAMPLE_LIMIT = 50_000_000
 EVENT_LIMIT = 100_000
-#: What the stream is called until its head is whole.
+#: Name of the stream until its head is complete.
 _HEAD: Final = STREAM + ".part"
 _TAKEN: Final = (
     "{} exists: another run is writing there, or one was killed and `astb report {}` saves what it left"
@@ -93,7 +93,7 @@ class Recorder:
         self._start_ns = start_ns
         self._closed = False
         self._failure: Exception | None = None
-        self._lock = threading.Lock()  # what append and event touch; never held while writing
+        self._lock = threading.Lock()  # for the data of append and event; never held during a write
         self._disk = threading.Lock()  # the stream; taken before the other lock
         self._wake = threading.Event()
 
@@ -171,7 +171,7 @@ class Recorder:
             _undisturbed(self._drain)
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
-        """Keep what happened at ``time_ns``: a change of state, a trip, a check.  ``data`` must fit into JSON."""
+        """Record an event at ``time_ns``: a change of state, a trip, a check.  ``data`` must be valid for JSON."""
         event = RecordedEvent(int(time_ns), kind, text, data)
         try:
             encode(event)
@@ -190,7 +190,7 @@ class Recorder:
         self.event(time_ns, "phase", name, edge="begin")
 
     def phase_ends(self, time_ns: int, name: str) -> None:
-        """End the named stretch, and whatever was left open inside it."""
+        """End the named phase, and all open phases inside it."""
         self.event(time_ns, "phase", name, edge="end")
 
     def flush(self) -> None:
@@ -200,10 +200,10 @@ class Recorder:
         _undisturbed(self._drain)
 
     def close(self, **meta: Any) -> Path:
-        """Turn the stream into ``record.parquet`` and ``meta.json``; ``meta`` adds what only the end knows.
+        """Convert the stream to ``record.parquet`` and ``meta.json``; ``meta`` has the facts known only at the end.
 
-        Returns the path of the Parquet file.  A second call does nothing.  Raises ``NotKept`` if the disk failed; the
-        stream then stays with what it holds, which can be read, and made a record when there is room again.
+        Returns the path of the Parquet file.  A second call has no effect.  Raises ``NotKept`` if the disk failed; the
+        stream then stays readable, and can be converted later when the disk has space again.
         """
         _refuse_reserved(meta)
         target = self.directory / PARQUET
@@ -226,7 +226,7 @@ class Recorder:
             raise
         finally:
             # Held until there is a record: no one takes the run for one that was cut off.
-            with suppress(OSError):  # a full disk refuses the last bytes again; that is known by now
+            with suppress(OSError):  # a full disk refuses the last bytes again; the error is already reported
                 self._file.close()
             give_room(self.directory)
         return target
@@ -272,7 +272,7 @@ class Recorder:
         self._refuse_if_failed()
 
     def _give_up(self) -> None:
-        """Leave nothing of a record that could not be begun."""
+        """Remove all files of a record that could not be started."""
         with suppress(OSError):
             self._file.close()
         give_room(self.directory)
@@ -280,13 +280,13 @@ class Recorder:
             (self.directory / _HEAD).unlink()
 
     def _put_back(self) -> None:
-        """Where a user has removed the folder, make it again with what the stream holds: it is open still."""
+        """If a user has removed the folder, create it again from the contents of the open stream."""
         stream = self.directory / STREAM
         if stream.exists():
             return
         with suppress(OSError):
             stream.parent.mkdir(parents=True, exist_ok=True)
-            # Past what its buffer holds, which the disk may refuse once more.
+            # The buffer is not flushed, because the disk may refuse it again.
             with stream.open("xb") as copy, FileIO(self._file.fileno(), closefd=False) as held:
                 held.seek(0)
                 copyfileobj(held, copy)
@@ -321,9 +321,9 @@ class Recorder:
 
 
 def _undisturbed(write: Callable[[], None]) -> None:
-    """Write in its own thread, where no Ctrl-C comes: half a batch would make all that follow unreadable.
+    """Write in a separate thread, which Ctrl-C does not interrupt: half a batch would make all later ones unreadable.
 
-    Who is interrupted meanwhile hears of it when the thread has ended what it does.
+    An interrupted caller gets the KeyboardInterrupt after the end of the write.
     """
     with ThreadPoolExecutor(1, "recorder") as pool:
         pool.submit(write).result()
@@ -339,7 +339,7 @@ def _batch(columns: Sequence[npt.NDArray[Any]]) -> pa.RecordBatch:
     import pyarrow as pa
 
     schema = _stream_schema()
-    # pa.array would import pandas: a second in which nothing else of the process runs, in the middle of a run.
+    # pa.array would import pandas, which blocks all other threads for a second during the run.
     arrays = [
         pa.Array.from_buffers(field.type, len(column), [None, pa.py_buffer(column)])
         for field, column in zip(schema, columns, strict=True)
@@ -365,7 +365,7 @@ def _create(head: Path, stream: Path) -> BinaryIO:
     if not hold(file) or (stream.exists() and not in_place):
         file.close()
         raise RecordError(_TAKEN.format(stream, stream.parent))
-    file.truncate(0)  # what a run left that was killed in this instant
+    file.truncate(0)  # remains of a run that was killed at this point
     return file
 
 

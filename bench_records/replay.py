@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from bench_records.plot_data import PlotData
     from bench_records.record import Record
 
-#: Decimals with which people read a unit; two for any other.
+#: Decimals for each unit; two for any other unit.
 DECIMALS: Final = {"mm": 1, "bar": 2, "kN": 1, "K": 1, "degC": 1, "mrad": 2, "m/s2": 2}
-#: So many pictures of a run at most, and so far apart at least (s).
+#: Largest number of pictures of a run, and their least distance (s).
 PICTURES: Final = 3000
 APART: Final = 0.1
-#: A reading represents so long (s): the slowest comes once a second.
+#: A reading is valid for this time (s); the slowest signals have one reading per second.
 STANDS: Final = 2.5
 _EVENTS: Final = 300
 #: Units that are written differently than they are typed.
@@ -85,7 +85,7 @@ def thinned(
     step: float,
     decimals: int,
 ) -> npt.NDArray[np.float64]:
-    """The sample that stands at each of the instants 0, ``step`` ... (s), as it is read; NaN where none does."""
+    """The sample that is valid at each of the instants 0, ``step`` ... (s), in its unit; NaN if there is none."""
     import numpy as np
 
     grid = np.arange(math.floor(duration / step + 1e-6) + 1) * step

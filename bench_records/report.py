@@ -34,7 +34,7 @@ CLOSE_ROWS: Final = 4
 def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
     """Write ``report.html`` from the record and the result in a directory; returns its path.
 
-    A run that was cut off has no result; its report says so and shows the recorded data. The bytes depend only on the
+    The report of a run without a result states this and shows the recorded data. The bytes depend only on the
     two files, the notes in the directory and the letterhead. Without a ``letterhead`` that of the environment is used,
     if any. Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
     """
@@ -116,7 +116,7 @@ class Paragraph(NamedTuple):
 
 
 def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
-    """Return the docstring of the plan as paragraphs, without the title, which the page shows above them.
+    """Return the docstring of the plan as paragraphs, without the title, which is in the head of the page.
 
     Lines that begin with an asterisk or a dash make a list.
     """

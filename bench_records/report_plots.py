@@ -62,7 +62,7 @@ class Series(NamedTuple):
 def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers, Numbers]:
     """A series thinned to its extremes: for each of ``bins`` stretches of time its minimum and maximum.
 
-    No peak is lost and no value invented.  Series that are short enough come back as they are.  NaN breaks
+    All peaks stay, and no value is interpolated.  Series that are short enough are returned unchanged.  NaN breaks
     the line only where a whole stretch has no number; stretches without samples become NaN as well.
     """
     import numpy as np
@@ -194,7 +194,7 @@ def _curve_line(trace: Trace, *, pointed: bool) -> Line2D:
 
 
 def _error_bars(axes: Axes, trace: Trace) -> None:
-    """Draw from each point to either side what it may be off by."""
+    """Draw the expanded uncertainty of each point to both sides."""
     if trace.expanded is None:
         return
     low, high = trace.ys - trace.expanded, trace.ys + trace.expanded
@@ -336,7 +336,7 @@ def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
 
 
 def without_common_end(labels: Sequence[str]) -> list[str]:
-    """Labels without the last word, if all have it: the title of the panel says it."""
+    """Labels without the last word if all have it, because the title of the panel has it."""
     words = [label.split() for label in labels]
     if len(words) > 1 and len({one[-1] for one in words if one}) == 1 and all(len(one) > 1 for one in words):
         return [" ".join(one[:-1]) for one in words]

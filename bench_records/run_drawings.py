@@ -1,4 +1,4 @@
-"""What of a run is drawn: its phases and states as strips, its signals in panels, the curves that the plan kept."""
+"""The drawings of a run: phases and states as strips, signals in panels, and the curves of the plan."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STRIP_STRETCHES = 400
 #: Next to the first: more are no longer read on paper.
 TABLE_COLUMNS = 8
-#: So finely a reader can zoom into the signals of a run: two points for each of so many stretches.
+#: Resolution for the zoom into the signals of a run: number of stretches with two points each.
 FINE = 4000
 #: The kind of event that reports of a limit that tripped.
 TRIP = "trip"

@@ -16,7 +16,7 @@ from bench_records.record import Record, read
 from bench_records.result import Check, Result, SpecimenFacts, conclude, read_result
 from bench_records.stream import is_held, read_head
 
-#: What identifies that there is a run, the best first.
+#: Files that identify the folder of a run, the best first.
 SIGNS: Final = (RESULT, STREAM, PARQUET)
 #: The entries of `meta.json` that do not describe the circumstances of a run.
 _BESIDE: Final = {"samples", "duration_s", "events"}
@@ -65,9 +65,9 @@ def result_without(record: Record) -> Result:
 
 
 def facts_of(directory: Path) -> dict[str, Any]:
-    """Return what `meta.json` or, where the disk failed, the stream says of a run's origin, without its events.
+    """Return the origin of a run from `meta.json` or, after a failure of the disk, from the stream, without events.
 
-    Nothing where that cannot be read.
+    The result is empty if neither can be read.
     """
     with suppress(OSError, ValueError, RecordError, RecursionError):
         if (directory / STREAM).exists():
@@ -78,7 +78,7 @@ def facts_of(directory: Path) -> dict[str, Any]:
 
 
 def _head_facts(directory: Path) -> dict[str, Any]:
-    """Return what the head of the stream says of a run's origin."""
+    """Return the origin of a run from the head of the stream."""
     return {key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM}
 
 
@@ -109,7 +109,7 @@ def _unfinished(
 
 
 def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
-    """Return what events of a kind carry; those of earlier versions carried only words."""
+    """Return the data of events of a kind; events of earlier versions have only a text."""
     found = []
     for event in events:
         if event.kind == kind:
@@ -119,7 +119,7 @@ def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
 
 
 def circumstances(meta: Mapping[str, Any]) -> list[str]:
-    """Return in words what the meta data of a run say of it; nothing for a real rig in real time.
+    """Return a text on simulation and time of a run from its meta data; empty for a real rig in real time.
 
     ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text), ``sealed_effects`` (bool).
     """
@@ -136,7 +136,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
 
 
 def flattened(facts: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what tables within tables say, each with the names that lead to it: ``parameters › sha256``."""
+    """Yield the values of nested tables, each with its path of names: ``parameters › sha256``."""
     for key, value in facts.items():
         name = f"{above} \u203a {key}" if above else str(key)
         if isinstance(value, dict):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 #: A rectangle: left, low, right, high.
 Box = tuple[float, float, float, float]
 
-#: Down to where letters stand, in sizes of the type: from the middle of a figure, of a word, from a line's upper edge.
+#: Distance down to the baseline, in font sizes: from the middle of a digit, of a word, from the upper edge of a line.
 OF_FIGURES, OF_WORDS, FROM_ABOVE = 0.38, 0.26, 0.76
 #: Between the scale and its numbers, in points.
 GAP = 3.5
@@ -31,7 +31,7 @@ NUMBERS = 8.0
 
 
 class Margins(NamedTuple):
-    """The size of a drawing and the room around its axes (inches)."""
+    """The size of a drawing and the margins around its axes (inches)."""
 
     height: float
     width: float = WIDTH_IN
@@ -114,7 +114,7 @@ class Sheet:
         return factor
 
     def seconds(self) -> None:
-        """Set the unit next to the last number of the scale, where nothing else is."""
+        """Set the unit next to the last number of the scale, where there is free space."""
         self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
 
     def fill(self, boxes: Sequence[Box], color: str, **rest: Any) -> None:

@@ -1,4 +1,4 @@
-"""What makes a report fit to be signed: who measured what, when, where and with which instruments, on which files."""
+"""The parts of a report for signing: operator, specimen, date, place, instruments, and checksums of the files."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from bench_records.record import Record
 from bench_records.result import Result
 from bench_records.typography import THIN_SPACE, plain, seconds
 
-#: Who signs, and what for.
+#: Roles of the signatures.
 ROLES: Final = ("tested by", "checked by", "approved by")
 #: The last day that there is: who writes it as when an instrument is due means that it never is.
 NO_DAY: Final = date.max.isoformat()
 NEVER: Final = "does not run out"
-#: Of a checksum so much names a record at the foot of every page.
+#: Number of characters of the record's checksum in the footer of every page.
 SHORT: Final = 12
 
 

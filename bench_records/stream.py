@@ -33,7 +33,7 @@ _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
 class Recovery(msgspec.Struct, frozen=True):
-    """What a cut-off stream still held."""
+    """The readable contents of a stream that was cut off."""
 
     samples: int
     events: int
@@ -49,7 +49,7 @@ class Recovery(msgspec.Struct, frozen=True):
 
 
 class Streamed(NamedTuple):
-    """What a stream holds; the table has ``time_ns``, ``signal`` (an index into the signals) and ``value``."""
+    """The contents of a stream; the table has ``time_ns``, ``signal`` (an index into the signals) and ``value``."""
 
     facts: dict[str, Any]
     signals: list[SignalInfo]
@@ -146,7 +146,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 @contextmanager
 def metadata_errors(path: Path) -> Iterator[None]:
-    """Let what a file says of itself be read: RecordError if a user has damaged it."""
+    """Raise RecordError in the block if the meta data of a file are damaged."""
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):

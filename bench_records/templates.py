@@ -15,7 +15,7 @@ _HERE: Final = Path(__file__).parent
 def environment(*folders: Path) -> Environment:
     """Return an environment of the templates in ``folders`` and then of this package, whose style all pages share.
 
-    What a template asks for and is not given is an error.
+    A missing value of a template is an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 

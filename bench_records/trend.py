@@ -40,9 +40,9 @@ class Trend(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def trend_of(name: str, checks: Sequence[KeptCheck]) -> Trend:
-    """Return how the values of ``checks`` went. What was not measured is listed, and left out of the figures.
+    """Return the trend of the values of ``checks``. Checks without a value are listed, but not part of the statistics.
 
-    The drift is a least squares line with Student's interval; it takes the values as independent with equal scatter.
+    The drift is a least squares line with Student's interval; it assumes independent values with equal scatter.
     """
     instants = [datetime.fromisoformat(one.run.began).timestamp() for one in checks]
     days = [(instant - min(instants)) / DAY for instant in instants]

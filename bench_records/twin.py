@@ -131,7 +131,7 @@ class TwinStory(msgspec.Struct, frozen=True, rename={"all_deviations": "partings
     until: float
     judged: tuple[Judged, ...] = ()
     all_deviations: tuple[Deviation, ...] = ()
-    last_minute: LastMinute | None = None  #: None if nothing could be judged yet
+    last_minute: LastMinute | None = None  #: None before the first judged block
 
     @property
     def judged_for(self) -> float:

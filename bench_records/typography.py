@@ -70,7 +70,7 @@ def plain(value: Any) -> str:
 
 
 def with_uncertainty(value: float, half: float) -> tuple[str, str]:
-    """A value and what it may be off by, written to the same digit: the first of ``half``, two if that is below 35.
+    """A value and its uncertainty, written to the same digit: the first digit of ``half``, or two if it is below 35.
 
     Both are in the same power of ten where they are far from 1; without a known ``half`` the value has four digits.
     """

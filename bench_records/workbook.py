@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: Rows that a sheet has, its head included.
 ROWS: Final = 1 << 20
-#: Texts of others are texts: none of them becomes a formula or a link.
+#: Texts from users stay texts: none becomes a formula or a link.
 _OPTIONS: Final = {
     "strings_to_formulas": False,
     "strings_to_urls": False,
@@ -58,7 +58,7 @@ def workbook(path: Path) -> Iterator[Any]:
 
 
 def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None:
-    """Write texts as texts and numbers as numbers; what is not known leaves its cell empty."""
+    """Write texts as texts and numbers as numbers; the cell of an unknown value is empty."""
     for column, value in enumerate(values):
         if isinstance(value, str):
             sheet.write_string(place, column, value, *form)
@@ -69,7 +69,7 @@ def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None
 
 
 def write_run(record: Record, result: Result | None, path: Path, rate: float, names: Sequence[str]) -> int:
-    """Write a run: what it was, its checks and curves, and its record at ``rate`` (Hz); return the rows of the record.
+    """Write a run: facts, checks, curves, and its record at ``rate`` (Hz); return the number of rows of the record.
 
     RecordError for an unknown name, or for more rows than a sheet has.
     """
@@ -95,7 +95,7 @@ def write_run(record: Record, result: Result | None, path: Path, rate: float, na
 
 
 def write_trends_book(trends: Sequence[Trend], path: Path) -> None:
-    """Write trends: a sheet with what each says, and one with all values. RecordError without the extra `excel`."""
+    """Write trends: a sheet of summaries, and one of all values. RecordError without the extra `excel`."""
     with workbook(path) as book:
         _sheet(book, "trends", _TRENDS, map(_trend_row, trends))
         date = book.add_format({"num_format": "yyyy-mm-dd hh:mm:ss"})

@@ -30,12 +30,12 @@ _EPOCHS: Final = (
     (7.1e5, 7.7e5, 86_400.0, -719_529, "days of MATLAB"),
 )
 _YEAR: Final = 3.2e7
-#: A step of more than so many usual ones, and seconds, is reported.
+#: A step is reported if it is longer than this number of usual steps and this number of seconds.
 _LEAP, _LONG = 100.0, 1.0
 
 
 class Clock(NamedTuple):
-    """Seconds (n,) from ``start`` (ns since 1970; None: no one knows when that was); NaN where a row has no time."""
+    """Seconds (n,) from ``start`` (ns since 1970; None: unknown); NaN where a row has no time."""
 
     seconds: Seconds
     start: int | None = None
@@ -139,7 +139,7 @@ def _from_numbers(values: Any, factor: float, unit: str, account: Account, where
 
 
 def _ns(number: Any, factor: float) -> int:
-    """A number of a unit in whole nanoseconds, whose whole part loses nothing."""
+    """A number of a unit in whole nanoseconds; its integer part is converted exactly."""
     whole = int(number)
     size = round(factor * SECOND)
     return whole * size + round(float(number - whole) * size)
@@ -207,7 +207,7 @@ def _in_utc(ns: Any, zone: str, where: str) -> Any:
 
 
 def _why_not(local: Any, zone: str) -> str:
-    """Return why local stamps are none of a zone."""
+    """Return the reason why local stamps are invalid in a zone."""
     try:
         lost = local.tz_localize(zone, ambiguous=[True] * len(local), nonexistent="NaT").isna()
     except Exception:  # pandas and the zones of Python have many names for it
@@ -228,7 +228,7 @@ def _from_spans(column: Column, account: Account) -> Clock:
 
 
 def in_words(ns: int, zoned: bool = False) -> str:
-    """An instant as people write it."""
+    """An instant as text."""
     told = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
     return f"{told}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
 

@@ -1,4 +1,4 @@
-"""Parquet and Arrow files as sheets: every column as it is typed, the index of a pandas frame among them."""
+"""Parquet and Arrow files as sheets: every column with its type, including the index of a pandas frame."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _pairs(head: bytes, place: int) -> Iterator[tuple[int, int]]:
 
 
 def _index(table: pa.Table, columns: list[Column]) -> int | None:
-    """The column that was the index of a pandas frame and holds times: it is the clock where no column is named so."""
+    """The column of times that was the index of a pandas frame: it is the clock if no column has the clock's name."""
     try:
         told = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
         named = [one for one in told.get("index_columns", []) if isinstance(one, str)]

@@ -1,4 +1,4 @@
-"""The forms of tables: one row states how a form is called, what its files end in, and what reads and writes it."""
+"""The forms of tables: each row has the name of a form, its file suffixes, its reader and its writer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _write_workbook(record: Record, path: Path, rate: float, names: Sequence[str
     return write_run(record, result, path, rate, names)
 
 
-#: What other forms become a table with.
+#: Programs that convert other forms to a table.
 EXPORTS: Final = {
     ".tdms": "after `pip install nptdms`, "
     "python -c \"import nptdms; nptdms.TdmsFile('{0}').as_dataframe().to_csv('{1}.csv')\"",
@@ -43,8 +43,8 @@ EXPORTS: Final = {
     ".xls": "`ssconvert {0} {1}.csv`, or *Save as* CSV UTF-8 in Excel",
     ".mat": "parquetwrite('{1}.parquet', struct2table(load('{0}'))) in MATLAB",
 }
-#: What reads returns a sheet, of a path, keys, the names of columns that are wanted, and an account. What writes
-#: returns the number of rows, of a record, a path, a rate (Hz) and the names of signals.
+#: A reader takes a path, keys, the names of the wanted columns and an account, and returns a sheet. A writer takes a
+#: record, a path, a rate (Hz) and the names of signals, and returns the number of rows.
 FORMS: Final = (
     FileForm("csv", (".csv", ".txt", ".tsv", ".dat"), read_text_table, write_csv),
     FileForm("parquet", (".parquet",), partial(_columnar, parquet=True), write_arrow),

@@ -34,7 +34,7 @@ def date_and_time(sheet: Sheet) -> tuple[int, int] | None:
 
 
 def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: Account, where: str) -> int:
-    """Put a clock behind the other columns, of a column of dates and one of times of day; return its index.
+    """Append a clock column, made from a column of dates and a column of times of day; return its index.
 
     RecordError, which begins with ``where``, for columns that do not hold these.
     """
@@ -51,7 +51,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
     account.take(f"the columns {columns[0].name} and {columns[1].name} are one clock")
     there = days.there & times.there
     cells = (days.ns + times.ns % DAY) * there
-    if not days.dated and there.any():  # day or month: which day it is no one knows
+    if not days.dated and there.any():  # the order of day and month is unknown
         cells = (cells - cells[there][0]) * there
     name = f"{columns[0].name} {columns[1].name}"
     sheet.columns.append(Column(name, "stamp" if days.dated else "span", cells, there=there))
@@ -59,7 +59,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
 
 
 def refuse_halves(sheet: Sheet, clock: int, where: str) -> None:
-    """Refuse, by RecordError, times of day whose a.m. and p.m. are in their own column."""
+    """Raise RecordError for times of day whose a.m. and p.m. are in a separate column."""
     column = sheet.columns[clock]
     if column.kind == "number" or (column.kind == "text" and not looks_like_a_stamp(column.example)):
         return

@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-#: Of a clock, that it is a time; 0 stands where a file does not say it.
+#: Type code of a clock in time units; 0 if a file does not state the type.
 _TIME: Final = (0, 1)
-#: A channel whose samples stand elsewhere, and have any length.
+#: Type code of a channel with samples of variable length in another block.
 _OF_ANY_LENGTH: Final = 1
-#: What the channels of frames are called: the standard for raw bus logging.
+#: Names of the channels of frames in the standard for raw bus logging.
 _BUSES: Final = ("CAN_", "LIN_", "FLX_", "ETH_", "MOST_", "USB_")
 
 
 @dataclass(frozen=True)
 class ChannelPlace:
-    """Where a channel stands."""
+    """The place of a channel in the file."""
 
     group: int
     index: int
     name: str
     title: str  #: of the group, in words
-    called: str  #: what its group is called
+    called: str  #: the name of its group
 
 
 @contextmanager

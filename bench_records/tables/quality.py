@@ -36,15 +36,16 @@ USUAL, AROUND = 0.85, 6
 #: below CHANCE.
 CONSTANT = 20
 CHANCE = 1e-6
-#: A column that is held at more than this fraction of its different values is coarse.
+#: A column is coarse if it stays constant over samples at more than this fraction of its distinct values.
 HELD_LEVELS = 0.05
 #: Plateaus at a rail: smallest number of samples, of plateaus, and fraction of all samples; largest fraction of equal
 #: neighbours elsewhere.
 PLATEAU, PLATEAUS, RAIL_SHARE, SELDOM = 3, 3, 0.003, 0.3
 #: Another column moves if its change is at least MOVING times its average change, and ABOVE_NOISE times its noise.
 MOVING, ABOVE_NOISE = 0.3, 3.0
-#: A column is noisy whose third differences change sign so often and scatter by more than so many steps: those of white
-#: noise change it in 77 of 100 cases, those of a smooth signal hardly ever, and rounding scatters by a third of a step.
+#: A column is noisy if its third differences change sign more often than this, and scatter by more than this number of
+#: steps. They change sign in 77 of 100 cases for white noise, and hardly ever for a smooth signal; rounding scatters by
+#: a third of a step.
 TURNS, ABOVE_STEP = 0.6, 0.7
 #: A plateau without noise is entered at speed: it lasts this number of times as long as the neighbouring readings.
 AT_SPEED = 8

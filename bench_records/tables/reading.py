@@ -37,17 +37,17 @@ class Series(NamedTuple):
     values: Numbers
     unit: str = ""  #: as the file reports it, "" where it does not
     start: int | None = None  #: when 0 s was, in ns since 1970, where the file reports it
-    rows: npt.NDArray[np.int64] | None = None  #: where in the file each sample stands
+    rows: npt.NDArray[np.int64] | None = None  #: the row of each sample in the file
     row_word: str = "sample"
 
     def at(self, index: int) -> str:
-        """Where a sample stands, in words."""
+        """The place of a sample in the file, as text."""
         row = index + 1 if self.rows is None else self.rows[index]
         return f"{self.row_word} {row}, {self.times[index]:.6g} s"
 
 
 def format_of(path: Path, keys: FileKeys) -> FileForm:
-    """Return the form of a table. RecordError for no file, and for one whose suffix says nothing."""
+    """Return the form of a table. RecordError if there is no file, or if its suffix is unknown."""
     if not path.is_file():
         raise RecordError(f"{path}: no such file")
     named = [one for one in FORMS if one.name == keys.format]
@@ -73,7 +73,7 @@ def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account
 
 
 def _add_clock(sheet: Sheet, rate: float) -> None:
-    """Put a clock of ``rate`` rows a second behind the columns. RecordError if the file has one."""
+    """Append a clock of ``rate`` rows per second. RecordError if the file has a clock."""
     if sheet.clock is not None or any(sheet.places(name) for name in (TimeSource().column, "time_s")):
         raise RecordError(
             f"{sheet.path} has a time column, and file.rate is for tables without one; remove file.rate"
@@ -150,7 +150,7 @@ def of_sheet(
 
 
 def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) -> int:
-    """Return the column of the clock: the index of a frame is it where no column is called so."""
+    """Return the column of the clock, or the index of a frame if no column has the clock's name."""
     if sheet.clock is not None and not sheet.places(time.column) and time.column == TimeSource().column:
         name = sheet.columns[sheet.clock].name
         account.take(f"the index{f' {name}' if name else ''} is the clock")
@@ -229,7 +229,7 @@ def _of_mdf(path: Path, wanted: Mapping[str, Source], account: Account) -> dict[
 
 
 def refuse_falling(path: Path, times: Numbers, what: str) -> None:
-    """Refuse samples whose clock goes back. RecordError."""
+    """Raise RecordError if the clock of the samples decreases."""
     import numpy as np
 
     falls = np.flatnonzero(np.diff(times) < 0)

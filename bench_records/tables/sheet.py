@@ -1,4 +1,4 @@
-"""A sheet: columns of one length, as they are in a file, and where in the file each row stands."""
+"""A sheet: columns of equal length as in a file, and the place of each row in the file."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     from bench_records.tables.keys import ColumnName
 
-#: text: Arrow strings, null where empty; number: numpy; stamp: ns since 1970; span: ns; other: nothing that is read.
+#: text: Arrow strings, null if empty; number: numpy; stamp: ns since 1970; span: ns; other: types that are not read.
 Kind = Literal["text", "number", "stamp", "span", "other"]
 
 
 @dataclass
 class Column:
-    """One column: ``cells`` (n,) as its ``kind`` says; ``there`` (n,) where a stamp or span is not missing."""
+    """One column: ``cells`` (n,) of its ``kind``; ``there`` (n,) is true if a stamp or span is not missing."""
 
     name: str
     kind: Kind
@@ -42,14 +42,14 @@ class Column:
 
 @dataclass
 class Sheet:
-    """Columns side by side; ``rows`` (n,) says in which line, or row, of the file each stands."""
+    """Columns of equal length; ``rows`` (n,) is the line, or row, in the file."""
 
     path: Path
     columns: list[Column]
     rows: npt.NDArray[np.int64]
     row_word: str = "line"
     delimiter: str = ""  #: of a text
-    clock: int | None = None  #: which column is the clock, where the file says it
+    clock: int | None = None  #: index of the clock's column, if the file states it
     title: str = ""  #: of a group in a file with several
     notes: dict[str, str] = field(default_factory=dict)
 
@@ -59,7 +59,7 @@ class Sheet:
         return [column.name for column in self.columns]
 
     def at(self, index: int) -> str:
-        """Where a row stands, in words."""
+        """The place of a row in the file, as text."""
         return f"{self.row_word} {self.rows[index]}"
 
     def places(self, wanted: ColumnName) -> list[int]:

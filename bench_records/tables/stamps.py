@@ -37,7 +37,7 @@ _STAMP: Final = re.compile(rf"{_DATE}(?:[T\s,;_]+{_TIME}{_ZONE})?")
 _OF_DAY: Final = re.compile(rf"(?:(?P<days>-?\d+) days?,?\s+\+?)?{_TIME}")
 _SPAN: Final = re.compile(r"P(?:(\d+)D)?T(?=\d)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:[.,](\d{1,9})\d*)?S)?")
 _HOUR: Final = 3600 * SECOND
-#: A fall by a day, less a minute of what may lie between, is midnight.
+#: A decrease by a day, less a gap of up to a minute, is midnight.
 _MIDNIGHT: Final = 60 * SECOND
 
 
@@ -184,7 +184,7 @@ def _time(found: re.Match[str], index: int) -> int:
 
 
 def _zone(text: str | None) -> int | None:
-    """Minutes east of Greenwich; None where no zone is named."""
+    """Minutes east of Greenwich; None if there is no zone."""
     word = (text or "").lower()
     if word in _ZONES:
         return _ZONES[word]

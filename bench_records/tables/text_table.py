@@ -41,7 +41,7 @@ def is_value(cell: str) -> bool:
 
 
 def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
-    """Return the sheet of a table of text, whose head is where the ``wanted`` names are.
+    """Return the sheet of a table of text; the head is the line with the ``wanted`` names.
 
     RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
     """
@@ -120,12 +120,12 @@ def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[st
 
 
 def cells_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """As `rows_of`, whatever quotation marks say, and without spaces around cells."""
+    """As `rows_of`, but ignore quotation marks, and strip spaces around cells."""
     yield from enumerate(_lenient(lines, delimiter), 1)
 
 
 def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """One row for each line, whatever its quotation marks say."""
+    """One row for each line; quotation marks do not join lines."""
     if delimiter == " ":
         return [line.split() for line in lines]
     found = []
@@ -136,7 +136,7 @@ def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName]) -> str:
-    """What separates the columns: what gives the wanted names a row, else what gives most rows one width."""
+    """The delimiter: the one that yields a row with the wanted names, else the one with most rows of equal width."""
     if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
         return lines[0].strip()[-1]
     looked = lines[:_LOOKED_AT]
@@ -238,7 +238,7 @@ class _Rows:
                 self.trailing = True
                 del row[self.width :]
             if len(row) < self.width and line >= len(self.lines):
-                self.cut = line  # no line end follows: anyone who wrote it was interrupted
+                self.cut = line  # no line end follows: the writer was interrupted
                 return False
             if len(row) != self.width:
                 raise RecordError(self._wrong_width(line, row))
