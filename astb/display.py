@@ -1,4 +1,4 @@
-"""What the operator sees of a run: how it goes, a line for every check, the verdict."""
+"""Display of a run for the operator: its progress, a line for every check, the verdict."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -36,7 +36,7 @@ _PER_SECOND: Final = 4
 class _Screen(Progress):
     """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile.
 
-    While a user is asked nothing is drawn, for the answer is typed there.
+    Nothing is drawn while a question waits, because the answer is typed there.
     """
 
     run: Live | None = None
@@ -48,7 +48,7 @@ class _Screen(Progress):
         return run is not None and run.question is not None
 
     def refresh(self) -> None:
-        """Draw; once, and then no more, that there is nothing to see."""
+        """Draw; draw an empty screen only once."""
         if not (self._empty and self._asked):
             super().refresh()
 
@@ -114,7 +114,7 @@ class ProgressDisplay:
         self._task = self._screen.add_task("", total=1.0, plan=plan)
 
     def say(self, text: str) -> None:
-        """Show what the plan is doing now."""
+        """Show the present action of the plan."""
         if self._live is not None:
             self._live.say(text)
         if self._task is None or not self._console.is_terminal:
@@ -143,7 +143,7 @@ class ProgressDisplay:
             self._screen.update(self._task, completed=fraction)
 
     def follow(self, text: str, fraction: float) -> None:
-        """Show what is done now and how much of all is."""
+        """Show the present action and the progress."""
         self.say(text)
         self.progress(fraction)
 
@@ -167,7 +167,7 @@ class ProgressDisplay:
         self._print(f"  report: {directory / REPORT}")
 
     def _print(self, text: str, style: str = "") -> None:
-        # As text with its own style: a style of the whole print would colour what is drawn below, too.
+        # A text with its own style: a style for the whole print would also colour the screen below.
         self._console.print(Text(text, style), soft_wrap=True)
 
 
@@ -178,7 +178,7 @@ _NAME: Final = 28
 
 
 def drawn(seen: Snapshot) -> Text:
-    """Return the lines: state and steps, what is left and how punctual the rig is, the key readings."""
+    """Return the lines: state and steps, remaining time and late ticks of the rig, the key readings."""
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(f"{seen.state:<14}", "bold" if not seen.reason else "bold red")
     text.append(seen.reason and f"{seen.reason}  ", "red")

@@ -31,7 +31,7 @@ State = Literal["fine", "missing", "broken"]
 #: What a run in real time asks for: see `bench_protocol.clock`.
 PRIORITY: Final = 10
 NICE: Final = -10
-#: How punctual the machine is now: so many sleeps of a tick each.
+#: Number of sleeps of one tick each that measure the timing of the machine.
 NAPS: Final = 300
 TICK: Final = round(1 * ms * NS)
 #: What wakes up later than this does not hold 1 kHz.
@@ -62,8 +62,8 @@ class MachineCheck(msgspec.Struct, frozen=True):
 def examine_machine(rig: RigFile, records: Path) -> list[MachineCheck]:
     """Return what is available and what is missing, for ``rig`` on this machine and records under ``records``.
 
-    Takes about half a second. Nothing is changed and nothing leaves the machine, except that the rig file's own
-    addresses are asked whether a user listens there.
+    Takes about half a second. Nothing is changed and nothing leaves the machine, except connections to the addresses
+    in the rig file, to test whether a server answers there.
     """
     return [
         _python(),

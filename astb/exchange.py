@@ -31,7 +31,7 @@ FORMS: Final = (*tables.FORMS, *reading.FORMS)
 
 
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
-    """Write the run in ``directory`` as ``target``; return in words what was written.
+    """Write the run in ``directory`` as ``target``; return a summary as text.
 
     Tables have ``rate`` rows a second; MDF 4 every sample; files of CAN frames those that the run kept, all of them.
     RecordError for what cannot be; OSError for a file that cannot be written.
@@ -54,7 +54,7 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
 
 
 def import_file(source: Path, directory: Path, keys: LogKeys | None = None, table: Sequence[str] = ()) -> str:
-    """Make a run of a file in the new ``directory``; return in words what came in and what was left out.
+    """Convert a file to a run in the new ``directory``; return a summary of imported and skipped data as text.
 
     A file of CAN frames is read with our own messages, or with those of a DBC: then its signals are called
     MESSAGE.SIGNAL, in the units of the DBC; ``keys`` state how it is meant. ``table`` are keys for the reader of

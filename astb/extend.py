@@ -77,7 +77,7 @@ def _effects(finding: Finding) -> dict[str, dict[str, float]]:
 
 
 def _notes(finding: Finding, parameters: Parameters) -> Notes:
-    """95 % intervals of what was fitted, and where terms without a name hold."""
+    """95 % intervals of the fitted parameters, and the ranges of terms without a name."""
     notes: dict[str, dict[str, str]] = {"change": {}, "sensor_bias": {}}
     for name, side, text in _fitted(finding):
         if name.endswith(_OFFSET):

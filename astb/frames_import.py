@@ -270,7 +270,7 @@ def _info(message: str, signal: Any) -> SignalInfo:
 def columns_of_frames(
     path: Path, keys: FrameKeys, beside: Path, wanted: Mapping[str, Source], account: Account
 ) -> dict[str, Series] | None:
-    """Return the ``wanted`` signals of a log, each with its own times; None for a file that is none.
+    """Return the ``wanted`` signals of a log, each with its own times; None for a file of another kind.
 
     MDF files are logs where the keys name a DBC. DiagnosisError names the file, the key and what would be right.
     """

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from test_plans.programmes.motions import Programme
     from test_plans.specimen import Specimen
 
-#: Measured runs with data, for which the information of an experiment can be computed.
+#: Plans with measured runs, for which the uncertainty of an identification can be predicted.
 PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }

@@ -38,7 +38,7 @@ LOG: Final = "investigation.json"
 LEAST_GAP: Final = 10.0
 #: A run that promises less is made so often at most: what needs more of them is hardly different.
 REPEATS: Final = 5
-#: Verdicts after which another run may tell more.
+#: Verdicts after which another run may help.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
 #: How often in a row a run is tried that the link or this machine blocks.
 ATTEMPTS: Final = 3
@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 
 class InvestigationStep(msgspec.Struct, frozen=True, kw_only=True):
-    """One run on the bench and what was concluded from all data so far; times in minutes of the bench."""
+    """One run on the bench and the conclusion from all data so far; times in minutes of the bench."""
 
     plan: str
     why: str
@@ -63,7 +63,7 @@ class InvestigationStep(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Investigation(msgspec.Struct, kw_only=True):
-    """The log of an investigation: what was run and why, what it showed, and why it ended."""
+    """The log of an investigation: the runs and their reasons, the results, and the reason of the end."""
 
     rig: str
     budget: float  #: minutes of the bench
@@ -260,7 +260,7 @@ def _decide(
         )
         log.steps.append(step)
         log.write(out)
-        # A check that failed is a reading like others: what is wrong with the bench may be what is looked for.
+        # A failed check does not stop the loop: an error of the bench may be the cause in question.
         if result.verdict is Outcome.BLOCKED:
             blocked = f"{programme.name} {result.verdict}: {result.reason}"
             if not blocked_by_the_link(result):

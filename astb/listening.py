@@ -1,4 +1,4 @@
-"""A rig as anybody may hear it: readings as they come, what is requested, and never a command by itself."""
+"""A client that only listens to a rig: it receives readings, requests values, and sends no commands by itself."""
 
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -38,7 +38,7 @@ class Listening:
         return self
 
     def check(self) -> None:
-        """Raise what has gone wrong meanwhile."""
+        """Raise the error that occurred since the last check, if any."""
         if self.lost:
             raise LinkLost(self.lost)
         if self.wiring.failure is not None:

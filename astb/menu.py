@@ -95,7 +95,7 @@ def planned(
 
 
 def _band_limited(asked: Array) -> Array:
-    """Return set-points (n,) without what is faster than `BANDWIDTH`, which rounds their corners.
+    """Return set-points (n,) without components above `BANDWIDTH`, which rounds their corners.
 
     No actuator makes a sharp corner, and a record is smoothed.
     """

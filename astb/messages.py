@@ -85,7 +85,7 @@ class Webhook:
 def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
     """Return who ``to`` is: a webhook (http://…), on this machine unless ``elsewhere`` is allowed, or a command.
 
-    MessageError for what is none, before any message goes out.
+    MessageError for a wrong receiver, before any message is sent.
     """
     if to.split("://", maxsplit=1)[0].lower() in _SCHEMES:
         return _webhook(to, elsewhere)
@@ -125,14 +125,14 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
 
 
 class Messages:
-    """Sends what a run has to tell, each message by its own thread: no run waits, and none is lost for it."""
+    """Sends the messages of a run, each in its own thread: no run waits, and no message is lost."""
 
     def __init__(self, to: Receiver) -> None:
         self._to = to
         self.warn: Callable[[str], None] = lambda text: None  #: hears what did not get there
 
     def ended(self, result: "Result", directory: Path) -> None:
-        """Tell that a run has ended, and how."""
+        """Send the verdict at the end of a run."""
         failed = [one.name for one in result.checks if not one.passed]
         self._send(
             f"{result.plan}: {result.verdict.value}: {headline(result)}",

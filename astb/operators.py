@@ -140,7 +140,7 @@ class Terminal(QuestionBox):
 def read_answers(path: Path) -> Script:
     """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything.
 
-    AnswersFileError for a file that is none.
+    AnswersFileError for a file in another format.
     """
     try:
         content = read_toml(path)

@@ -59,7 +59,7 @@ _COLORS: Final = {"fail": "#a8201a", "pass": "#00694e"}
 
 
 class Case(NamedTuple):
-    """A case of a plan's table: what it is, how it ended, and each check, None where it has none of that name."""
+    """A case in the table of a plan: its properties, its verdict, and each check, None if it has none of that name."""
 
     kind: Kind
     seed: Any

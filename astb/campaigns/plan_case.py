@@ -1,4 +1,4 @@
-"""One case of the bench: a plan on a virtual rig with its parameters, effects, faults and seed, and a specimen."""
+"""One case of the bench: a plan on a virtual rig with parameters, effects, faults, seed, and a specimen."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -17,25 +17,25 @@ from bench_records.disk import NotKept
 if TYPE_CHECKING:
     from bench_records.result import Result
 
-#: The rig of a case; what it simulates is the case's own.
+#: The rig of a case; the case sets its own simulation.
 RIG: Final = "campaign"
-#: What no key has of a value: a key also names a folder.
+#: Characters that are replaced in keys, because a key is also the name of a folder.
 NO_FILE_NAME: Final = re.compile(r"[^\w.%+-]")
 
 
 class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
-    """A plan, once, in virtual time: the same case gives the same row, but for how long it took."""
+    """One run of a plan in virtual time: the same case gives the same row, except for its duration."""
 
     plan: str
-    values: dict[str, Any] = {}  #: of the plan's parameters, as people write them
+    values: dict[str, Any] = {}  #: parameters of the plan, as text
     specimen: str = "astb"  #: a name that `astb list specimens` lists, or the path of a TOML file
     simulation: Simulation = Simulation()  #: parameter set, change, effects, faults, seed, as in a rig file
-    variant: str = ""  #: what people call the rig that differs so from the ordinary one
-    files: tuple[str, ...] = ()  #: digests of the files that are named: who changes one has another case
+    variant: str = ""  #: name of the variant of the rig
+    files: tuple[str, ...] = ()  #: digests of the named files: a changed file makes another case
 
     @property
     def key(self) -> str:
-        """What names the case for good: legible, and with a digest of all that it is."""
+        """The unique name of the case: readable, with a digest of its content."""
         digest = sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()[:10]
         values = ",".join(f"{name}={NO_FILE_NAME.sub('', str(value))}" for name, value in self.values.items())
         return "/".join(
@@ -49,7 +49,7 @@ def by_key(cases: Iterable[PlanCase]) -> dict[str, PlanCase]:
 
 
 def facts(case: PlanCase) -> dict[str, Any]:
-    """Return what a row says of the case: plan, its values, variant, specimen, seed, and what was simulated."""
+    """Return the columns that describe the case: plan, its values, variant, specimen, seed, and simulation."""
     return {
         "plan": case.plan,
         "values": {name: str(value) for name, value in case.values.items()},
@@ -72,8 +72,8 @@ def warm_up() -> None:
 def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
     """Run the plan of ``case`` on its rig; return verdict, reason and checks.
 
-    The record is left in a directory of ``records``, if one is named. A plan, parameter, effect or specimen that cannot
-    be raises what `astb run` would say.
+    The record is left in a directory of ``records``, if one is named. An invalid plan, parameter, effect or specimen
+    raises the error of `astb run`.
     """
     if records:
         from astb.run import new_directory
@@ -116,7 +116,7 @@ def _run(case: PlanCase, directory: Path) -> "Result":
             seed=session.seed,
             specimen=specimen,
         )
-    if BY_THE_RECORD in result.reason:  # nothing that the rig did: it would stand among the verdicts for good
+    if BY_THE_RECORD in result.reason:  # the rig did not cause it, and a stored verdict would be permanent
         raise NotKept(result.reason)
     return result
 

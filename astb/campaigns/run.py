@@ -1,4 +1,4 @@
-"""A campaign: the cases that are not kept yet are carried out, each becomes a row, and a user may watch."""
+"""A campaign: it runs the cases that are not stored yet, stores a row for each, and reports progress."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext
@@ -23,23 +23,23 @@ _CLOCK: Final = RealClock()
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far a campaign is."""
+    """Progress of a campaign."""
 
-    total: int  #: cases that were asked for
-    before: int  #: of them were kept before it began
-    done: int  #: were carried out since
-    failed: int  #: of these, without a result
-    elapsed: float  #: s since the workers are there
+    total: int  #: number of requested cases
+    before: int  #: number of cases that were stored before it began
+    done: int  #: number of cases that ran since
+    failed: int  #: number of these without a result
+    elapsed: float  #: s since the workers are ready
     row: Mapping[str, Any]  #: the latest; empty at the beginning
 
     @property
     def left(self) -> int:
-        """How many are still to be carried out."""
+        """Number of remaining cases."""
         return self.total - self.before - self.done
 
     @property
     def time_left(self) -> float | None:
-        """How long they will take (s), if they are like those before."""
+        """Predicted time for them (s), from the cases so far."""
         return self.elapsed * self.left / self.done if self.done else None
 
 
@@ -57,17 +57,17 @@ def run_cases(
     again: bool = False,
     watch: Callable[[Standing], None] = lambda standing: None,
 ) -> list[dict[str, Any]]:
-    """Carry out the ``cases`` that are not kept in ``out``, and return the rows of all of them, in their order.
+    """Run the ``cases`` that are not stored in ``out``, and return the rows of all of them, in their order.
 
-    The key of a case names it for good: the same key is the same case, and what is kept of it is not computed again,
-    unless ``again`` asks for those that failed. A row has key, what ``facts`` says of the case, what ``function``
-    returned (numbers, texts, lists and dictionaries of them), error ("" if there is none), seconds and worker. It is in
-    ``out`` as soon as the case has ended.
+    The key of a case is its permanent name: a case with a stored key is not computed again, except failed cases with
+    ``again``. A row has key, the result of ``facts`` for the case, the result of ``function`` (numbers, texts, lists
+    and dictionaries of them), error ("" if there is none), seconds and worker. It is in ``out`` as soon as the case
+    has ended.
 
     Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine, as many as
-    there are cores or ``workers``. ``limit`` and ``prepare`` are those of `carried_out`, which see. KeptError, before
-    anything starts, if ``out`` cannot be used; ClusterError if the cluster is gone. Whatever ends it, KeyboardInterrupt
-    included, the same call goes on where it stopped.
+    there are cores or ``workers``. `carried_out` explains ``limit`` and ``prepare``. KeptError, before anything starts,
+    if ``out`` cannot be used; ClusterError if the cluster is gone. After any interruption, KeyboardInterrupt included,
+    the same call continues with the remaining cases.
     """
     with KeptRows(Path(out), without_errors=again) as kept:
         left = {key: case for key, case in cases.items() if key not in kept.keys}
@@ -92,7 +92,7 @@ def run_cases(
 
 
 def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any]:
-    """Keep the row of a case, and return it; where its values cannot be kept, one that says so."""
+    """Store the row of a case, and return it; a row with values that cannot be stored is replaced by an error."""
     known = {"key": one.key, **facts}
     told = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
     try:

@@ -79,7 +79,7 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
 def executor(scheduler: str | None = None, *, workers: int | None = None) -> Iterator[Executor]:
     """Yield an executor of `concurrent.futures` on the workers of a `cluster`, for work of several kinds or stages.
 
-    At the end of the block nothing is waited for: what has not ended is dropped.
+    The end of the block does not wait: unfinished work is cancelled.
     """
     with cluster(scheduler, workers=workers) as client:
         yield client.get_executor(pure=False)

@@ -1,4 +1,4 @@
-"""How a command that moves or serves a bench ends: whatever ends it, in order, and with a word."""
+"""Orderly end of a command that moves or serves a bench, with a message, for each cause of the end."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -7,16 +7,16 @@ from typing import Final, NoReturn
 
 from bench_protocol.runtime.own_process import available_signals
 
-#: Signals that anyone who sent them may not know of: a closed terminal, Ctrl-\\.
+#: Signals that the sender may not be aware of: a closed terminal, Ctrl-\\.
 UNAWARES: Final = ("SIGHUP", "SIGQUIT")
 
 
 def end_in_order() -> None:
-    """Let anyone who ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
+    """Treat all signals that end this process like Ctrl-C: tear-down runs, sockets are closed."""
     for number in available_signals("SIGTERM", "SIGQUIT"):
         signal.signal(number, signal.default_int_handler)
     for number in available_signals("SIGHUP"):
-        if signal.getsignal(number) == signal.SIG_DFL:  # with nohup it goes on
+        if signal.getsignal(number) == signal.SIG_DFL:  # with nohup it continues
             signal.signal(number, _hung_up)
 
 
@@ -31,7 +31,7 @@ def ended_by(end: Callable[[str], object]) -> Iterator[None]:
     """Call ``end`` with the name of the signal that is to end this process, while the block lasts."""
     before = {}
     for number in available_signals("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP"):
-        if signal.getsignal(number) != signal.SIG_IGN or number.name != "SIGHUP":  # with nohup it goes on
+        if signal.getsignal(number) != signal.SIG_IGN or number.name != "SIGHUP":  # with nohup it continues
             before[number] = signal.signal(number, lambda number, _: end(signal.Signals(number).name))
     try:
         yield

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Listed(NamedTuple):
-    """What is printed of one name: as text, and as JSON."""
+    """The output for one name: as text, and as JSON."""
 
     line: str
     facts: Mapping[str, Any]

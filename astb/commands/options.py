@@ -62,14 +62,14 @@ _SIMULATION_OPTIONS: Final = (
 
 
 def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command state what the simulated rig simulates, over the rig file: see `simulated`."""
+    """Add options for the simulation of the simulated rig, which override the rig file: see `simulated`."""
     for option in reversed(_SIMULATION_OPTIONS):
         command = option(command)
     return command
 
 
 def effect_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command give the simulated rig effects, its model being that of the rig file: see `simulated`."""
+    """Add options for effects of the simulated rig; its model is that of the rig file: see `simulated`."""
     for option in reversed(_SIMULATION_OPTIONS[1:]):
         command = option(command)
     return command

@@ -51,7 +51,7 @@ _OPTIONS: Final = (
 
 
 def plan_value_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command say with what specimen, parameters and answers plans are run, and where their records go."""
+    """Add the options for specimen, parameters, answers and the output folder of plans."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 #: Exit codes by verdict; of several plans the last in this order counts.
 _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked": BLOCKED}
-#: What is kept next to the record, and who hears of the run.
+#: Additional files of a run, and receivers of its messages.
 _KEPT: Final = (
     click.option(
         "--keep-frames",
@@ -88,7 +88,7 @@ _KEPT: Final = (
 
 
 def kept_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command state what a run keeps next to its record, and who hears of it: see `_keeping`."""
+    """Add the options for additional files of a run and receivers of its messages: see `_keeping`."""
     for option in reversed(_KEPT):
         command = option(command)
     return command

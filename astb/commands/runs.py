@@ -307,7 +307,7 @@ def _measured(
     phase: str | None,
     wanted: dict[str, str],
 ) -> "Iterator[tuple[str, list[KeptCheck]]]":
-    """Yield what is kept of each check by name; misuse for one that was named, and of which there is nothing."""
+    """Yield the stored values of each check by name; misuse for a named check without values."""
     for check in _named(index, checks):
         found = [
             one

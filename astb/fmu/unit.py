@@ -1,4 +1,4 @@
-"""What one kind of FMU consists of: its variables, the code inside, and what its pages say."""
+"""The content of one kind of FMU: its variables, the code inside, and the texts of its pages."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ _OF_ACTUATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One scalar; values are SI. What is calculated has no start; ``whole`` numbers represent choices."""
+    """One scalar; values are SI. Calculated variables have no start; ``whole`` numbers represent choices."""
 
     name: str
     unit: str

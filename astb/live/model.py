@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from test_plans.suspension import Suspension
 
 _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
-#: Of so many checks the words are reported, and of these verdicts.
+#: Maximum number of reported checks, and their verdicts.
 _FAILED_MAX: Final = 20
 _FAILED: Final = ("fail", "error")
-#: Told next to the readings that have limits.
+#: Signals that are shown in addition to the readings with limits.
 _ALSO: Final = ("supply.pressure",)
 
 

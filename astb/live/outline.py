@@ -1,4 +1,4 @@
-"""What comes in a plan: the steps of its last run or rehearsal, since a plan is a program and tells none."""
+"""The steps of a plan from its last run or rehearsal, because a plan is a program without a list of steps."""
 
 from collections.abc import Sequence
 from itertools import islice
@@ -75,7 +75,7 @@ class Follower:
         self._known = False
 
     def begin(self, name: str, level: int) -> None:
-        """Note that a step begins. One that the outline does not have, from here on, makes what comes unknown."""
+        """Record the begin of a step. After a step that the outline lacks, the next step is unknown."""
         for place in range(self._at + 1, len(self._phases)):
             if (self._phases[place].name, self._phases[place].level) == (name, level):
                 self._at, self._known = place, True
@@ -84,7 +84,7 @@ class Follower:
 
     @property
     def next(self) -> str:
-        """The step that comes; "" if that is unknown, or none does."""
+        """The next step; "" if it is unknown, or the last one runs."""
         if not self._known or self._at + 1 >= len(self._phases):
             return ""
         return self._phases[self._at + 1].name

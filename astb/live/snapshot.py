@@ -8,7 +8,7 @@ class LiveReading(msgspec.Struct, frozen=True):
 
     name: str
     value: float | None  #: SI; None unless it is good
-    shown: str  #: as people read it, or why there is nothing to read
+    shown: str  #: the value with its unit as text, or why there is no reading
     used: float | None = None  #: of the way from the first reading of the run to the limit: 1 is there
     limit: str = ""  #: the one that is nearest, in words
 
@@ -21,16 +21,16 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     operator: str = ""  #: who runs it
     record: str = ""  #: the directory of the record
     time: float  #: since the run began
-    state: str  #: of the rig; "unknown" unless it was told lately
+    state: str  #: of the rig; "unknown" without a recent report
     reason: str = ""  #: why it left the states in which plans run
     step: tuple[str, ...] = ()  #: the phases that are open, outermost first
     in_step: float = 0.0
     next: str = ""  #: the step that comes; "" if no one knows
     left: float | None = None  #: until the end
     fraction: float = 0.0  #: of the run that is done
-    outline: str = ""  #: which earlier run knows what comes
-    said: str = ""  #: what the plan said last
-    question: str = ""  #: that waits for its answer
+    outline: str = ""  #: the earlier run that predicts the next steps
+    said: str = ""  #: last message of the plan
+    question: str = ""  #: question that waits for an answer
     answers: tuple[str, ...] = ()  #: that it allows
     answer_within: float | None = None  #: s that are left for it
     can_hold: bool = True  #: whether the plan has places where it can be held
@@ -38,11 +38,11 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     held: str = ""  #: where the run is held, "" if it goes on
     hold_wanted_by: str = ""  #: who wants it to be held, there or at the next place where that can be
     checks: dict[str, int] = {}  #: how many so far, by verdict
-    failed: tuple[str, ...] = ()  #: the checks that broke a limit or measured nothing, as they were told
+    failed: tuple[str, ...] = ()  #: failed checks and checks without a value, as text
     last_check: str = ""
     readings: tuple[LiveReading, ...] = ()
     assumed: int = 0  #: how many of the limits are ours, and not the rig's own
     commands: bool = False  #: whether the rig names this run as the one that commands it
-    late: int | None = None  #: ticks of the rig that were late since the run began; None if it does not tell
+    late: int | None = None  #: late ticks of the rig since the run began; None if not reported
     latest: float | None = None  #: s that the latest tick since the rig started was late
     ended: str = ""  #: the verdict, once there is one

@@ -165,12 +165,12 @@ class Access:
         }
 
     async def wait(self, connection: HTTPConnection) -> None:
-        """Let anyone who tries a token wait for its turn. NotAllowed if too many do."""
+        """Delay a client that tries a token. NotAllowed if too many do."""
         if seconds := self._patience.wait(_client(connection)):
             await sleep(seconds)
 
     async def slow_down(self, connection: HTTPConnection) -> None:
-        """Let whoever shows a wrong token as a cookie wait; the right one never does: an emergency stop is at once."""
+        """Delay a client with a wrong token as a cookie. The right one never waits: an emergency stop is immediate."""
         if connection.cookies.get(self.cookie) and not self.may_command(connection):
             await self.wait(connection)
 

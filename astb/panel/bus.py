@@ -1,6 +1,6 @@
 """The CAN bus for the page: how many frames of each identifier come, and what the rig says of who commands it.
 
-The bus is listened to on its own connection while a user looks at the view; nothing is asked of the rig.
+The view has its own connection to the bus while a user looks at it; it requests nothing from the rig.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Bus:
         self._clear()
 
     def look(self) -> dict[str, Any]:
-        """Return the counts since a user looks, and when (s, of its own clock); the page makes rates of them."""
+        """Return the counts since a user looks, and the time (s, own clock); the page computes rates from them."""
         if self._lost:
             self.close()
         with self._lock:

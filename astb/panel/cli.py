@@ -93,7 +93,7 @@ def panel_command(
 
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
-    """Serve until a user ends it; ``tell`` people where, once it can be ended in order."""
+    """Serve until a user ends it; ``tell`` prints the addresses, once an orderly end is possible."""
     from astb.panel.connections import Server
 
     server = Server(app, access)
@@ -116,7 +116,7 @@ def _listening(host: str, port: int) -> socket.socket:
     one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         one.bind((host, port))
-        one.listen()  # who is told the address may come before anybody serves
+        one.listen()  # a reader of the address may connect before the server is ready
     except OSError:
         one.close()
         raise

@@ -26,8 +26,8 @@ Command = Callable[[Request, dict[str, Any]], object]
 def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
     """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
 
-    ``do(request, body)`` runs in a thread; what it returns goes to the page. NotAllowed and CannotDo are told there.
-    Each command has places of its own: a stop waits for no other order, and for no view.
+    ``do(request, body)`` runs in a thread; its result goes to the page, and so do NotAllowed and CannotDo.
+    Each command has its own places: a stop waits for no other order, and for no view.
     """
     places = CapacityLimiter(_AT_ONCE)
 
@@ -88,7 +88,7 @@ def _depth(value: object) -> int:
 
 
 def text_of(body: Mapping[str, Any], key: str) -> str:
-    """Return a text of a request, "" if it says nothing. NotAllowed for what is no text, or is none in UTF-8."""
+    """Return a text of a request, "" if it is missing. NotAllowed if it is no text, or is not valid UTF-8."""
     value = body.get(key, "")
     if not isinstance(value, str):
         raise NotAllowed(f"{key} is no text", 400)
@@ -100,7 +100,7 @@ def text_of(body: Mapping[str, Any], key: str) -> str:
 
 
 def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
-    """Return the parameters of a plan in a request, as people write them. NotAllowed for what is no table of such."""
+    """Return the parameters of a plan in a request, as text. NotAllowed for anything but a table of values."""
     settings = body.get("set", {})
     if not isinstance(settings, dict):
         raise NotAllowed("set is no table of parameters", 400)

@@ -32,7 +32,7 @@ WATCHING_PAGES: Final = 48, 16
 #: A stranger's request must be complete within `REQUEST_WITHIN`, and its answer be read within `ANSWER_WITHIN`.
 REQUEST_WITHIN: Final = 5 * s
 ANSWER_WITHIN: Final = 1 * minutes
-#: A page that does not answer is asked every `PING` s, and given up after twice that.
+#: A page that does not answer gets a ping every `PING` s, and is closed after twice that time.
 PING: Final = 5 * s
 _CLOSE_WITHIN: Final = 1 * s
 #: A connection with the token stays open for so long between requests. `stop.js` uses it every 20 s: a stop on an open
@@ -192,7 +192,7 @@ class Gate:
             one.close()
 
     def _forget(self, one: socket.socket) -> bool:
-        """Let a connection wait no more; return whether it did."""
+        """Remove a connection from the queue; return whether it was there."""
         if (timer := self._waiting.pop(one, None)) is None:
             return False
         timer.cancel()
@@ -286,7 +286,7 @@ class Pages(WebSocketsSansIOProtocol):
             self.scope["state"]["no_place"] = "too many pages without the token are open"
 
     def keepalive_timeout(self) -> None:
-        """Give up a page that answers no ping, whether or not it reads what was sent before."""
+        """Close a page that does not answer a ping, even if it reads earlier messages."""
         super().keepalive_timeout()
         self.loop.call_later(_CLOSE_WITHIN, self.transport.abort)
 

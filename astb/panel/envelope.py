@@ -27,7 +27,7 @@ class Level:
         self._high = np.full((rows, self._slots), np.nan, np.float32)
 
     def take(self, times: Ints, rows: Ints, values: Floats32) -> None:
-        """Take samples at ``times`` (ns); those that are older than what is kept are left out."""
+        """Take samples at ``times`` (ns); samples before the stored range are left out."""
         slots = times // self._width
         newest = int(slots.max())
         if newest > self.head:

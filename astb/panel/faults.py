@@ -1,4 +1,4 @@
-"""Faults on purpose for the page: what can be broken on the simulated rig, and what is on."""
+"""Simulated faults for the page: the possible and the active faults of the simulated rig."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the routes of the view *faults*: everybody sees what is on, the page that commands breaks and repairs."""
+    """Return the routes of the view *faults*: every page sees active faults, the page that commands switches them."""
     rig = parts.watch.rig
 
     async def listed(request: Request) -> Response:

@@ -40,7 +40,7 @@ class KeptRig:
         self._say(ready_line(self._process))
 
     def close(self) -> None:
-        """Let go of the rig; it ends if no run holds it."""
+        """Release the rig; it ends if no run holds it."""
         if self.lifeline is not None:
             os.close(self.lifeline)
             self.lifeline = None

@@ -90,7 +90,7 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
 
 
 def _refuse(told: dict[str, str]) -> None:
-    """NotAllowed for words that are too many, or for a name that is none for a file."""
+    """NotAllowed for texts that are too long, or for an invalid file name."""
     for key, text in told.items():
         try:
             text.encode()

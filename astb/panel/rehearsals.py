@@ -67,9 +67,9 @@ class Rehearsals:
         self._launch(plan, [*chosen, f"--specimen={specimen}"] if specimen else chosen)
 
     def go_on(self, body: Mapping[str, Any]) -> None:
-        """Begin to make a kept run again, and go on from an instant with a change; what it refuses is told afterwards.
+        """Repeat a kept run, and continue it from an instant with a change; refusals are reported afterwards.
 
-        CannotDo while a run or a rehearsal goes on and for what is no run, NotAllowed for what is no request.
+        CannotDo while a run or a rehearsal goes on, or without such a run; NotAllowed for an invalid request.
         """
         try:
             directory = Kept(self._parts.out).known(text_of(body, "run"))
@@ -136,7 +136,7 @@ class Rehearsals:
         }
 
     def page(self, of: str) -> str:
-        """Return the page of a rehearsal. RecordError for what is none."""
+        """Return the page of a rehearsal. RecordError for another folder."""
         path = self._parts.out / of / PAGE
         if Path(of).name != of or _NAME not in of or not path.is_file():
             raise RecordError(f"{self._parts.out} holds no rehearsal {of}")

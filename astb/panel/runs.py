@@ -233,7 +233,7 @@ class Runs:
         if self._record and Path(self._record) == old.resolve():
             self._record = str(new.resolve())
 
-    # -- what is told ----------------------------------------------------------------------------------------------
+    # -- state for the page ----------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
         """Return the state of the last run for the page: starting, its verdict, or why it failed."""

@@ -78,7 +78,7 @@ def advance(
     work: Any,
     out: Any,
 ) -> None:
-    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (OUTPUTS) what is at their end.
+    """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (OUTPUTS).
 
     Nothing is moved from outside: ``motion`` and ``since`` are not read. ``work`` (ROWS, STATES) is the caller's
     working memory.

@@ -12,7 +12,7 @@ from bench_protocol.car import MovingCar
 from bench_protocol.words import SIDES
 from bench_sim.model.compiled import compiled
 
-#: What the instance of an FMU keeps as its parameters: the car with its state, and what an FMU is asked next to it.
+#: The parameters of an instance of the FMU: the car with its state, and two additional parameters.
 CAR: Final = np.dtype(
     [
         *((name, "<f8", np.shape(value)) for name, value in asdict(MovingCar()).items()),
@@ -26,7 +26,7 @@ ROWS: Final = 1
 
 
 class Force(IntEnum):
-    """What is reported: pairs hold left and right."""
+    """The reported forces: pairs hold left and right."""
 
     VERTICAL = 0  #: of the spring on the car, N up
     LATERAL = 2
@@ -35,7 +35,7 @@ class Force(IntEnum):
 
 
 class CarOutput(IntEnum):
-    """What it tells; displacements are followed by their speeds and accelerations."""
+    """The outputs; displacements are followed by their speeds and accelerations."""
 
     HEIGHT = 0  #: of the springs, left and right, and how far they are sheared
     HEIGHT_SPEED = 3
@@ -116,7 +116,7 @@ def advance(
     work: Any,
     out: Any,
 ) -> None:
-    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (`CarOutput`) what is at their end.
+    """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (`CarOutput`).
 
     The track's ``motion`` was given ``since`` s before the first of them; forces are held. All that moves is in the
     record: ``x``, ``memory`` and ``work`` are not read.

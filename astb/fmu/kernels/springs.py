@@ -37,7 +37,7 @@ _JUMP_ROUNDS: Final = 3
 
 
 class Gauge(IntEnum):
-    """What stands behind the algebraic quantities: pressures over the atmosphere, Pa; pairs hold left and right."""
+    """The outputs after the algebraic quantities: pressures over the atmosphere, Pa; pairs hold left and right."""
 
     PRESSURE = ALGEBRAICS
     AUXILIARY_PRESSURE = ALGEBRAICS + 2
@@ -73,7 +73,7 @@ def driven_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any,
 
 @compiled
 def write_gauge(x: Any, par: Any, out: Any) -> None:
-    """Write what stands behind the algebraic quantities (`Gauge`)."""
+    """Write the outputs after the algebraic quantities (`Gauge`)."""
     air = par.atmospheric_pressure
     for k in range(SIDES):
         out[Gauge.PRESSURE + k] = out[Algebraic.PRESSURE + k] - air
@@ -90,7 +90,7 @@ def supply_open(u: Any, par: Any) -> float:
 
 @compiled
 def _jump(x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any) -> None:
-    """Let the gas do the work of a jump: from where the last motion led (``out``) to where the new one begins.
+    """Apply the work of a jump to the gas: from the end of the last motion (``out``) to the start of the new one.
 
     There is no time for flow or heat: U V^(γ−1) stays as it is. Otherwise the gas would expand into nothing, and what
     is moved by jumps alone would find it 1/γ as stiff.
@@ -118,7 +118,7 @@ def advance(
     work: Any,
     out: Any,
 ) -> None:
-    """Go on by ``steps`` fixed steps of ``dt`` s, and leave in ``out`` (OUTPUTS) what is at their end.
+    """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (OUTPUTS).
 
     ``motion`` was given ``since`` s before the first of them. ``work`` (ROWS, STATES) is the caller's working memory.
     """

@@ -14,7 +14,7 @@ from bench_sim.model.layout import INPUTS, STATES, Input
 from bench_sim.model.quantities import MEMORY, PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters import Parameters
 
-#: Parameters of what is on the springs and of what measures them; all others are the springs'.
+#: Parameters of the load on the springs and of the sensors; all others belong to the springs.
 _ELSEWHERE: Final = (
     *("bolster_", "bump_stop_", "actuator_", "frame_", "platform_", "load_cell_", "extra_stop_", "pressure_"),
     *(
