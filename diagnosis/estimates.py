@@ -1,4 +1,4 @@
-"""Numbers of a finding: what was fitted in the unit that people read, and floats for JSON."""
+"""Numbers of a finding: fitted values in display units, and floats for JSON."""
 
 from __future__ import annotations
 

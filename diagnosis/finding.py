@@ -13,7 +13,7 @@ import msgspec
 
 from diagnosis.contracts import DataQuality, DiagnosisError
 
-#: What is claimed of a cause: *named* where it improves the prediction of runs that nothing was fitted to.
+#: Status of a cause: *named* if it improves the prediction of runs that nothing was fitted to.
 NAMED: Final = "named"
 SUSPECTED: Final = "suspected"
 
@@ -66,10 +66,10 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     gained: float | None = None
     equation: str = ""
     source: str = ""
-    plain: str = ""  #: what is so, a sentence without its end; "": the title says it
-    phenomenon: str = ""  #: what it is one law of; "": of nothing else in the catalogue
-    laws: list[Rival] = []  #: others of the phenomenon that these runs do not report from it
-    separated_by: str = ""  #: what would distinguish them ; "" where nothing has to be
+    plain: str = ""  #: consequence, a clause without full stop; "": the title is enough
+    phenomenon: str = ""  #: the phenomenon; "": no other law of it in the catalogue
+    laws: list[Rival] = []  #: others of the phenomenon that these runs cannot separate from it
+    separated_by: str = ""  #: what would distinguish them; "" where nothing has to be
     status: str = NAMED
 
 
@@ -241,7 +241,7 @@ class NextRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
-    """A reference that would part rivals which no run parts: what has to be known, and the BIC gap that follows."""
+    """A reference that would separate rivals which no run separates: its parameter, and the resulting BIC gap."""
 
     name: str
     bic_gap: float | None
@@ -283,7 +283,7 @@ class Imitation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """The first screen: what is wrong and how large, how sure that is, what proves it, and what to do next."""
+    """The first screen: the error and its size, its certainty, the evidence, and the next steps."""
 
     wrong: str
     sure: str
@@ -350,7 +350,7 @@ class Nearest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Unknown(msgspec.Struct, frozen=True, kw_only=True):
-    """A term without a name, fitted as a surface because no named effect explains what is left.
+    """A term without a name, fitted as a surface because no named effect explains the residual.
 
     It is no cause: it holds inside the visited range only.  ``kept`` says whether it predicts the select runs better.
     """
@@ -397,13 +397,13 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a diagnosis concluded; ``quality`` is what checks of the data found.
+    """Everything that a diagnosis concluded; ``quality`` holds the results of the data checks.
 
-    ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
-    score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
-    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on the files.
-    ``imitations``, the farthest first, are parameters by which the base model imitates the causes. ``checks`` are what
-    plans would measure. ``summary`` is None in findings of earlier versions.
+    ``suspects`` are the best causes where none may be named. Of all candidates together, chance alone exceeds the score
+    ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on unexplained errors; ``doubts``, printed
+    before the verdict, on data or priors that cannot be right; ``readings`` on the files. ``imitations``, the farthest
+    first, are parameters by which the base model imitates the causes. ``checks`` are predicted measurements of plans.
+    ``summary`` is None in findings of earlier versions.
     """
 
     verdict: Verdict

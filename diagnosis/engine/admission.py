@@ -4,8 +4,8 @@ Theory of operation
 -------------------
 The trials come in the order of BIC, and the first through all gates is the choice. It does not enter if
 
-* an unphysical trial explains far more: what explains next to nothing of that is no substitute for it. The data then
-  ask for a pair, or for what is in no catalogue;
+* an unphysical trial explains far more: a trial that explains next to nothing of that is no substitute for it. The data
+  then need a pair, or a term that is in no catalogue;
 * a richer member of the family of an accepted cause explains as much in that one's place (`family.py`). Then that
   enters, if it is worth its parameters by BIC, or nothing does.
 
@@ -14,9 +14,9 @@ enters if the model is sufficient with it and not without it: no other score exc
 anything, and the select runs are predicted clearly better. An inexact equation leaves a rest that no single candidate
 explains as a whole.
 
-Where nothing enters, pairs are tried. A cause that is missing strains what is assumed of the base model, and the
-other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing together with it. Two
-trials that failed by nothing but such a strain are fitted together, if they are of different families.
+Where nothing enters, pairs are tried. A missing cause strains the priors of the base model, and the other cause gets
+the blame: the mass that a lag seems to need may be the rubber that is missing together with it. Two trials that failed
+by nothing but such a strain are fitted together, if they are of different families.
 
 Where that finds nothing either, and far more than the noise is left, the other one may be nowhere among the trials:
 together with a large leak, hardly anything else scores. So all candidates are scored together with the strained trial
@@ -124,7 +124,7 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
 
 
 def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best model of the trial that explains most, which is strained alone, and of what scores beside it."""
+    """Return the best model of the strongest trial, which is strained alone, with another scoring candidate."""
     current = state.current
     strained = next((trial for trial in trials if not trial.physical and trial.bic < current.model.bic), None)
     if strained is None or len(current.effects) + 2 > problem.config.max_effects:

@@ -1,12 +1,12 @@
-"""Step 6, the backward pass: what each accepted effect is worth beside the others; what fails a gate there leaves.
+"""Step 6, the backward pass: the gain of each accepted effect over the others; effects that fail a gate leave.
 
 Theory of operation
 -------------------
 Effects entered one after the other, each through all gates together with those before it. A later one may have made an
-earlier one superfluous, or pushed it out of its range. So the model is fitted once without each of them, and the gates
-are asked again of each together with *all* others: BIC, range and beliefs, the select runs, the part of the error that
-it explains (`gates.py`). Only roughness is not asked, which means something in the order of entering alone. Of those
-that fail, the one whose absence costs the least BIC is looked at. It may be the victim: a friction that comes out
+earlier one superfluous, or pushed it out of its range. So the model is fitted once without each of them, and each
+passes the gates again together with *all* others: BIC, range and beliefs, the select runs, the part of the error that
+it explains (`gates.py`). Only roughness is not tested, because it has a meaning in the order of entering alone. Of
+those that fail, the one whose absence costs the least BIC is looked at. It may be the victim: a friction that comes out
 negative, or predicts nothing, together with a damping that has taken its place. So where it passes without a lesser
 effect, that one leaves, else it leaves itself. Noise and rivals are those of another model then, so both are estimated
 again (`rivals.py`), and the pass begins again; it ends when all that is left passes.

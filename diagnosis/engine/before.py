@@ -3,8 +3,9 @@
 Theory of operation
 -------------------
 A gain means something over the best that the base model can do. Fitted under the noise of the extended model it is not
-at its best: that noise is what is left when the causes are in, its filter passes what the base model could follow and
-weighs what it cannot. On a system with hysteresis a base model was told to be three times as wrong as it had to be.
+at its best: that noise is the residual with the causes included. Its filter passes signals that the base model could
+follow, and gives weight to those that it cannot. On a system with hysteresis the error of a base model was three times
+too large.
 
 So the base model is fitted twice more: under noise estimated from its own errors, and by plain least squares, each
 channel weighed by what the base model leaves of it. Whichever of the three predicts the reported runs best is what the

@@ -1,7 +1,7 @@
-"""Step 8, what is said before the verdict: base parameters far from what is assumed of them, whatever was named.
+"""Step 8, warnings before the verdict: base parameters far from their priors, whatever was named.
 
-A prior that is contradicted by ten of its standard deviations is wrong, or the data are not what they are taken for: a
-unit, a sign, a bore. What was named together with such a number is named for a system that no one has.
+A prior that is contradicted by ten of its standard deviations is wrong, or the data are not as assumed: a unit, a sign,
+a bore. A cause named together with such a number is named for a system that does not exist.
 
 A base parameter that is beyond belief in the model without the causes, and credible with them, has imitated them: the
 base model may then predict as well as the extended one, and the prior alone supports the causes.

@@ -40,7 +40,7 @@ def predicted_checks(
     *,
     seed: int,
 ) -> list[CheckPrediction]:
-    """Return the figures of the planned experiments, and instead of them those that runs ``beside`` the data hold.
+    """Return the figures of the planned experiments, and instead of them those of runs in ``Dataset.beside``, if any.
 
     ``covariance`` (k, k) is that of the numbers of ``after``. A system without ``checks`` has no figures.
     """

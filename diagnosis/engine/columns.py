@@ -123,7 +123,7 @@ class Trace:
 class Columns:
     """Sensitivities of one run to so many (``size``) numbers, as the traces of its channels; never changed.
 
-    Large ones may be let go of (`let_go`), which is the end of them.
+    `let_go` releases the memory of large ones; they cannot be used afterwards.
     """
 
     def __init__(self, size: int, traces: Sequence[Trace]) -> None:
@@ -160,7 +160,7 @@ class Columns:
         return self.by_block(packed, np.array([(0, trace.values.shape[1]) for trace in self.traces]))[:, 0]
 
     def by_block(self, packed: Array, blocks: Places) -> Array:
-        """Return the inner products (k, b) with the samples of each block, told by channel (`Packing.blocks`)."""
+        """Return the inner products (k, b) with the samples of each block, given by channel (`Packing.blocks`)."""
         made = np.zeros((self.size, blocks.shape[1] - 1))
         for trace, inside, edges in zip(self.traces, self._slices, blocks, strict=True):
             products = np.empty((len(trace.rows), made.shape[1]))
@@ -197,7 +197,7 @@ class Columns:
         return Columns(len(places), traces)
 
     def let_go(self) -> None:
-        """Keep nothing, so that the memory is free whoever else holds these columns: nobody may ask for them again."""
+        """Release the memory, also if other objects hold these columns; they must not be used again."""
         del self.traces
 
     def among(self, places: Sequence[int], size: int) -> Columns:
@@ -232,7 +232,7 @@ class JoinedColumns(Columns):
         return np.vstack([part.against(other) for part in self.parts])
 
     def by_block(self, packed: Array, blocks: Places) -> Array:
-        """Return the inner products (k, b) with the samples of each block, told by channel (`Packing.blocks`)."""
+        """Return the inner products (k, b) with the samples of each block, given by channel (`Packing.blocks`)."""
         return np.vstack([part.by_block(packed, blocks) for part in self.parts])
 
     def times(self, packed: Array) -> Array:
@@ -323,7 +323,7 @@ def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., AnyFloat
 def apart(first: Columns, second: Columns, scales: Array) -> Array:
     """Return how far two sets of k columns are apart: sums of squares (k,), channels in their ``scales`` (c,)."""
     signs = np.outer((1.0, -1.0), np.ones(first.size))
-    # One channel after the other, in the same memory: pages of its own would be got for each again.
+    # One channel after the other, in the same memory: else new pages would be allocated for each.
     pairs = zip(first.traces, second.traces, strict=True)
     return _squares(first.size, (_mixed(pair, signs, np.zeros) for pair in pairs), scales)
 

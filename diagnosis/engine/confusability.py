@@ -77,7 +77,7 @@ def typical(screening: Screening) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Company:
-    """What a further effect is judged beside: the χ² that the causes explain, samples, and the error over the noise."""
+    """Context for a further effect: the χ² that the causes explain, samples, and the error over the noise."""
 
     explained: float
     samples: int
@@ -100,7 +100,7 @@ def unseen(
 ) -> list[Unseen]:
     """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
 
-    It is told for the point of the grid where the effect is seen best. ``linearisation`` is what the scores were
+    It holds for the point of the grid where the effect is most visible. ``linearisation`` is what the scores were
     projected on.
     """
     names = [n for n in dict.fromkeys(c.effect.name for c in screening.candidates) if n not in found]

@@ -1,30 +1,30 @@
-"""Step 8, constancy: whether a cause, and what makes room for it, is the same in all stretches, as a true cause is.
+"""Step 8, constancy: whether a cause, and its effect on other parameters, is the same in all stretches.
 
 Theory of operation
 -------------------
 A model whose form is a little wrong somewhere is imitated by whatever candidate comes nearest: rubber that forgets
-differently than the model says is paid by the gas. No noise tells, for the score of the impostor is real. What
-identifies is that an impostor is nowhere quite right: here it would have to be larger, there smaller or of the other
-sign, and with it the base parameters that make room for it. A true cause is the same everywhere.
+differently than the model says is paid by the gas. The noise does not show this, because the score of the impostor is
+real. But an impostor is nowhere quite right: here it would have to be larger, there smaller or of the other sign, and
+with it the base parameters that make room for it. A true cause is the same everywhere.
 
-This is Chow's test for the constancy of parameters (Econometrica 28:591, 1960), asked in the two directions that are
-the cause's own business: its column c, and what the other parameters make of it where they imitate it, X β. Every run
-is cut into stretches, and each stretch b is given an amount of each of its own, D_b = (c, X β), in the linear model
-around the fit. By how much χ² would fall, less what chance does, is
+This is Chow's test for the constancy of parameters (Econometrica 28:591, 1960), in the two directions that belong to
+the cause: its column c, and its imitation by the other parameters, X β. Every run is cut into stretches. Each stretch b
+gets a separate amount of each, D_b = (c, X β), in the linear model around the fit. By how much χ² would fall, less what
+chance does, is
 
     E = Σ_b |P_b r_b|² − Σ_b (rank D_b − tr D_b⁺ X_b J⁻¹ X_bᵀ D_b⁺ᵀ),   P_b = D_b D_b⁺,
 
 with the whitened residual r_b and the information J of the fit, priors included: r has the covariance 1 − X J⁻¹ Xᵀ if
-the form is right, and E a mean of 0. It is asked of whole runs, of their halves, quarters and eighths: what changes
-slowly shows in the former, what follows each motion in the latter.
+the form is right, and E a mean of 0. It is tested on whole runs, their halves, quarters and eighths: slow changes show
+in the former, changes with each motion in the latter.
 
-Sound rigs exceed chance too, by what motions are wrong that were measured: each effect has its own factor, measured on
-rigs in which nothing is hidden (`Hypothesis.overdispersion`), and that much is no news of the form.
+Sound rigs exceed chance too, because measured motions are inexact: each effect has its own factor, measured on rigs in
+which nothing is hidden (`Hypothesis.overdispersion`), and that much is no news of the form.
 
-What E exceeds both by is the part of the misfit that the form of the model owes where the cause is distinguished from.
-A cause whose own λ² is not clearly larger may be owed to the same, and is not named. In all other directions the form
-may owe what it will. A healthy bench has some seventy of them in each stretch, and a little is wrong in each. Together
-that is a χ² of hundreds, and nothing of it looks like a leak.
+The excess of E over both is the part of the misfit that the form of the model owes where the cause is distinguished
+from. A cause whose own λ² is not clearly larger may be owed to the same, and is not named. In all other directions the
+form may owe what it will. A healthy bench has some seventy of them in each stretch, and a little is wrong in each.
+Together that is a χ² of hundreds, and nothing of it looks like a leak.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _merged(values: Array, parts: int) -> Array:
 
 
 def _explained(directions: Array, products: Array, known: Array) -> tuple[float, float]:
-    """Return the χ² that the directions (2, k) explain in a stretch, and what they do on average by chance.
+    """Return the χ² that the directions (2, k) explain in a stretch, and its mean by chance.
 
     ``products`` (k, 3) are those of `_stretches`, ``known`` (k, k) is the covariance of the fit's numbers.
     """

@@ -2,9 +2,9 @@
 
 Theory of operation
 -------------------
-A diagnosis rests on derivatives: of the outputs by each parameter, and by the amplitude of each effect where the effect
-is absent. A simulator that is no function of its arguments, that is not finite, or that has no derivative there ends in
-a wrong name or in an error far from its cause. So before anything is fitted, the first samples of a run are simulated
+A diagnosis rests on derivatives: of the outputs by each parameter, and by the amplitude of each effect at amplitude 0.
+A simulator that is no function of its arguments, that is not finite, or that has no derivative there ends in a wrong
+name or in an error far from its cause. So before anything is fitted, the first samples of a run are simulated
 
 * twice with another simulation between: the outputs must be the same bits;
 * with each base parameter at the ends of its range, or five prior deviations away where it has none;

@@ -9,9 +9,9 @@ a pair predicts well and lies about the cause; without this rule it was named in
 
 The rule has two halves:
 
-* Against the pair: two causes must beat one richer member instead of the first by BIC *and* by log predictive
-  density, each by the gap that a verdict asks for. Else the richer member enters in its place, if it is worth its
-  parameters (`richer_members` lists what is tried, `admission.py` decides).
+* Against the pair: two causes must beat one richer member instead of the first by BIC *and* by log predictive density,
+  each by the gap that a verdict asks for. Else the richer member enters in its place, if it is worth its parameters
+  (`richer_members` lists the candidates, `admission.py` decides).
 * Against the richer member: no equation is exact, so of a poorer member in plain view a rest is always left, which the
   richer one can take up. It is charged what such a rest may be, a part ``Config.rough`` of λ (`richer_surcharge`).
 """

@@ -9,8 +9,8 @@ tried at a few values of it, the points of its grid. An effect at one point of i
 
 The same is done for every parameter of the base model and of the accepted effects, because what those can imitate does
 not support a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the surfaces that
-represent what has no name. All these quotients come from the simulator once, before the noise is known, and serve for
-the estimate of the noise (step 3, `noise_estimate.py`) as well as for the scores.
+represent unknown terms. All these quotients come from the simulator once, before the noise is known, and serve for the
+estimate of the noise (step 3, `noise_estimate.py`) as well as for the scores.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Footprints:
         return tuple(zip(self.candidate_columns, *self.surface_columns, strict=True))
 
     def without_columns(self) -> Footprints:
-        """Return what was looked for and where, without what came of it."""
+        """Return the candidates and the point, without their columns."""
         return Footprints(self.point, (), (), self.candidates, ())
 
 
@@ -105,7 +105,7 @@ def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Foot
 def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: Array) -> Footprints:
     """Return the footprints, those at ``places`` without a jump of the simulator that one step happened upon.
 
-    ``norms`` (m,) say what is left of all footprints once they are whitened and projected: a jump is measured in that.
+    ``norms`` (m,) are those of all whitened and projected footprints: a jump is measured relative to them.
     """
     if not places:
         return around

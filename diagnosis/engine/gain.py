@@ -3,10 +3,10 @@
 Theory of operation
 -------------------
 Both models are tuned: the base model with all its parameters at their best (`before.py`), and the extended one. Both
-predict the report runs with what they learnt from the fit runs; only what belongs to a run alone (an initial pressure)
-is found again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): what
-noise alone leaves, no model can explain. Its interval comes from a bootstrap of runs, or of blocks of runs where there
-are few.
+predict the report runs with what they learnt from the fit runs; only parameters of a single run (an initial pressure)
+are fitted again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): no
+model can explain the error by noise alone. Its interval comes from a bootstrap of runs, or of blocks of runs where
+there are few.
 
 Together with it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in
 the standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.
@@ -200,7 +200,7 @@ def _trace(channel: Channel, arms: _Arms, errors: Sequence[Sequence[Array]], c: 
 
 
 def _extremes(values: Array, edges: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
-    """Minimum and maximum in turn (2 bins,) of what is known between edges."""
+    """Minimum and maximum in turn (2 bins,) of the finite values between edges."""
     return np.column_stack((np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges))).ravel()
 
 

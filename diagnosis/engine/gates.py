@@ -137,7 +137,7 @@ def explains_too_little(
     """Return why a cause is not worth having: it explains too little of the misfit where it acts; "" if it does.
 
     Explainable is what exceeds the noise floor, RMSE² − floor². In the channel where the footprint is strongest, the
-    root of what stays explainable must fall by the part ``config.gain``. Where the misfit does not exceed the floor,
+    root of the explainable error must fall by the part ``config.gain``. Where the misfit does not exceed the floor,
     there is nothing to be explained in plain view and the statistics alone decide.
     """
     if after is None or before is None:
@@ -178,10 +178,10 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
 
 
 def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = None) -> Array:
-    """Return noise floors (c,) none of which lies above what a model leaves of the runs that it was fitted to.
+    """Return noise floors (c,), none of them above the residual of a model on the runs that it was fitted to.
 
-    Nor clearly above what it leaves of ``unseen`` ones. A data sheet is an upper bound, and what was taken for rest may
-    have moved: noise that is larger than all errors is none.
+    None is clearly above its residual on ``unseen`` runs either. A data sheet is an upper bound, and a rig assumed at
+    rest may have moved: noise cannot be larger than all errors.
     """
     channels = range(len(floors))
     left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in channels])
@@ -193,7 +193,7 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
 
 
 def rests(run: MeasuredRun, channel: int) -> list[slice]:
-    """Return the stretches at rest of one channel that are long enough; what is at rest may stand elsewhere later."""
+    """Return the stretches at rest of one channel that are long enough; the channel may rest at another place later."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
     return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]

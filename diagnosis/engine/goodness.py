@@ -1,17 +1,17 @@
-"""Step 9, goodness of fit: does what a model leaves of each channel agree with the noise of that channel?
+"""Step 9, goodness of fit: does the residual of each channel agree with the noise of that channel?
 
 Theory of operation
 -------------------
-Scores compare causes, and the noise under which they do so is taken from what no candidate explains. An error that no
-candidate resembles, such as a sine or a random walk, is then part of that noise. So each channel is compared with a
-noise that no model has made: that of its rests, else that of its data sheet (`gates.noise_floors`).
+Scores compare causes, under a noise that is estimated from the unexplained residual. An error that no candidate
+resembles, such as a sine or a random walk, is then part of that noise. So each channel is compared with a noise that no
+model has made: that of its rests, else that of its data sheet (`gates.noise_floors`).
 
 * Size: the mean square exceeds that noise (χ² test of a variance). Errors with memory count for fewer samples,
   n/(1 + 2 Σ ρ_k²) (Bartlett). The excess must be what a report would mention, `NOISE_RATIO_SHOWN`.
 * Memory: white noise that is louder than its data sheet is no error of the model. Ljung and Box's test must reject
   whiteness.
-* What it is: a line (F test of an ordinate of the periodogram against its neighbours), a walk (the variance ratio of
-  means of long and of short blocks), or neither.
+* Kind: a line (F test of an ordinate of the periodogram against its neighbours), a walk (the variance ratio of means of
+  long and of short blocks), or neither.
 
 Over all channels and roles, Benjamini and Hochberg's procedure bounds the part of false ones. A misfit contradicts a
 verdict of no effect.
@@ -38,7 +38,7 @@ BLOCKS: Final = 12
 #: Ordinates of the periodogram on each side of a line that are its background, beyond those next to it.
 NEIGHBOURS: Final = 24
 LEAST_NEIGHBOURS: Final = 4
-#: A line, or a walk, is told as such from this part of the excess on.
+#: A line, or a walk, is reported as such from this part of the excess on.
 MOST: Final = 0.8
 
 
@@ -139,7 +139,7 @@ def strongest_line(values: Array, step: float) -> Line:
     kernel = np.ones(2 * neighbours + 5)
     kernel[neighbours : neighbours + 5] = 0.0
     around = np.convolve(power, kernel, "same") / np.convolve(np.ones_like(power), kernel, "same")
-    ratio = power[2:] / around[2:]  # what is slower than three periods is a drift
+    ratio = power[2:] / around[2:]  # fewer than three periods are a drift
     best = int(np.argmax(ratio)) + 2
     p = bonferroni(float(f.sf(ratio[best - 2], 2, 4 * neighbours)), len(ratio))
     inside = power[max(best - 2, 0) : best + 3].sum()
@@ -191,7 +191,7 @@ def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, f
 
 
 def _series(run: MeasuredRun, left: Array, channel: int) -> tuple[Array, float]:
-    """Return what is counted of an error, in its order, and the sampling interval."""
+    """Return the counted samples of an error, in order, and the sampling interval."""
     return left[run.counted[:, channel], channel], run.experiment.step
 
 

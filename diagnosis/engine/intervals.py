@@ -1,4 +1,4 @@
-"""Step 9, the intervals: what is told of each number of a cause, by the profile of χ², and by what the samples resolve.
+"""Step 9, the intervals of each number of a cause, from the profile of χ² and the resolution of the samples.
 
 Theory of operation
 -------------------
@@ -8,13 +8,13 @@ A covariance is the curvature of χ² at its lowest point. Three things it does 
   again, and the penalised χ² must have risen by 1.96². Where it has not, within a fifth, the end is moved to where it
   has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. Where errors of the model
   (`model_error.py`) make the interval so many times wider, the rise is requested there, and is larger by the square.
-* **A range ends.** No interval goes beyond what is possible: no friction drives its piston.
+* **A range ends.** No interval exceeds the possible range: no friction drives its piston.
 * **Samples lie apart.** A length over which a friction turns over is seen if several samples fall into it. A parameter
   says along which input it is a length or a time (`Parameter.along`). How far that goes from one sample to the next is
   what they resolve of it (`resolution`): in each run the mean step of all the way that was gone, Σ|Δ|²/Σ|Δ|, and over
   the runs the mean by how much each says of the parameter, the square of its column there. A shorter length has a fit
-  and an interval like any other, for with exact equations one sample would do. They are those of what is assumed
-  between samples, of smoothing and interpolation, so what is told is the bound.
+  and an interval like any other, for with exact equations one sample would do. They are those of the assumptions
+  between samples, of smoothing and interpolation, so only the bound is reported.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list
 def resolution(model: FittedModel, place: int) -> float:
     """Return the length below which the samples do not resolve a number of a fit, in its own unit; 0 of most numbers.
 
-    It is how far the input along which the number is a length goes from sample to sample, in the runs that tell of it.
+    It is the step from sample to sample of the input along which the number is a length, in the runs that determine it.
     """
     along = model.point.coordinates[place].parameter.along
     if not along:

@@ -1,11 +1,11 @@
-"""Step 8, laws of one phenomenon: which others describe what a cause describes, and are not told from it by these runs.
+"""Step 8, laws of one phenomenon: other laws of a cause's phenomenon that these runs do not separate from it.
 
 Theory of operation
 -------------------
 A catalogue may hold several laws of one phenomenon: friction of rubber that turns over one travel or over several, one
 relaxation time or two. BIC takes the simplest that suffices, for each parameter has its price. That is right for a
-model that has to predict, and says nothing of what is there: a richer law contains the poorer one, is then never worse,
-and two travels that are near to each other *are* one in all data. So where a law is the cause, each other of its
+model that has to predict, and gives no information on the true law: a richer law contains the poorer one, is then never
+worse, and two travels that are near to each other *are* one in all data. So where a law is the cause, each other of its
 phenomenon is next to it that the data themselves do not contradict: whose penalised χ², without any price for
 parameters, is not larger by the gap that a verdict asks for, or by what the equation of the cause may be rough by; or
 whose BIC is not. Then the phenomenon is named, and no law.
@@ -14,7 +14,7 @@ One case is left in which a richer law is distinguished from the poorer one that
 resolved, and the interval of one of them ends at the limit of its range. It has become the poorer law then, such as
 friction that grows with the pressure by nothing.
 
-What is tried is what was fitted instead of the cause (`rivals.py`). A law that was never worth a fit, or is not
+The tried laws are those fitted instead of the cause (`rivals.py`). A law that was never worth a fit, or is not
 physical, is distinguished from the cause.
 """
 

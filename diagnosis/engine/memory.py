@@ -1,10 +1,10 @@
 """Memory that was used once goes back to the system: a diagnosis makes hundreds of megabytes of columns and drops them.
 
-The C library keeps what is freed between what is still in use, in a heap for each thread, and asks for more elsewhere:
-after a few rounds a process is half as large again as what it holds. So columns have pages of their own (`room`), which
-go with them, and all threads share one heap (`share_heap`). What is free there goes back where much was dropped
-(`give_back`), and not after every simulation: it has to be got again, page by page. So does what Arrow has kept of the
-files that it read: 150 MB of a record of seven minutes.
+The C library keeps freed memory between used blocks, in a heap for each thread, and requests new memory elsewhere:
+after a few rounds a process is half as large again as its data. So columns have separate pages (`room`), which go with
+them, and all threads share one heap (`share_heap`). What is free there goes back where much was dropped (`give_back`),
+and not after every simulation: it has to be got again, page by page. So does what Arrow has kept of the files that it
+read: 150 MB of a record of seven minutes.
 """
 
 from __future__ import annotations

@@ -2,17 +2,17 @@
 
 Theory of operation
 -------------------
-The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers are off by
-what they take up of its error, however many samples there are. Four measures of that are added to the covariance, and
-one limits the first two:
+The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers absorb a
+part of its error, however many samples there are. Four measures of that are added to the covariance, and one limits the
+first two:
 
 * **A smooth error of the form** (`_of_form`). A simulator's surfaces represent whatever a model may lack. Take the
   coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
   by R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
-  projected scores of the surface tell τ, for in the eigenvectors of their information g they have variances
-  φ·g + τ²·g². τ² is its mean over that likelihood, with τ as large as is assumed of the surface (normal, 1) before:
-  where a small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in
-  the others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
+  projected scores of the surface determine τ, for in the eigenvectors of their information g they have variances φ·g +
+  τ²·g². τ² is its mean over that likelihood, with τ as large as is assumed of the surface (normal, 1) before: where a
+  small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in the
+  others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
   clearest error counts.
 * **What a cause owes to the form** (`_of_inconstancy`). A cause that is not the same in all stretches of the runs
   (`constancy.py`) is off where it is fitted to all of them as well. A unit of χ² is one variance of the amplitude. Of
@@ -28,8 +28,7 @@ one limits the first two:
 * **Errors without a trace** (`_unseen`). A simulator may know of its inputs that an error of theirs is imitated exactly
   by its parameters, as a laser's zero is by areas and volumes. However good the fit, they are off by as much.
 
-Estimates stay what they are; only their intervals grow. With the structure right and noise alone, they add next to
-nothing.
+Estimates do not change; only their intervals grow. With the structure right and noise alone, they add next to nothing.
 """
 
 from __future__ import annotations

@@ -3,14 +3,14 @@
 Theory of operation
 -------------------
 Rivals explain the data there are; they need not predict the same of a run that was not done. If one of them is true,
-the other predicts that run worse by some log predictive density, after its parameters have taken up what they can
-within what the data so far say of them. Twice that is the BIC gap which the run would add. The true one is not known,
-so the smaller of both directions counts; among several rivals, the pair that a run parts least (`rank`, after Hunter
-and Reiner 1965, Buzzi-Ferraris and Forzatti 1983). Divided by the minutes of the rig, it ranks the menu.
+the other predicts that run worse by some log predictive density, after its parameters have adapted within their present
+uncertainty. Twice that is the BIC gap which the run would add. The true one is not known, so the smaller of both
+directions counts; among several rivals, the pair that a run separates least (`rank`, after Hunter and Reiner 1965,
+Buzzi-Ferraris and Forzatti 1983). Divided by the minutes of the rig, it ranks the menu.
 
-Where a base parameter imitates what parts two rivals, no run of the same kind helps, but knowing that parameter
-otherwise does, by a calibration for example. `sensors` fixes one parameter after the other and states what the gap
-grows to on the runs there are.
+A base parameter may imitate the difference of two rivals. Then no run of the same kind helps, but a separate
+measurement of that parameter does, for example a calibration. `sensors` fixes one parameter after the other and returns
+the resulting gap on the existing runs.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     runs = _simulated(rivals, experiment)
     pairs = {f"{_name(a)} / {_name(b)}": (a, b) for a, b in combinations(rivals, 2)}
     gap, pair = min((_distance(a, b, runs), pair) for pair, (a, b) in pairs.items())
-    # Parameters that adapt bring rivals nearer together: what is too near already need not wait for them.
+    # Parameters that adapt bring rivals nearer together, so rivals that are too near already need no adaptation.
     if gap >= SEPARABLE:
         forecasts = _forecasts(runs)
         gap, pair = min((_separation(a, b, forecasts), pair) for pair, (a, b) in pairs.items())
@@ -83,7 +83,7 @@ def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[Fi
     always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
     blank = MeasuredRun(experiment, np.zeros(shape), always, never)
     outputs = [m.replay.of([blank]).predictions(m.point)[0] for m in models]
-    # What counts is asked once: rivals are compared by the same samples.
+    # Counted samples are determined once: rivals are compared by the same samples.
     counted = simulator.counted(experiment, outputs[0])
     return {
         m: replace(blank, outputs=np.where(counted, predicted, np.nan))
@@ -123,7 +123,7 @@ def _name(model: FittedModel) -> str:
 
 
 def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
-    """References that would part two rivals on the runs there are, the best first: nuisances to be known otherwise.
+    """References that would separate two rivals on the existing runs, best first: nuisances to be calibrated.
 
     For each nuisance: the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, if the
     nuisance could no longer adapt.
@@ -167,7 +167,7 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
 def _unexplained(
     linearisation: Linearisation, footprint: Sequence[Array], free: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> float:
-    """The squared norm of a footprint after the free coordinates have taken up what they can."""
+    """The squared norm of a footprint after projection on the free coordinates."""
     mixed, own = np.zeros(len(free)), 0.0
     for block, values in zip(linearisation.blocks, footprint, strict=True):
         mixed[block.places] += block.times(values)

@@ -80,8 +80,8 @@ class ChannelNoise:
 class Noise:
     """The noise of every channel.
 
-    ``dispersion`` φ ≥ 1 is by how much scores scatter more than this noise allows, because the model is not exact:
-    χ² and precisions count 1/φ of what they would. Filters leave it out, so that single samples stay white.
+    ``dispersion`` φ ≥ 1 is by how much scores scatter more than this noise allows, because the model is not exact: χ²
+    and precisions are divided by φ. Filters leave it out, so that single samples stay white.
     """
 
     channels: tuple[ChannelNoise, ...]

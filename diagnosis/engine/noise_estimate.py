@@ -75,8 +75,8 @@ def overdispersion(
 ) -> Array:
     """Return by how much the scores of columns scatter more than whitened noise allows (m,), at least 1.
 
-    ``projection`` is that of the ``columns`` of each run. Of sums of them it is told if each has its coefficients in a
-    row of ``directions`` (v, m). What the columns explain together counts as no error, so that an effect does not hide
+    ``projection`` is that of the ``columns`` of each run. For sums of columns, each row of ``directions`` (v, m) holds
+    the coefficients of one sum. What the columns explain together counts as no error, so that an effect does not hide
     itself. So many ``workers`` share the runs.
     """
     directions = np.eye(columns[0].size) if directions is None else directions

@@ -1,4 +1,4 @@
-"""Step 7, what has no name: the score test of a smooth surface over two states, as a whole and along each of them.
+"""Step 7, unknown terms: the score test of a smooth surface over two states, as a whole and along each of them.
 
 Theory of operation
 -------------------
@@ -6,7 +6,7 @@ The coefficients of a surface are tested together, like one candidate with many 
 projected scores s, in the directions that the data would show. G is their Gram matrix per prior spread: where one of
 its eigenvalues is below 1, a surface as large as is assumed stays under the noise, and looking there would only add
 chance. χ² counts as much less as scores scatter more than the noise allows (Rao and Scott). Of all views, the one with
-the smallest p-value counts, multiplied by their number. What is made of the test is in `unknown.py`.
+the smallest p-value counts, multiplied by their number. `unknown.py` uses the result of the test.
 """
 
 from __future__ import annotations

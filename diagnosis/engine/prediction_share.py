@@ -2,9 +2,9 @@
 
 Theory of operation
 -------------------
-The form of a model is a little wrong somewhere, and a cause may owe its evidence to that (`constancy.py`). What is owed
-to the form helps little on runs that it was not fitted to, so what remains of the error there bounds what a cause may
-be wrong by: an amplitude that is off by a part δ leaves that part of the error that the cause explains, with the base
+The form of a model is a little wrong somewhere, and a cause may owe its evidence to that (`constancy.py`). A cause that
+only compensates the form helps little on runs that it was not fitted to. So the remaining error there bounds the error
+of a cause: an amplitude that is off by a part δ leaves that part of the error that the cause explains, with the base
 parameters making room for it on both sides. The part left, as a root, is thus the largest δ. It is known no better than
 the noise floor, and says nothing where that is all there is.
 """

@@ -49,7 +49,7 @@ class Remainder:
 
     @property
     def relative(self) -> bool:
-        """Whether what was named explains so little that the cause is something else."""
+        """Whether the named causes explain so little that the cause must be another one."""
         return self.large and self.left > RELATIVE
 
     def gained(self, cause: str) -> float:
@@ -74,7 +74,7 @@ def remainder(
     causes: Sequence[str],
     floors: Array,
 ) -> Remainder:
-    """Measure what is left where ``before`` and ``after`` predict the same runs.
+    """Measure the remaining error of ``after`` relative to ``before`` on the same runs.
 
     ``model`` is the extended one, ``base`` the one without any effect under the same noise.
     """

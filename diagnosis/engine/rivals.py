@@ -13,7 +13,8 @@ noise, by the likelihood of the measured samples with all constants (`_criterion
 The better one stays, so that the pass ends, and ends on the better of the two. In that currency the other one is its
 rival.
 
-What remains when no swap is better are the rivals of the verdict: physical models, each with its BIC (step 8).
+The remaining alternatives, when no swap is better, are the rivals of the verdict: physical models, each with its BIC
+(step 8).
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ from diagnosis.engine.whitening import Filter, filters
 class Screening:
     """Scores of all candidates m against a fitted model.
 
-    ``inflation`` (m,) states how much more a score scatters than whitened noise would let it. The threshold is for a
-    chance of ``alpha``, drawn with a ``seed``.
+    ``inflation`` (m,) is the scatter of a score relative to that of whitened noise. The threshold is for a chance of
+    ``alpha``, drawn with a ``seed``.
     """
 
     candidates: tuple[Candidate, ...]
@@ -142,12 +142,12 @@ def fit_and_screen(
 ) -> ScreenedModel:
     """Estimate the noise around a model, fit the model under it, and score every candidate against it.
 
-    Where no one asks for the footprints again they are let go of: it is the ``last`` time.
+    If this is the ``last`` use of the footprints, their memory is released.
     """
-    give_back()  # What made the footprints was larger than they are.
+    give_back()  # The simulations for the footprints were larger than these.
     count = len(around.candidates)
     noise = leftover_noise(replay, around)
-    give_back()  # What is free between what is kept adds up: it goes back before each of the largest steps.
+    give_back()  # Free memory between used blocks adds up: it is returned before each of the largest steps.
     whiten = filters(noise, replay.runs)
     workers = replay.workers
 

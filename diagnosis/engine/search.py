@@ -6,14 +6,14 @@ Causes are not found one by one and added up: each is judged together with those
 noise that they leave. One turn of the loop is steps 3 to 6 of the argument:
 
 1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
-2. `trials.fit_trials`: what exceeds the threshold is fitted and judged by the gates (`gates.py`);
-3. `admission.choose`, `choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none;
-   where none does and far more than the noise is left, `second_look.look_again` fits what acts now and then, which
-   enters likewise; else the search ends;
+2. `trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`);
+3. `admission.choose`, `choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none; where
+   none does and far more than the noise is left, `second_look.look_again` fits causes that act now and then, which
+   enter likewise; else the search ends;
 4. `rivals.swap`: others are tried instead of each accepted effect.
 
-In the end `backward.weigh` leaves out what the others have made superfluous. At most ``Config.max_effects`` enter.
-The result is the same for the same seed, however many workers there are.
+In the end `backward.weigh` removes superfluous effects. At most ``Config.max_effects`` enter. The result is the same
+for the same seed, however many workers there are.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ Progress = Callable[[str, float], None]
 
 
 def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> SearchResult:
-    """Search a catalogue for the causes of what the base model leaves of the fit runs.
+    """Search a catalogue for the causes of the residual of the base model on the fit runs.
 
-    ``progress`` is reported in words what is done, and which part of the diagnosis lies behind.
+    ``progress`` receives the name of the present step, and the finished part of the diagnosis.
     """
     progress("fitting the base model", 0.0)
     state = _start(problem)

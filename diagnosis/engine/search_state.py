@@ -1,8 +1,8 @@
-"""Step 6: what the search for causes knows at any moment, from the question that it was given to the result.
+"""Step 6: the state of the search for causes, from the problem to the result.
 
 `Problem` is the question and never changes. `CurrentModel` is the model that every hypothesis is measured against; it
-is replaced whenever an effect enters or leaves. `Trial` is what came of fitting one more model. `SearchState` holds
-all that the passes of the search hand to each other, and `SearchResult` what is left of it in the end.
+is replaced whenever an effect enters or leaves. `Trial` is the result of fitting one more model. `SearchState` holds
+all that the passes of the search hand to each other, and `SearchResult` holds the final result.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from diagnosis.engine.screening import Screening
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """What is searched: the simulator on the fit runs, the select runs, the hypotheses by name, and the levels."""
+    """The search problem: the simulator on the fit runs, the select runs, the hypotheses by name, and the levels."""
 
     replay: Replay
     select: tuple[MeasuredRun, ...]
@@ -52,7 +52,7 @@ class CurrentModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """What came of fitting a model with ``effect`` in it. ``failed`` is the gate that it did not pass, or ""."""
+    """The result of fitting a model with ``effect`` in it. ``failed`` is the gate that it did not pass, or ""."""
 
     effect: str
     point: Point
@@ -89,7 +89,7 @@ class SearchState:
     rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     #: Why effects left the model again after they had entered.
     left: Mapping[str, str] = field(default_factory=dict)
-    #: What was in the model when they left it.
+    #: Effects in the model when they left it.
     beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     #: Effects that entered by a second look, from finite amplitudes.
     finite: frozenset[str] = frozenset()

@@ -2,23 +2,23 @@
 
 Theory of operation
 -------------------
-Causes that can replace each other are thrown out by each other: a friction explains nearly all, a lag and a
-viscous friction enter together with it and take its place, it leaves as superfluous, and then they fail a gate
-themselves. What is left is worse than what the friction alone would have been, and a diagnosis that had been told of
-nothing else would have found it. A longer list of candidates must not give a poorer model.
+Causes that can replace each other are thrown out by each other: a friction explains nearly all, a lag and a viscous
+friction enter together with it and take its place, it leaves as superfluous, and then they fail a gate themselves. The
+result is worse than the friction alone, which a diagnosis with a shorter list would have found. A longer list of
+candidates must not give a poorer model.
 
 So each cause that left while others were in the model is fitted alone, as it was fitted when it was a candidate. Where
 one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
-that were in the model when it left, and without all others that left. A name comes before a surface: what that predicts
-does not count.
+that were in the model when it left, and without all others that left. A name comes before a surface: predictions of the
+surface do not count.
 
 One cause may also represent two: a clock that is behind for delays of all that it times. These then leave together with
 it, and one of them still scores in the end. Then the search is repeated without that cause in the final model which is
 most like the one that left together with it.
 
-What the second search finds is weighed and judged with the whole catalogue beside it, and stays if it still predicts
-the select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two instead of
-one must leave nothing that scores: where much remains, whatever has more parameters imitates a little more of it.
+The result of the second search is weighed and judged with the whole catalogue, and stays if it still predicts the
+select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two instead of one must
+leave nothing that scores: where much remains, whatever has more parameters imitates a little more of it.
 """
 
 from __future__ import annotations
@@ -67,14 +67,14 @@ def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
 
 
 def _substitutes(problem: Problem, first: Judgement) -> set[str]:
-    """Return what stood beside a cause that left and that alone predicts better than the judgement; mostly nothing."""
+    """Return the effects present when a cause left that alone predicts better than the judgement; mostly none."""
     cause = _best_single_cause(problem, first)
     state = first.found.state
     return {*state.left, *state.beside[cause], *first.found.model.effects} - {cause} if cause else set()
 
 
 def _in_the_place_of(first: Judgement) -> set[str]:
-    """Return the accepted effect that is most like one which left beside it and still scores; mostly nothing."""
+    """Return the accepted effect most similar to one which left with it and still scores; mostly none."""
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]
     initial = first.found.steps[0].screening
@@ -88,7 +88,7 @@ def _in_the_place_of(first: Judgement) -> set[str]:
 
 
 def _best_single_cause(problem: Problem, first: Judgement) -> str:
-    """Return which cause that left beside others predicts the select runs best alone, if better than the judgement."""
+    """Return the removed cause that alone predicts the select runs best, if better than the judgement."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
     errors = {}
     left = (one for one, others in state.beside.items() if others and one not in model.effects)
@@ -112,7 +112,7 @@ def _error(model: FittedModel, floors: Array, runs: Sequence[MeasuredRun]) -> fl
 
 
 def _restored(problem: Problem, first: Judgement, found: SearchResult, out: set[str]) -> SearchResult:
-    """Return what was found without some candidates, weighed with them among the scores again."""
+    """Return the result without some candidates, weighed with them among the scores again."""
     left = {name: first.found.state.left.get(name, INSTEAD) for name in out}
     state = replace(
         found.state,

@@ -1,4 +1,4 @@
-"""The first screen of a finding: what is wrong, how sure that is, what proves it, and what to do next."""
+"""The first screen of a finding: the error, its certainty, the evidence, and the next steps."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ WRONG: Final = MappingProxyType(
         Verdict.REMAINDER: f"{_CAUSES} Something else is wrong as well and was not identified. {{unknown}}",
     }
 )
-#: How sure a verdict without causes is.
+#: Certainty of a verdict without causes.
 CAUSELESS: Final = MappingProxyType(
     {
         Verdict.NO_EFFECT: "An effect that is too small for these runs may still be there.",
@@ -131,7 +131,7 @@ def _wrong(found: Finding) -> str:
 
 
 def _claims(causes: Sequence[Cause]) -> str:
-    """Return what is claimed, and after it what is only suspected."""
+    """Return the named causes, and after them the suspected ones."""
     named, suspected = (
         " and ".join(_claimed(one) for one in causes if one.status == status) for status in (NAMED, SUSPECTED)
     )
@@ -333,7 +333,7 @@ def _with_size(one: Cause | Rival | Suspect) -> str:
 
 
 def _plain(one: Cause) -> str:
-    """Return what is so: a part of a sentence."""
+    """Return the consequence of a cause as a clause."""
     return one.plain or f"there is {one.title}"
 
 

@@ -1,13 +1,13 @@
-"""Step 8, suspects: what comes nearest where nothing is named, and which test it does not pass.
+"""Step 8, suspects: the best causes when none is named, and the test that each of them fails.
 
 Theory of operation
 -------------------
-*Unresolved* says that no cause passes every test, not that nothing is known. Anyone who stands at the rig asks where to
-look first, and the answer is what would have been named but for one test: causes that left because they may be owed to
-the form of the model, what explains the data nearly as well in their place, and causes that leave most of the error.
-Where nothing had entered at all, these are the trials that BIC prefers to the model without them.
+*Unresolved* says that no cause passes every test, not that nothing is known. A user at the rig needs a first place to
+inspect. Suspects would have been named but for one test. They are causes that left because they may be owed to the form
+of the model, rivals that explain the data nearly as well, and causes that leave most of the error. Where nothing had
+entered at all, these are the trials that BIC prefers to the model without them.
 
-None of them is claimed. A form that is a little wrong makes suspects of what is sound, so each comes with its reason.
+None of them is claimed. A small form error can make a sound part suspect, so each suspect is reported with its reason.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ def suspects(
     hypotheses: Mapping[str, Hypothesis],
     gap: float,
 ) -> list[Suspect]:
-    """Return what comes nearest, clearest first, where nothing may be named, each effect once.
+    """Return the suspects, clearest first, when no cause is named; each effect once.
 
-    ``dismissed`` left the final model, ``found`` is what remained of the search, ``left`` are causes that leave most of
+    ``dismissed`` left the final model, ``found`` is the result of the search, ``left`` are causes that leave most of
     the error; rivals within ``gap`` of BIC are as near.
     """
     told = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]

@@ -1,7 +1,7 @@
 """Several threads for what does not depend on each other: long loops over samples release the interpreter meanwhile.
 
-What comes out is the same for any number of workers: results keep the order of what they were asked for, and nothing
-that one of them finds may change what another one does.
+Results are the same for any number of workers: they keep the order of the requests, and no worker may change the input
+of another one.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable
 
 
 def aside(workers: int, function: Callable[[], Found]) -> Callable[[], Found]:
-    """Begin a calculation beside whatever follows, and return what waits for its result; one worker begins it then."""
+    """Begin a calculation in parallel, and return a function that waits for its result; one worker begins it then."""
     if workers <= 1:
         return function
     pool = ThreadPoolExecutor(1)

@@ -10,12 +10,12 @@ are not, points of a shape grid next to nothing.
 
 A one-sided effect counts with its physical sign only, any other by its size.
 
-What is looked for is rare: of plain draws of that normal distribution, one in 1/α says anything. So only draws are made
-in which some score exceeds a level: one of the M sides on which a score can be is chosen at random, its score is drawn
-above the level, the others as they go with it. Such a draw comes up for each of its S exceeding scores and counts
-M/S times the chance of one of them (importance sampling "at least one rare event": Owen, Maximov and Chertkov 2019,
-Electronic Journal of Statistics 13, 231-279). A first round with a low level finds where the quantile is, a second one
-begins just below it.
+The event is rare: of plain draws of that normal distribution, one in 1/α says anything. So only draws are made in which
+some score exceeds a level: one of the M sides on which a score can be is chosen at random, its score is drawn above the
+level, the others as they go with it. Such a draw comes up for each of its S exceeding scores and counts M/S times the
+chance of one of them (importance sampling "at least one rare event": Owen, Maximov and Chertkov 2019, Electronic
+Journal of Statistics 13, 231-279). A first round with a low level finds where the quantile is, a second one begins just
+below it.
 """
 
 from __future__ import annotations

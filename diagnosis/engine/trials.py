@@ -70,7 +70,7 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
-    """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
+    """Fit and judge the effects that stand out against the current model, and their relatives; best BIC first."""
     current = state.current
     wanted = _wanted(problem, current)
     starts = {name: current.screening.start(current.model.point, place) for name, place in wanted.items()}
@@ -122,7 +122,7 @@ def _fitted(
 
 
 def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
-    """Return what is fitted, each with its best point of the grid."""
+    """Return the effects to be fitted, each with its best point of the grid."""
     screening = current.screening
     exceeding = screening.exceeding[: problem.config.fits]
     wanted = {screening.candidates[i].effect.name: i for i in exceeding}
@@ -137,7 +137,7 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
 def fit_physical(
     problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
 ) -> Trial:
-    """Fit a model of which nothing is asked but that it is physical; what is, also predicts."""
+    """Fit a model that only has to be physical; if it is, compute its predictions."""
     model = refit(problem, start, current, target)
     failed = unphysical(model, current.model)
     prediction = None if failed else predicted(problem, model, current.prediction)
@@ -167,7 +167,7 @@ def trial_of(
     physical: bool = True,
     surcharge: float = 0.0,
 ) -> Trial:
-    """Return what is kept of a fitted model."""
+    """Return the trial of a fitted model."""
     lpd = prediction.lpd if prediction else float("nan")
     bic = model.bic + surcharge
     return Trial(effect, model.point, model.covariance(), model.penalised_chi2, bic, lpd, failed, physical)

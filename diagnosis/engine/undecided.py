@@ -1,13 +1,13 @@
-"""Step 8, what unseen runs leave undecided: rivals that noise tells from a cause, and the next run does not.
+"""Step 8, undecided rivals: separable from a cause under the noise, but not on unseen runs.
 
 Theory of operation
 -------------------
 BIC compares causes in units of the noise. Where a model leaves many times that, each of its errors is worth a gap of
-thousands, and the largest gap goes to whatever takes up most of them. What counts then is what runs say that nothing
-was fitted to. A rival that passed for physical instead of a cause, and predicts them as well, is one still. That
-is asked of all channels together, and of those alone in which the cause acts: where nearly all of the error is in
-others, the sum hardly changes with the cause, and so with any rival. A clock that falls behind was said so together
-with a delay, which the pressures told from it, for the error was in the forces.
+thousands, and the largest gap goes to whatever takes up most of them. Then runs count that nothing was fitted to. A
+physical rival that predicts them as well as the cause stays a rival. This is tested for all channels together, and for
+those alone in which the cause acts: where nearly all of the error is in others, the sum hardly changes with the cause,
+and so with any rival. In one case a slow clock and a delay were found together. The pressures could separate them, but
+the error was in the forces.
 
 So is a relative that is in the model already. Friction that turns over between two samples and a force that lags are
 one corner of a loop, rounded: with a lag together with it, the friction has no presliding that the samples would
@@ -95,7 +95,7 @@ def _confusers_present(
     hypotheses: Mapping[str, Hypothesis],
     left: Remainder,
 ) -> Iterator[Undecided]:
-    """Yield the confusers of an effect that are in the model beside it, if it gains nothing and one is not resolved."""
+    """Yield the confusers of an effect in the same model, if it gains nothing and one is not resolved."""
     if left.gained(accepted.effect) >= NO_GAIN:
         return
     mine = hypotheses[accepted.effect]

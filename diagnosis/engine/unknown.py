@@ -1,17 +1,16 @@
-"""Step 7, what has no name: a surface over two states that the test sees clearly, fitted inside the model.
+"""Step 7, unknown terms: a surface over two states with a clear test result, fitted inside the model.
 
 Theory of operation
 -------------------
 Whatever the catalogue lacks is still a force, a flow or a heat that depends on states: a smooth surface over two of
 them, a sum of basis functions, represents all of it. It is tested like a candidate, by the scores of its coefficients
-together (`omnibus.py`). The whole surface sees everything and nothing well. Most of what has no name depends on one
-state alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested
-alone as well, and the clearest view counts, its p-value multiplied by the number of views.
+together (`omnibus.py`). The whole surface sees everything and nothing well. Most unknown terms depend on one state
+alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested alone
+as well, and the clearest view counts, its p-value multiplied by the number of views.
 
-What is seen is fitted inside the model, its prior spread as the ridge. The named causes keep their numbers: the
-surface is what they leave, and must not eat them. It is kept where, as fitted, it predicts the select runs better. It
-is reported as a surface, with the range that the runs visited and with what it resembles, and never as a cause
-(`explain`).
+A clear surface is fitted inside the model, with its prior spread as the ridge. The named causes keep their numbers: the
+surface fits only their residual. It is kept where, as fitted, it predicts the select runs better. It is reported as a
+surface, with the range that the runs visited and with what it resembles, and never as a cause (`explain`).
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ def clear_surfaces(
 def explain(
     model: FittedModel, test: Omnibus, screening: Screening, select: Sequence[MeasuredRun]
 ) -> tuple[FittedModel, Unknown]:
-    """Fit a surface inside a model and say where it acts and what it resembles; never what it is.
+    """Fit a surface inside a model, and describe where it acts and which terms it resembles.
 
     The model that is returned holds the surface where that predicts the select runs better; else it is ``model``.
     """
@@ -178,7 +177,7 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:
-    """The fitted surface over its two coordinates, where the data speak of it."""
+    """The fitted surface over its two coordinates, where the data determine it."""
     if not surface.centres or len(surface.coordinates) != 2:
         return None
     first = surface.coefficients[0]

@@ -116,7 +116,7 @@ def rivals(
 
 
 def scores(found: SearchResult, beside: Screening) -> list[Score]:
-    """Return the score of every effect against the base model, and what became of it.
+    """Return the score of every effect against the base model, and its result in the search.
 
     ``beside`` are the scores against the final model.
     """

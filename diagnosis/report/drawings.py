@@ -288,7 +288,7 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
 
 
 def _even(axis: Axis, places: Array, ticks: int) -> Array:
-    """Places of a map one beside the other, with their values at the ticks: those of a speed are not equidistant."""
+    """Places of a map side by side, with their values at the ticks: those of a speed are not equidistant."""
     known = np.unique(places[np.isfinite(places)])
     step = max(1, -(-known.size // ticks))
     axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known)[::step])
@@ -296,7 +296,7 @@ def _even(axis: Axis, places: Array, ticks: int) -> Array:
 
 
 def _tick_labels(numbers: Array) -> list[str]:
-    """Numbers with the digits that their range is worth: what is next to nothing together with it is 0."""
+    """Numbers with the digits that their range is worth: values far below that range are 0."""
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]

@@ -43,7 +43,7 @@ class Curves(NamedTuple):
 
 
 class RunOfInvestigation(NamedTuple):
-    """One plan that an investigation ran, and what was concluded from all data up to it; ``minutes`` on the bench."""
+    """One plan that an investigation ran, and the conclusion from all data up to it; ``minutes`` on the bench."""
 
     plan: str
     minutes: float

@@ -36,8 +36,8 @@ class Raw:
 class Block:
     """One run, whitened: residual (N,) and sensitivities, of the samples that count.
 
-    ``parts`` are the columns that many models share, of which ``raw`` is what was whitened if anybody may borrow them,
-    then those that are the model's own.
+    ``parts`` are the columns that many models share, of which ``raw`` holds the values before whitening if other models
+    may borrow them, then those that are the model's own.
     """
 
     run: str
@@ -122,7 +122,7 @@ class Projection:
     def estimate(self) -> Array:
         """Least-squares amplitudes (m,) of all columns together; 0 for an invisible one.
 
-        Many columns are alike. What they may be wrong by is the ridge: sums of which no more is left stay 0.
+        Many columns are alike. The ridge is their possible error: sums below it stay 0.
         """
         seen = self.norm > 0.0
         ridge = VISIBLE_PART * np.diagonal(self.gram)[seen]
@@ -146,7 +146,7 @@ class Projection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """What is known of the numbers of a point without these data: normal, with mean (k,) and precision (k, k)."""
+    """Prior of the numbers of a point, without these data: normal, with mean (k,) and precision (k, k)."""
 
     mean: Array
     precision: Array

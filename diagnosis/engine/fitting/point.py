@@ -169,7 +169,7 @@ def base_point(nuisances: Iterable[Nuisance], records: Iterable[str]) -> Point:
 
 
 def effect_coordinates(effect: Hypothesis) -> tuple[Coordinate, ...]:
-    """Return amplitude and shapes of an effect; the amplitude has no prior, so that only the data speak of it."""
+    """Return amplitude and shapes of an effect; the amplitude has no prior, so that only the data determine it."""
     return (
         Coordinate(effect.amplitude, effect.name, penalised=False),
         *(Coordinate(shape, effect.name) for shape in effect.shapes),

@@ -67,7 +67,7 @@ def of_fit(fitted: FittedModel) -> Prediction:
 
 
 def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
-    """Return the fitted point with the new records' own nuisances, and what is known of all its numbers.
+    """Return the fitted point with the new records' own nuisances, and the prior of all its numbers.
 
     The shared ones, among which are those of a record of which parts were fitted, are held if they are ``fixed``.
     """

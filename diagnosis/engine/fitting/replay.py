@@ -34,7 +34,7 @@ class Base:
 class Replay:
     """A simulator with the runs it replays. ``workers`` threads share the simulations; the order is always the same.
 
-    Everything is told run by run: predictions are (n, c), sensitivities the packed columns of what that run depends on.
+    All results are given per run: predictions are (n, c), sensitivities the packed columns of what that run depends on.
     Those are differences, which single precision holds to far more digits than they are right.
     """
 
@@ -88,8 +88,8 @@ class Replay:
         """Return ∂y/∂u of each run to its coordinates at ``places``, or to all that it depends on.
 
         To the numbers of effects differences are one-sided; ``central`` ones cost twice as much and have no error of
-        first order. Those to the nuisances are central and steady: everything that is said of an effect is what they
-        leave of it (`diagnosis.engine.fitting.steady`).
+        first order. Those to the nuisances are central and steady: every result on an effect is a remainder after
+        projection on them (`diagnosis.engine.fitting.steady`).
         """
         wanted = [point.places_of(record) for record in self.records] if places is None else places
         kept = [[not point.coordinates[i].owner for i in own] for own in wanted]
@@ -116,7 +116,7 @@ class Replay:
         return [mean(mine, again) for mine, again in zip(twice, spoilt, strict=True)]
 
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
-        """Return where differences begin, of each run so many that may be worth a rough simulation of its own."""
+        """Return the base of differences; runs with many of them (``counts``) get a separate rough simulation."""
         rough: list[Array | None] = [None] * len(self.runs)
         worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
 
@@ -129,7 +129,8 @@ class Replay:
     def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
         """Return the difference quotients of each run to its own k points at signed distances, 0 to None.
 
-        Both outputs are rough ones, or none is; none where they differ in what is too alike something else.
+        Both outputs are rough, or neither is; neither if the points differ in a number that rough outputs cannot
+        resolve.
         """
         columns = [
             ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
@@ -157,7 +158,7 @@ class Replay:
         return [of_run.done() for of_run in columns]
 
     def _too_alike(self, base: Point, to: Point) -> bool:
-        """Return whether a point, perhaps a larger one, differs from a base in what rough outputs do not tell apart."""
+        """Return whether a point, perhaps a larger one, differs from a base where rough outputs cannot resolve it."""
         known = len(base.numbers)
         moved = np.flatnonzero(to.numbers[:known] != base.numbers)
         further = (*(to.coordinates[i] for i in moved), *to.coordinates[known:])

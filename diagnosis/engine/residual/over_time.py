@@ -134,12 +134,12 @@ def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
         return values
     columns, known = residuals.regressors[name], np.isfinite(values)
     found = np.linalg.lstsq(columns[known], values[known], rcond=1e-9)[0]
-    found[1] = 0.0  # the line in time is what is looked for
+    found[1] = 0.0  # keep the line in time: the test looks for it
     return values - columns @ found
 
 
 def _blocks(values: Array, blocks: int) -> tuple[Array, Array]:
-    """Sums and counts (blocks,) of what is known in equal stretches of a run."""
+    """Sums and counts (blocks,) of finite values in equal stretches of a run."""
     starts = (np.arange(blocks) * values.size) // blocks
     return (
         np.add.reduceat(np.nan_to_num(values), starts),

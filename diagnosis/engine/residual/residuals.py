@@ -15,9 +15,10 @@ from diagnosis.finding import Figure
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What one run leaves: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN where nothing counts.
+    """Residuals of one run: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN if not counted.
 
-    ``inputs`` are those that move; ``swings`` and ``holds`` what they do. What several tests need is made once.
+    ``inputs`` are those that move; ``swings`` and ``holds`` their motions and pauses. Common results of several tests
+    are made once.
     """
 
     experiment: Experiment
@@ -97,7 +98,7 @@ def residuals_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What one test says of one channel in one run; ``p`` counts everything that the test looked at there."""
+    """Result of one test for one channel in one run; ``p`` counts everything that the test looked at."""
 
     statistic: float
     p: float
