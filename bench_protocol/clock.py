@@ -158,7 +158,7 @@ class VirtualClock:
             self.sleep_until(first)
             return
         self._rest(first, limit)
-        self.sleep_until(self._now)  # runs what is due now
+        self.sleep_until(self._now)  # runs the events that are due now
 
     def reach(self, instant: int) -> None:
         """Set the time; for the simulation, which passes several instants in one call."""

@@ -35,7 +35,7 @@ class Decoding:
         self._errors = (Error, ValueError, OverflowError)
 
     def values(self, data: bytes, account: Account) -> Iterator[tuple[str, float]]:
-        """Yield the signals in a frame by name, in the unit of the DBC; NaN for what is none by J1939 or the DBC."""
+        """Yield the signals in a frame by name, in the unit of the DBC; NaN for codes without a value."""
         name = self.message.name
         raw = self.message.j1939 or bool(self.no_value)
         if len(data) < self.message.coding.length:

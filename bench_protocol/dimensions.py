@@ -224,7 +224,7 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
 
 
 def _known_cells(cells: Any, known: dict[str, Dimension], wrong: list[str]) -> None:
-    """Add places and directions of the load cells of a file to what is ``known``."""
+    """Add positions and directions of the load cells of a file to the ``known`` dimensions."""
     with _gather(wrong):
         for key, raw in as_table(CELLS, cells).items():
             with _gather(wrong):

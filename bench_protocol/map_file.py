@@ -1,4 +1,4 @@
-"""The rig's map as one of its files (Modbus function 20): what stands where, for a driver that knows another table.
+"""The rig's map as one of its files (Modbus function 20): the place of each signal, for a driver with another table.
 
 File 1000::
 

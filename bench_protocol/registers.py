@@ -1,4 +1,4 @@
-"""What a Modbus register is, and where the registers of a signal stand.
+"""The kinds of Modbus registers, and the addresses of the registers of a signal.
 
 Input registers carry the readings twice, as floats and as scaled twins, in blocks that one request each can read. The
 address of a reading's float (:attr:`Signal.address`) is its number in both, and among the discrete inputs that say
@@ -9,11 +9,12 @@ whether it is available::
     scaled     300   301   302  ...  sequence       1300   1301  ...  sequence
     quality    100   101   102  ...                  162    163  ...
 
-Each block stands between two copies of the sequence number of the sampling instant, and one without a reading is not
-there. Registers never move: a reading that is added takes the number behind the old end, where the sequence number
+Each block lies between two copies of the sequence number of the sampling instant. A block without a reading does not
+exist. Registers never move: a reading that is added takes the number behind the old end, where the sequence number
 stays as well, so that a number without a reading means: here a block ended once (`free_address`).
 
-The holding register of a setting has what is staged, the input register `ACTIVE_BLOCK` behind it what is in force.
+The holding register of a setting has its staged value. The input register `ACTIVE_BLOCK` behind it has the value in
+force.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping

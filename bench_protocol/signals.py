@@ -112,7 +112,7 @@ class Signal:
         return f"{in_unit(self.low, self.unit):g} to {in_unit(self.high, self.unit):g}{unit}"
 
     def check(self, value: float) -> float:
-        """Return ``value`` if the wire can carry it; ValueError with value, unit and range otherwise."""
+        """Return ``value`` if the wire can carry it; ValueError with value, unit and range if not."""
         if not self.low <= value <= self.high:
             raise ValueError(
                 f"{self.name} = {self.show(value)} does not fit on the wire, which carries {self.range_text()}"

@@ -347,7 +347,7 @@ def _length_error() -> str:
 
 
 def _shown(text: bytes) -> str:
-    """Return at most 40 characters of what was received, safe to print."""
+    """Return at most 40 characters of the received text, safe to print."""
     shown = text[:40].decode("ascii", "backslashreplace")
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in shown) + (
         "…" if len(text) > 40 else ""

@@ -27,7 +27,8 @@ def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
     """Return the text of a file without its mark, and the name of its encoding, which ``encoding`` fixes.
 
     Without a mark it is UTF-16 if every other byte of plain letters is 0, else UTF-8, and what is not UTF-8 is taken as
-    cp1252. Unfit, to be put behind the file's name, for an encoding that does not exist and a text that is none.
+    cp1252. Unfit, to be put behind the file's name, for an encoding that does not exist and for content that is not
+    text.
     """
     if encoding:
         return _by_name(content, encoding), encoding

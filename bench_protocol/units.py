@@ -137,7 +137,7 @@ UNITS: Final[dict[str, Unit]] = WRITTEN_UNITS | {
     "degC": Unit("K", 1.0, 273.15),
     "degF": Unit("K", 5 / 9, 459.67 * 5 / 9),
 }
-#: Units whose 0 is nothing: a number of one is only multiplied.
+#: Units without a zero offset: values are only multiplied by the factor.
 FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero == 0.0}
 
 

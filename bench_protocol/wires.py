@@ -1,4 +1,4 @@
-"""What a table of signals is as a whole: its checks, its hash, and the comparison with what was given before."""
+"""The checks of a table of signals, its hash, and the comparison with an earlier table."""
 
 import hashlib
 from collections import Counter
@@ -112,7 +112,7 @@ class Table:
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """What stands where on the wires, and how it is coded: everything that two programs must agree on.
+        """Return the place and coding of each signal on the wires: everything that two programs must agree on.
 
         Names, bits, steps, addresses, encodings, protection, rates and the numbers of choices; not the order of the
         rows, descriptions, ranges or the units that people read.

@@ -40,7 +40,7 @@ def in_registers(what: str, values: Sequence[int]) -> list[int]:
 
 
 def instead(request: bytes, came: bytes, *, framed: bool) -> str:
-    """Return as text what was received instead of an answer; ``framed``: both have a Modbus/TCP header."""
+    """Return a text about the bytes received instead of an answer; ``framed``: both have a Modbus/TCP header."""
     if not came:
         return ""
     if not framed:

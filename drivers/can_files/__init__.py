@@ -1,1 +1,1 @@
-"""Logs of CAN frames that other programs wrote, read line by line: what is no data frame is counted."""
+"""Logs of CAN frames from other programs, read line by line; entries that are not data frames are counted."""

@@ -23,7 +23,7 @@ _HEAD: Final = blf.OBJ_HEADER_BASE_STRUCT
 _READ: Final = frozenset(
     {blf.CAN_MESSAGE, blf.CAN_MESSAGE2, blf.CAN_ERROR_EXT, blf.CAN_FD_MESSAGE, blf.CAN_FD_MESSAGE_64}
 )
-#: Objects that are no frames, by their number in the format, and what they are called where they are counted.
+#: Objects that are not frames, by their number in the format, and the name under which they are counted.
 _BESIDE: Final = {2: ERRORS, 104: ERRORS, 3: OVERLOAD}
 _OTHERS: Final = "object(s) of other kinds than CAN frames"
 _LOGG: Final = b"LOGG"

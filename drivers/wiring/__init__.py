@@ -1,1 +1,1 @@
-"""The wiring: what stands between the signals of a bench and whatever frames and registers a rig has."""
+"""The wiring: it connects the signals of a bench to the frames and registers of any rig."""

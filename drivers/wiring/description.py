@@ -1,7 +1,7 @@
 """The description of a rig's wiring: a TOML file, read and checked before anything is connected.
 
-Errors are WiringError and name file, key, value and what would be right. What stands under ``[transports.NAME]`` is
-the transport's own: `drivers.wiring.transports` reads it. docs/reference/wiring.md explains every key.
+Errors are WiringError and name file, key, value and allowed values. Each transport has its own keys under
+``[transports.NAME]``, which `drivers.wiring.transports` reads. docs/reference/wiring.md explains every key.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ _LENGTH_MAX: Final = 500
 def expression(where: str, text: str, names: Sequence[str]) -> Combine:
     """Return ``text`` as a function of the values of ``names``; a division by 0 is NaN.
 
-    WiringError, which begins with ``where``, for a name that is none of them and for anything but arithmetic.
+    WiringError, which begins with ``where``, for an unknown name and for anything but arithmetic.
     """
     if len(text) > _LENGTH_MAX:
         raise WiringError(

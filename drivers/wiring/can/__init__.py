@@ -1,1 +1,1 @@
-"""The transport on CAN: messages, how they are protected, and what is heard of them."""
+"""The transport on CAN: messages, their protection, and their reception."""

@@ -11,7 +11,7 @@ from drivers.can_fd import FD_LENGTH_MAX
 
 
 class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME]``."""
+    """The keys under ``[transports.NAME]``."""
 
     kind: str
     bus: str = "auto"
@@ -27,7 +27,7 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     bitrate_switch: bool = False
     j1939: bool | None = None
     stale: str | None = None
-    burst: str | None = None  #: what comes within this time after a frame was sampled with it
+    burst: str | None = None  #: frames within this time after the first one were sampled with it
     burst_begins: str | None = None  #: the message that is sent first
     answers: bool = True
     messages: dict[str, Any] = {}
@@ -35,7 +35,7 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME.messages.MESSAGE]``."""
+    """The keys under ``[transports.NAME.messages.MESSAGE]``."""
 
     id: Annotated[int, Meta(ge=0)] | None = None  #: of a message that no DBC describes
     extended: bool | None = None  #: its identifier has 29 bits
@@ -50,7 +50,7 @@ class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
+    """The keys under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
 
     counter: str | None = None
     checksum: dict[str, Any] | None = None

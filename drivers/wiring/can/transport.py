@@ -1,4 +1,4 @@
-"""A transport on CAN: points are signals of messages, heard as they come, streamed at the rig's rate or written once.
+"""A transport on CAN: points are signals of messages, received, streamed at the rig's rate or written once.
 
 ::
 
@@ -9,13 +9,13 @@
     dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
     charset = "cp1250"            # of the DBC; without it UTF-8 if all of it is, else cp1252; optional
     fd = false                    # true: with CAN FD, messages of up to 64 bytes
-    bitrate_switch = false        # true: the data of our frames of CAN FD go out at the fast rate
+    bitrate_switch = false        # true: the data of our CAN FD frames are sent at the fast rate
     j1939 = true                  # all with 29 bits are known by their group; without it as the DBC says; optional
     node = "BENCH"                # our name in the DBC: only its messages can be written; optional
     stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
-    burst = "5 ms"                # what comes so soon after a frame was sampled with it and has its time; optional
-    burst_begins = "Heights"      # the message that is sent first; without it, whatever comes after a burst begins one
-    answers = true                # false for a rig that says nothing by itself
+    burst = "5 ms"                # frames within this time after the first one get its time; optional
+    burst_begins = "Heights"      # the first message of a burst; without it, the next frame after a burst begins one
+    answers = true                # false for a rig that sends nothing by itself
 
     [transports.bus.messages.Setpoints]
     every = "10 ms"               # sent at this rate once all its signals have a value; without it when written
@@ -24,7 +24,7 @@
     values = { Reserved = 0 }     # of signals that no one writes
     source = 0x27                 # J1939: the address that sends it, ours where we do
 
-    [transports.bus.messages."*"] # the same for all messages that have such signals and say nothing themselves
+    [transports.bus.messages."*"] # the same for all messages that have such signals and no such keys
     counter = "Alive"
     checksum = { signal = "Crc", scheme = "sum8" }
 
@@ -37,12 +37,12 @@
     "Heights.Left" = { null = [65534, 65535] }     # with one: raw values without a measurement; those it names
                                                    # so ("SNA", "Fehler") where nothing is said
 
-Counters and checksums are filled in when a message is sent and checked when it is received; what is wrong is counted
-(``counts``) and not handed on. Of a frame that is shorter than described, what fits is read. With J1939 priority and
-addresses do not matter, the codes FE and FF are no values, and of two that send one group the first is heard. Stamps of
-the interface's own clock are used where it has one. A multiplexed message is sent page by page. Nothing is sent before
-a user commands; start values in the DBC then replace signals that no one writes, never for a set-point. What is
-sent by itself pauses while set-points, once they were streamed, are not: a dead bench must not look alive.
+Counters and checksums are filled in when a message is sent and checked when it is received. Frames with errors are
+counted (``counts``) and discarded. If a frame is shorter than described, the signals that fit are read. With J1939
+priority and addresses do not matter, the codes FE and FF are no values, and if two nodes send one group, only the first
+is received. Stamps of the interface's own clock are used where it has one. A multiplexed message is sent page by page.
+Nothing is sent before a user commands; start values in the DBC then replace signals that no one writes, never for a
+set-point. Periodic messages pause when a stream of set-points has stopped, so that a dead bench does not look alive.
 """
 
 from __future__ import annotations

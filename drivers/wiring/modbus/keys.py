@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: Which functions a device is written with: 5 and 6, 15 and 16, or what it takes. In parts: 5 and 6, and a number of
 #: several registers one after the other. Combined: registers by 23, which reads and writes.
 Writes = Literal["any", "single", "multiple", "parts", "combined"]
-#: What is said where a number of several registers has no one request.
+#: Hint in an error where one request cannot write a number of several registers.
 IN_PARTS: Final = (
     "meanwhile it would be another number. A point of one register would be right; if the device takes a number over "
     'with its last register, writes = "parts"'
@@ -39,7 +39,7 @@ class GroupKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """What stands under ``[transports.NAME]``, whatever the line."""
+    """The keys under ``[transports.NAME]`` for all kinds of lines."""
 
     kind: str
     points: dict[str, Any]
@@ -58,14 +58,14 @@ class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
 
 
 class ModbusKeys(CommonKeys, frozen=True, kw_only=True):
-    """What stands under ``[transports.NAME]`` for Modbus/TCP."""
+    """The keys under ``[transports.NAME]`` for Modbus/TCP."""
 
     host: str
     echo: bool = True
 
 
 class RtuKeys(CommonKeys, frozen=True, kw_only=True):
-    """What stands under ``[transports.NAME]`` for frames of a serial line: on one, or over TCP."""
+    """The keys under ``[transports.NAME]`` for frames of a serial line: on one, or over TCP."""
 
     line: str | None = None
     host: str | None = None

@@ -322,7 +322,7 @@ class Span:
     points: tuple[RegisterPoint, ...]
 
     def decode(self, words: Sequence[Any]) -> dict[str, float]:
-        """Return the numbers of all points by name from what was read."""
+        """Return the numbers of all points by name from the words that were read."""
         first = self.address
         return {
             point.name: point.decode(words[point.address - first : point.end - first])

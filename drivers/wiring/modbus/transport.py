@@ -8,18 +8,18 @@
     port = 502                    # 1 to 65535
     unit = 1                      # 0 to 255
     word_order = "high"           # of 32 and 64 bits: the high word first, or the "low" one
-    byte_order = "big"            # of each register; "little" for devices that have it the wrong way round
+    byte_order = "big"            # of each register; "little" for devices with swapped bytes
     timeout = "500 ms"            # for the connection and for each answer: more for a slow device
     patience = "1 s"              # of silence, until the connection is lost; and with a device that is busy
     stream = "50 ms"              # how often points that are streamed are written
     alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
-    # For devices that do not take all that the specification has:
-    writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; else found out
+    # For devices that support only a part of the specification:
+    writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; "any": detected
                               # "parts": 5 and 6, and numbers of several registers one register after the other
                               # "combined": registers by function 23, which reads and writes
     request_max = 125             # registers, and 16 times as many bits, that one request may have
     connection = "kept"           # "each": one for each request; "shared": with other transports to the same place
-    echo = true                   # false: takes answers that give back another unit or transaction number
+    echo = true                   # false: accept answers with another unit or transaction number
 
     [transports.drive]            # on a serial line, which all transports that name it share
     kind = "modbus_rtu"
@@ -37,7 +37,7 @@
 
     [transports.plc.points]
     # table: input, holding, coil, discrete; type: int16, uint16 (where nothing is said), int32, uint32, int64, uint64,
-    # float32, float64, string; number = scale · what the registers hold + offset; null: what they hold without a value
+    # float32, float64, string; number = scale · register value + offset; null: register value without a measurement
     left_height = { table = "input", address = 100, type = "int16", scale = 0.01, null = -32768, group = "fast" }
     mode        = { table = "holding", address = 0 }
     ready       = { table = "input", address = 5, bit = 3 }
@@ -45,7 +45,7 @@
     valve_open  = { table = "coil", address = 3 }
     serial      = { table = "input", address = 900, type = "string", length = 8 }
 
-Addresses are 0-based. All that one request of a group brings has one time, the middle of the request. A point without a
+Addresses are 0-based. All values of one request of a group have one time, the middle of the request. A point without a
 group is read when asked. A device that is busy now and then keeps its readings until they are stale. One that goes on
 refusing set-points ends the run, with its reason.
 
@@ -305,7 +305,7 @@ class ModbusTransport(Transport):
             try:
                 self._poll(span)
             except Refused as refused:
-                if refused.code not in _NOT_NOW:  # what cannot be told now is as it was, until it is stale
+                if refused.code not in _NOT_NOW:  # keep a value that cannot be read now until it is stale
                     self.counts["refused"] += 1
                     names = [point.name for point in span.points]
                     self._listener.receive(self._now(), dict.fromkeys(names, math.nan))

@@ -5,7 +5,7 @@
     [transports.cell]
     kind = "opcua"                                  # needs asyncua: pip install "asyncua>=2.1,<3"
     url = "opc.tcp://127.0.0.1:4840/rig"
-    every = "50 ms"                                 # how often the server samples and what is new is handed on
+    every = "50 ms"                                 # how often the server samples and new values are passed on
     stale = "300 ms"                                # three periods, and at least 300 ms, where nothing is said
     timeout = "1 s"                                 # for each answer
     patience = "2 s"                                # silence after which the connection counts as lost
@@ -13,15 +13,16 @@
     alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
 
     [transports.cell.points]
-    height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · what the server says + offset
+    height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · server value + offset
     target = { node = "ns=2;i=1012" }
     cell_3 = { node = "nsu=urn:plant:cells;s=Loads", index = 2 }    # an element of an array; a namespace by its name
     serial = { node = "ns=2;s=Serial", subscribe = false }      # read when asked; text(name) reads a text
 
-What can never come (no such node, a text, an array without its index) is said on connecting. An element is written with
-the others of its array as the server has them then. A server reports only what changes. Each of its notifications and
-keep-alives confirms the values that it does not contain, which are handed on with that time. Without them the values
-become stale, and the transport subscribes again. A value whose status is not good is NaN. Times are those of arrival.
+Errors in the description (no such node, a text, an array without its index) are reported on connecting. An element is
+written with the others of its array as the server has them then. A server reports only what changes. Each of its
+notifications and keep-alives confirms the values that it does not contain, which are handed on with that time. Without
+them the values become stale, and the transport subscribes again. A value whose status is not good is NaN. Times are
+those of arrival.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 
 class OpcUaKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME]``."""
+    """The keys under ``[transports.NAME]``."""
 
     kind: str
     url: str

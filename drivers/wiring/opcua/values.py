@@ -47,7 +47,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return self.node if self.index is None else f"{self.node}, element {self.index}"
 
     def number(self, raw: Any) -> float:
-        """Return the number of what the server says; NaN for what is none."""
+        """Return the number of the server's value; NaN for a value that is not a number."""
         if self.index is not None:
             raw = raw[self.index] if isinstance(raw, list) and self.index < len(raw) else None
         return self.scale * raw + self.offset if isinstance(raw, int | float) else math.nan
