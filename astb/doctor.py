@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 #: *fine*; *missing*: the bench works without it, though not everything of it; *broken*: it does not work.
 State = Literal["fine", "missing", "broken"]
 
-#: What a run in real time asks for: see `bench_protocol.clock`.
+#: Requirements of a run in real time: see `bench_protocol.clock`.
 PRIORITY: Final = 10
 NICE: Final = -10
 #: Number of sleeps of one tick each that measure the timing of the machine.
 NAPS: Final = 300
 TICK: Final = round(1 * ms * NS)
-#: What wakes up later than this does not hold 1 kHz.
+#: A machine with later wake-ups does not hold 1 kHz.
 LATE: Final = TICK
 #: An hour of records at 200 Hz takes some 100 MB.
 ROOM: Final = 1e9
@@ -50,7 +50,7 @@ TOOLS: Final = {
 
 
 class MachineCheck(msgspec.Struct, frozen=True):
-    """One thing that was looked at."""
+    """One result of the check."""
 
     name: str
     state: State
@@ -101,14 +101,14 @@ def _system() -> MachineCheck:
 
 
 def _real_time() -> Iterator[MachineCheck]:
-    """Show what Linux gives to runs in real time."""
+    """Report the real-time settings of Linux."""
     yield from _priority()
     yield _punctuality()
     yield _socketcan()
 
 
 def _packages() -> Iterator[MachineCheck]:
-    """Compare what is installed with what the metadata of this package ask for."""
+    """Compare the installed packages with the requirements of this package."""
     from packaging.requirements import Requirement
 
     wrong, lacking = {}, {}
@@ -148,7 +148,7 @@ def _packages() -> Iterator[MachineCheck]:
 
 
 def _compiled_code() -> MachineCheck:
-    """Show whether machine code can be kept: without it every start compiles the model again."""
+    """Report whether machine code can be cached: without a cache every start compiles the model again."""
     from bench_protocol.runtime.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
@@ -172,7 +172,7 @@ def _compiled_code() -> MachineCheck:
 
 
 def _can_write(folder: str | Path) -> bool:
-    """Try it with a file that has no name: permissions alone do not report."""
+    """Test it with a temporary file without a name, because permissions alone are not reliable."""
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:

@@ -5,16 +5,16 @@ from typing import Final, NoReturn
 import click
 
 PASS: Final = 0
-FAIL: Final = 1  #: a plan judged the product, and it broke a limit
+FAIL: Final = 1  #: a plan judged the product, and a limit is violated
 MISUSE: Final = 2  #: the user requested something impossible
-BLOCKED: Final = 3  #: the rig or a precondition broke, not the product
+BLOCKED: Final = 3  #: the rig or a precondition failed, not the product
 INCOMPLETE: Final = 4  #: all measured checks passed, but the rig cannot measure everything
 DEVIATES: Final = 6  #: all checks passed, but the rig deviates from the model that ran next to it (`--watch`)
 REFUSED: Final = 5  #: rehearsed in virtual time, the plan trips a limit: the rig must not be moved by it
 
 
 def misuse(error: Exception | str) -> NoReturn:
-    """End the command: the user asked for something that cannot be, unless the disk is at fault (`blocked`)."""
+    """End the command: the user requested something impossible, unless the disk is the cause (`blocked`)."""
     from bench_records.disk import NotKept
 
     if isinstance(error, NotKept):
@@ -24,7 +24,7 @@ def misuse(error: Exception | str) -> NoReturn:
 
 
 def blocked(error: Exception | str) -> NoReturn:
-    """End the command: the rig or a precondition broke."""
+    """End the command: the rig or a precondition failed."""
     words = error.strerror if isinstance(error, OSError) and error.strerror else error
     click.echo(f"astb: {words}", err=True)
     raise click.exceptions.Exit(BLOCKED)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Listening:
-    """One connection to the rig of ``wiring``: anyone who commands it notices nothing.
+    """One connection to the rig of ``wiring``; it does not disturb the commander.
 
     As a context manager it is open from the beginning to the end, and has not been lost meanwhile.
     """
@@ -28,7 +28,7 @@ class Listening:
         self.readings = Readings(self.receiver, self.settings.reading)
 
     def open(self) -> Self:
-        """Begin to hear. LinkLost if nothing comes in time, MapMismatch if it is another rig."""
+        """Begin to listen. LinkLost if no message arrives in time, MapMismatch if it is another rig."""
         try:
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=self._within)
             self.readings.renew()
@@ -45,7 +45,7 @@ class Listening:
             raise self.wiring.failure
 
     def close(self) -> None:
-        """Leave the wires. Harmless when repeated."""
+        """Close the connection. Repeated calls have no effect."""
         self.wiring.close()
 
     def __enter__(self) -> Self:

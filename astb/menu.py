@@ -1,4 +1,4 @@
-"""The separating plans as experiments: how each will move the springs, computed before the bench does it."""
+"""The separating plans as experiments: their motions of the springs, computed before the bench runs them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from test_plans.programmes.perform import lasts
 from test_plans.programmes.trajectory import RATE, trajectory
 from test_plans.specimen import Specimen, ordinary
 
-#: Of the gas when its valves are closed: that of the hall.
+#: Temperature of the gas at the time its valves close: that of the hall.
 TEMPERATURE: Final = 293.15
-#: Accelerations of faster motion than this cannot be computed from a record well enough.
+#: Accelerations of faster motion cannot be computed accurately from a record.
 BANDWIDTH: Final = 16 * Hz
 
 

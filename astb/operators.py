@@ -70,7 +70,7 @@ class SimulatedHand:
 
 
 class Terminal(QuestionBox):
-    """An operator at a terminal: questions are printed, answers are lines, of which the beginning is enough."""
+    """An operator at a terminal: questions are printed, answers are lines; the first letters are enough."""
 
     def __init__(self, console: Console, lines: TextIO) -> None:
         super().__init__()

@@ -1,1 +1,1 @@
-"""A run while it lasts, as data: snapshots that a terminal draws now, and anyone who asks."""
+"""A run in progress as data: snapshots for a terminal and for other clients."""

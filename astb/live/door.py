@@ -1,4 +1,4 @@
-"""The door of a run in real time: a Unix socket of its user, at which it is watched, held, answered and stopped.
+"""The door of a run in real time: a Unix socket of its user, to watch, hold, answer and stop the run.
 
 Its path follows from the rig's file, so that a panel that is started later finds the run. A line of JSON goes in, one
 comes out.
@@ -30,7 +30,7 @@ _LOOK_UP: Final = 0.1  # s, until the end is noticed
 
 
 class NoRun(Exception):
-    """No one runs a plan on this rig, or he does not answer."""
+    """No plan runs on this rig, or its run cannot be reached."""
 
 
 class Deaf(NoRun):
@@ -38,13 +38,13 @@ class Deaf(NoRun):
 
 
 def door_path(rig_file: Path) -> Path:
-    """Return where a run on the rig of this file has its door."""
+    """Return the path of the door of a run on the rig of this file."""
     place = sha256(str(rig_file.resolve()).encode()).hexdigest()[:16]
     return control_path("run", 0).with_name(f"run-{place}.sock")
 
 
 def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
-    """Return what the run on this rig answers; NoRun if there is none, Deaf if it does not answer ``within`` s."""
+    """Send a request to the run on this rig; NoRun if there is none, Deaf without an answer ``within`` s."""
     try:
         line = ask(door_path(rig_file), msgspec.json.encode(order), within)
         answer = msgspec.json.decode(line, type=dict[str, Any])
@@ -56,7 +56,7 @@ def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[st
 
 
 class Door:
-    """What a run answers at its door; ``live`` gives the run of the moment, None between two."""
+    """Answers requests at the door of a run; ``live`` returns the present run, None between two."""
 
     def __init__(
         self, live: Callable[[], Live | None], suspension: "Suspension", box: "QuestionBox | None"
@@ -65,7 +65,7 @@ class Door:
         self._stopped = False
 
     def answer(self, line: bytes) -> bytes:
-        """Obey one line and return the answer; what cannot be done is an ``error``."""
+        """Execute one line and return the answer; an impossible request returns an ``error``."""
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
             told = self._execute(order)
@@ -90,7 +90,7 @@ class Door:
                 self._interrupt()
             case "safe":
                 self._suspension.stop(by)
-                # First the bench, and then the plan, which might arm it again.
+                # First stop the bench, then the plan, which might arm it again.
                 try:
                     if (live := self._live()) is not None:
                         live.bench.settings.go_safe(live.bench.clock)
@@ -106,7 +106,7 @@ class Door:
         return {"done": do}
 
     def _interrupt(self) -> None:
-        """End the run as a signal does, from any thread and once: a second one would end its tear-down."""
+        """End the run as a signal does, from any thread and only once: a second signal would end its tear-down."""
         if not self._stopped:
             self._stopped = True
             os.kill(os.getpid(), signal.SIGTERM)
@@ -114,7 +114,7 @@ class Door:
 
 @contextmanager
 def opened_door(rig_file: Path, door: Door) -> Iterator[None]:
-    """Answer at the door of this rig while the block lasts; where there cannot be one, or is one, the run has none."""
+    """Answer at the door of this rig while the block lasts; without a usable socket the run has no door."""
     path = door_path(rig_file)
 
     class Visit(socketserver.StreamRequestHandler):

@@ -1,4 +1,4 @@
-"""The model of a run while it lasts: hears of it in the run's thread, and gives snapshots to any other."""
+"""The model of a run in progress: it receives events in the run's thread, and gives snapshots to any other."""
 
 from collections import Counter
 from math import isnan, nan
@@ -70,11 +70,11 @@ class Live:
     # -- what the run tells, in its thread -------------------------------------------------------------------------
 
     def say(self, text: str) -> None:
-        """Note what the plan is doing now."""
+        """Record the present action of the plan."""
         self._said = text
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Note that the last of the open phases begins or has ended; ``path`` has those that are open now."""
+        """Record that the last of the open phases begins or has ended; ``path`` has the open phases."""
         if begins:
             self._follower.begin(path[-1], len(path) - 1)
             self._step_start = self.bench.clock.now()
@@ -82,23 +82,23 @@ class Live:
         self._step = path
 
     def progress(self, fraction: float) -> None:
-        """Note how much of the plan is done (0 to 1)."""
+        """Record the progress of the plan (0 to 1)."""
         self._fraction = fraction
 
     def checked(self, check: "Check") -> None:
-        """Note a check and its verdict."""
+        """Record a check and its verdict."""
         self._counts = dict(Counter(self._counts) + Counter([check.verdict.value]))
         self._last_check = str(check)
         if check.verdict.value in _FAILED:
             self._failed = (*self._failed, self._last_check)
 
     def conclude(self, result: "Result") -> None:
-        """Note the end."""
+        """Record the end."""
         self._ended = result.verdict.value
 
     @property
     def time(self) -> float:
-        """How long the run lasts already (s)."""
+        """Duration of the run so far (s)."""
         return (self.bench.clock.now() - self._start) / NS
 
     @property
@@ -108,7 +108,7 @@ class Live:
 
     @property
     def cannot_hold(self) -> str:
-        """Why the run cannot be held from now on: what is wrong, where, and what to do; "" if it can."""
+        """Why the run cannot be held from now on, and how to change that; "" if it can."""
         where = f" after {' › '.join(self._step)}" if self.can_hold else ""
         if self.can_hold and (self._suspension is None or self._suspension.left):
             return ""
@@ -117,7 +117,7 @@ class Live:
     # -- what others see -------------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """Return what can be seen now; for any thread."""
+        """Return the present snapshot; for any thread."""
         now = self.bench.clock.now()
         in_step = (now - self._step_start) / NS
         left = self._follower.left(in_step)
@@ -160,7 +160,7 @@ class Live:
         )
 
     def _commands(self) -> bool:
-        """Whether the rig says that its holder sends from where this run does."""
+        """Whether the rig reports this run as its commander."""
         port = self.bench.readings.glimpse("rig.holder")
         return port > 0 and self.bench.wiring.is_own(int(port), nan)
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from bench_records.layout import RESULT, Phase, RecordError
 from bench_records.result import Outcome, read_result
 
-#: So many earlier runs are looked at for one with the same parameters.
+#: Number of earlier runs that are searched for the same parameters.
 _LOOKED_AT: Final = 5
 #: A result begins with the name of its plan (bytes).
 _HEAD: Final = 200
@@ -28,7 +28,7 @@ NONE: Final = Outline((), "")
 def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
     """Return the steps of the newest run or rehearsal of ``plan`` in ``out`` with these parameters, or `NONE`.
 
-    A run that was blocked knows the beginning only, and counts for nothing.
+    A blocked run has only the first steps, and is ignored.
     """
     if not out.is_dir():
         return NONE
@@ -48,7 +48,7 @@ def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
 
 
 def _written(path: Path) -> int:
-    """Return when a file was written (ns since 1970), 0 if it is none."""
+    """Return the time at which a file was written (ns since 1970), 0 if there is none."""
     try:
         told = path.stat()
     except OSError:
@@ -66,7 +66,7 @@ def _is_of(path: Path, plan: str) -> bool:
 
 
 class Follower:
-    """Finds the present step of a run in the outline of another one."""
+    """Finds the present step of a run in the outline of an earlier one."""
 
     def __init__(self, outline: Outline) -> None:
         self._phases: Sequence[Phase] = outline.phases

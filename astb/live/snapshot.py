@@ -1,16 +1,16 @@
-"""What can be seen of a run at one moment: plain data, in SI, that any panel can draw and JSON can carry."""
+"""The visible state of a run at one moment: plain data, in SI, for any display and for JSON."""
 
 import msgspec
 
 
 class LiveReading(msgspec.Struct, frozen=True):
-    """A key reading, and how much of its way to the nearest of its limits it has gone."""
+    """A key reading, and its position between its first value and the nearest limit."""
 
     name: str
     value: float | None  #: SI; None unless it is good
     shown: str  #: the value with its unit as text, or why there is no reading
-    used: float | None = None  #: of the way from the first reading of the run to the limit: 1 is there
-    limit: str = ""  #: the one that is nearest, in words
+    used: float | None = None  #: share of the distance from the first reading to the limit: 1 is at the limit
+    limit: str = ""  #: the nearest limit, as text
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
@@ -22,26 +22,26 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     record: str = ""  #: the directory of the record
     time: float  #: since the run began
     state: str  #: of the rig; "unknown" without a recent report
-    reason: str = ""  #: why it left the states in which plans run
+    reason: str = ""  #: reason why it left the states in which plans run
     step: tuple[str, ...] = ()  #: the phases that are open, outermost first
     in_step: float = 0.0
-    next: str = ""  #: the step that comes; "" if no one knows
+    next: str = ""  #: the next step; "" if it is unknown
     left: float | None = None  #: until the end
     fraction: float = 0.0  #: of the run that is done
     outline: str = ""  #: the earlier run that predicts the next steps
     said: str = ""  #: last message of the plan
     question: str = ""  #: question that waits for an answer
-    answers: tuple[str, ...] = ()  #: that it allows
-    answer_within: float | None = None  #: s that are left for it
+    answers: tuple[str, ...] = ()  #: answers that it allows
+    answer_within: float | None = None  #: s until the question expires
     can_hold: bool = True  #: whether the plan has places where it can be held
     cannot_hold: str = ""  #: why it cannot be held from now on, "" if it can
     held: str = ""  #: where the run is held, "" if it goes on
-    hold_wanted_by: str = ""  #: who wants it to be held, there or at the next place where that can be
+    hold_wanted_by: str = ""  #: user who requested the hold, at once or at the next possible place
     checks: dict[str, int] = {}  #: how many so far, by verdict
     failed: tuple[str, ...] = ()  #: failed checks and checks without a value, as text
     last_check: str = ""
     readings: tuple[LiveReading, ...] = ()
-    assumed: int = 0  #: how many of the limits are ours, and not the rig's own
+    assumed: int = 0  #: number of limits that ASTB assumes, and the rig does not have
     commands: bool = False  #: whether the rig names this run as the one that commands it
     late: int | None = None  #: late ticks of the rig since the run began; None if not reported
     latest: float | None = None  #: s that the latest tick since the rig started was late

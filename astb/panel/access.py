@@ -25,7 +25,7 @@ from bench_protocol.clock import Clock
 from bench_protocol.runtime.own_folder import own_directory
 from bench_protocol.units import NS, s
 
-#: A page that commands and is not heard of for so long (a reload, a lost network) has left its seat.
+#: A page that commands and sends nothing for this time (a reload, a lost network) loses its seat.
 SEAT_KEPT: Final = 10 * s
 _COOKIE_AGE: Final = 30 * 24 * 3600
 #: Of one client and of all: a try each so many seconds, and so many that are free.
@@ -36,7 +36,7 @@ _CLIENTS_MAX: Final = 1024
 
 
 class NotAllowed(Exception):
-    """What a page may not do; the text states why, and ``status`` is that of HTTP."""
+    """A forbidden action of a page; the text states why, and ``status`` is that of HTTP."""
 
     def __init__(self, text: str, status: int = 403) -> None:
         super().__init__(text)
@@ -44,7 +44,7 @@ class NotAllowed(Exception):
 
 
 class Doorkeeper:
-    """An ASGI application before another one: lets in only who asked for this machine by its own name."""
+    """An ASGI application before another one: it accepts only requests that name this machine as the host."""
 
     def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
         self._app = app
@@ -116,7 +116,7 @@ class Patience:
         self._due: dict[str, int] = {}  # when the next try of a client would be in time, in ns; "" are all
 
     def wait(self, client: str) -> float:
-        """Return how long (s) this try of ``client`` is to wait. NotAllowed, with 429, if that would be too long."""
+        """Return the waiting time (s) of this try of ``client``. NotAllowed, with 429, if it is too long."""
         now = self._clock.now()
         if len(self._due) >= _CLIENTS_MAX:
             self._due = {name: due for name, due in self._due.items() if due > now}

@@ -25,7 +25,7 @@ from websockets.frames import CloseCode
 from astb.panel.access import Access
 from bench_protocol.units import minutes, s
 
-#: Places of connections: in all, and for one address. All of them fit into 1024 file descriptors, the usual limit.
+#: Maximum number of connections: in all, and for one address. All of them fit into 1024 file descriptors.
 KNOWN: Final = 200, 200
 STRANGERS: Final = 256, 64
 WATCHING_PAGES: Final = 48, 16
@@ -45,7 +45,7 @@ _FIRST_BYTES: Final = 8192  # in which the gate looks for the token
 
 
 class Room:
-    """Places for connections: ``most`` in all, ``each`` for one address."""
+    """Slots for connections: ``most`` in all, ``each`` for one address."""
 
     def __init__(self, most: int, each: int) -> None:
         self._most, self._each = most, each
@@ -53,11 +53,11 @@ class Room:
         self._of: Counter[str] = Counter()
 
     def full(self, address: str) -> bool:
-        """Whether there is no place for another connection of this address."""
+        """Whether there is no slot for another connection of this address."""
         return len(self._inside) >= self._most or self._of[address] >= self._each
 
     def enter(self, connection: object, address: str, drop: Callable[[], None]) -> None:
-        """Give a connection a place; if there is none, the oldest one is dropped."""
+        """Give a connection a slot; if there is none, the oldest one is dropped."""
         while self.full(address):
             self.drop_oldest(address if self._of[address] >= self._each else "")
         self._inside[connection] = address, drop
@@ -72,7 +72,7 @@ class Room:
             drop()
 
     def leave(self, connection: object) -> None:
-        """Free the place of a connection, if it has one."""
+        """Free the slot of a connection, if it has one."""
         address, _ = self._inside.pop(connection, ("", None))
         if address:
             self._of[address] -= 1
@@ -111,7 +111,7 @@ class Rooms:
         room.enter(connection, _address(connection), connection.transport.abort)
 
     def leave(self, connection: object) -> None:
-        """Free the place of a connection, wherever it is."""
+        """Free the slot of a connection of any room."""
         for room in (self.known, self.strangers, self.watching):
             room.leave(connection)
 
@@ -137,7 +137,7 @@ class Gate:
         self._loop.add_reader(listening, self._accept)
 
     def close(self) -> None:
-        """Accept no one any more, and drop who waits."""
+        """Accept no more connections, and drop those that wait."""
         self._loop.remove_reader(self._listening)
         for one in tuple(self._waiting):
             self._drop(one)

@@ -1,1 +1,1 @@
-"""The rehearsal of a plan: in virtual time, before a rig moves, how far it would go and how close to which limits."""
+"""The rehearsal of a plan: a run in virtual time before a rig moves, with extremes and margins to limits."""

@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 REHEARSAL: Final = "rehearsal.json"
 #: kg in a cubic metre of dry air at 0 °C and 101 325 Pa (DIN 1343).
 _NORMAL_DENSITY: Final = 1.2922
-#: What a plan asks of a rig: where a real one lacks some of it, the simulated one shall lack it too.
+#: Signals that plans use: if a real rig lacks some of them, the simulated one lacks them too.
 _ASKED: Final = (Kind.MEASUREMENT, Kind.SETPOINT, Kind.SETTING)
 _PLACES: Final = (LimitKind.LOWER, LimitKind.UPPER)
-#: What our wires alone have, and no plan asks for.
+#: Signals that only our wires have, and that no plan needs.
 _OUR_WIRES: Final = ("control.", "lease.")
 
 
@@ -50,9 +50,9 @@ class LimitMargin(msgspec.Struct, frozen=True):
     signal: str
     kind: str
     at: float
-    judged: float | None  #: what stood farthest out for as long as the limit asks; None: never anything
+    judged: float | None  #: the largest value that lasted as long as the limit requires; None: there was none
     margin: float | None
-    used: float  #: of the way from where the reading was at first to the limit: 1 is there
+    used: float  #: fraction of the distance from the first reading to the limit: 1 is at the limit
     time: float  #: s since the run began
     step: str
     action: str
@@ -90,7 +90,7 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
     air: float  #: m³ at 0 °C and 1013 mbar that the springs took in
     verdict: Outcome  #: of the plan on the simulated spring
     reason: str
-    notes: list[str] = []  #: what a reader has to know of the rig that is rehearsed
+    notes: list[str] = []  #: notes on the rehearsed rig for the reader
 
     def write(self, directory: Path) -> Path:
         """Write ``rehearsal.json`` into ``directory``; RecordError for a disk that fails."""
