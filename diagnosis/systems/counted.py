@@ -37,8 +37,8 @@ def counted_if_recorded(
 ) -> NDArray[np.bool_]:
     """Return which samples (n, c) a record of a planned experiment would count, if its channels read ``outputs``.
 
-    The bench's accelerometer reports the lateral acceleration. The setting ``conditioned`` is when friction has
-    forgotten what was before, in s of the experiment.
+    The bench's accelerometer reports the lateral acceleration. The setting ``conditioned`` is the time (s of the
+    experiment) when friction has forgotten the past.
     """
     inputs, step = experiment.inputs, experiment.step
     acceleration = np.gradient(np.gradient(inputs["shear"], step), step) if "shear" in inputs else None
@@ -64,7 +64,7 @@ def counted_if_recorded(
 def undetermined_forces(
     inputs: Mapping[str, Array], par: Any, lateral: NDArray[np.bool_] | None = None
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) forces of actuators tell too little of the springs, by channel.
+    """Return where (n,) actuator forces do not determine the forces of the springs, by channel.
 
     There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer reports the
     lateral one; None if there is none.

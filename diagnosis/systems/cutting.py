@@ -56,7 +56,7 @@ def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = Fals
 
 
 def bridge(values: Array) -> Array:
-    """Return ``values`` (n,) with straight lines over what is NaN: an input needs a value at every sample."""
+    """Return ``values`` (n,) with NaN replaced by straight lines: an input needs a value at every sample."""
     known = np.isfinite(values)
     index = np.arange(len(values))
     return np.interp(index, index[known], values[known])
@@ -91,7 +91,7 @@ def reversals(x: Array, least: float) -> NDArray[np.intp]:
 
 
 def pieces_by_reversals(x: Array, least: float, strokes: int) -> list[tuple[int, int]]:
-    """Return (start, stop) of runs of ``strokes`` whole strokes of ``x``; what is no whole stroke belongs to none."""
+    """Return (start, stop) of runs of ``strokes`` whole strokes of ``x``; partial strokes belong to none."""
     turns = reversals(x, least)
     return [(int(turns[i]), int(turns[i + strokes])) for i in range(0, len(turns) - strokes, strokes)]
 

@@ -2,13 +2,14 @@
 
 Theory of operation
 -------------------
-A reading that is held is late by the time since its last refresh, a (t mod T). Beside a mean lateness, it errs by
+A reading that is held is late by the time since its last refresh, a (t mod T). In addition to a mean delay, its error
+is
 
     −a dp/dt s(t),   s = (t mod T) − T/2 = −T/π Σ_k sin(2πk t/T)/k,
 
 so the product of error and dp/dt has a line at 1/T, in the phase of the clock. Over the minutes of a record that line
-is a needle: periods that differ by a ten-thousandth are out of step at its end, and no grid of periods meets one. So
-the data are requested it. Together with the line, the spectrum has what the errors of a model put there, which changes
+is a needle: periods that differ by a ten-thousandth are out of step at its end, and no grid of periods meets one. So T
+is found in the data. Together with the line, the spectrum has what the errors of a model put there, which changes
 slowly with the frequency: a line counts where it stands far above its surroundings. It has lines too, where something
 moves steadily for long; those are in |dp/dt| as well, and where the clearest is one of them nothing is reported. Around
 a line that counts, T is where −dp/dt s takes most of the square of the errors.
@@ -25,9 +26,9 @@ from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 
 #: Frequencies are apart by this part of one over the time from the first to the last sample.
 _FINE: Final = 8
-#: Samples of a spectrum at most: what was measured later than some forty minutes of 200 Hz is left out.
+#: Most samples of a spectrum: samples after some forty minutes of 200 Hz are skipped.
 _LONGEST: Final = 1 << 22
-#: Surroundings of a line, in Hz to either side: what is nearer, the line itself lifts, for runs are short.
+#: Surroundings of a line, in Hz to either side. Nearer frequencies contain the line itself, because runs are short.
 _NEAR, _FAR = 0.5, 2.0
 #: Power of a line over that of its surroundings. Benches whose readings are not held reach 20, one that holds them for
 #: 25 ms and a thirtieth of their lateness, with λ = 22, 48.
@@ -67,7 +68,7 @@ class ChannelErrors(NamedTuple):
 
 
 def errors_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[ChannelErrors]:
-    """Yield the channels of a run at some ``places`` among its outputs, beside what is ``expected`` of them (n, m)."""
+    """Yield the channels of a run at some ``places`` among its outputs, with their ``expected`` values (n, m)."""
     clock = run.experiment.settings.get("start", 0.0) + run.experiment.time
     for place, values in zip(places, expected.T, strict=True):
         counted = run.counted[:, place]

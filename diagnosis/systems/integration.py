@@ -1,8 +1,9 @@
-"""States of a system over time by a fixed step: the classical Runge-Kutta method for a right-hand side of one's own.
+"""States of a system over time by a fixed step: the classical Runge-Kutta method for a custom right-hand side.
 
 The right-hand side is a function ``rates(state, inputs, p)``: of the state (k,), the inputs (m,) at that time, and a
-tuple of whatever it needs beside, to the k rates of change, as a tuple or an array. It may be plain Python and numpy.
-Compiled by ``numba.njit`` it is a hundred times faster; then the method is compiled around it, once for each process.
+tuple of all other values that it needs, to the k rates of change, as a tuple or an array. It may be plain Python and
+numpy. Compiled by ``numba.njit`` it is a hundred times faster; then the method is compiled around it, once for each
+process.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What makes a map unlikely to be right, told before anything is concluded from it.
+"""Signs of a wrong map, reported before any conclusion from it.
 
 Theory of operation
 -------------------
@@ -13,8 +13,8 @@ Four things betray it, none of which needs a fit:
   lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
   What takes three quarters of the power out of the error of an output is reported; of its course alone, without its
   mean, where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs
-  most is reported, and the search goes on with it; no column is told twice. The sign of an input that is at rest is not
-  asked for: turned round, it is another zero.
+  most is reported, and the search goes on with it; no column is reported twice. The sign of an input at rest is not
+  tested: reversed, it is another zero.
 
 A doubt is no verdict: it is reported with the finding, which comes nevertheless.
 """
@@ -214,7 +214,7 @@ def _surely_negative(works: Sequence[float]) -> bool:
 
 
 def _stands_still(runs: Sequence[MeasuredRun], name: str) -> bool:
-    """Return whether an input hardly moves in any run beside how far it is from 0: its sign is that of its zero."""
+    """Return whether an input hardly moves in any run, relative to its mean: its sign is that of its zero."""
     found = [
         values[np.isfinite(values)] for run in runs if (values := run.experiment.inputs.get(name)) is not None
     ]
@@ -250,7 +250,7 @@ def _errors(runs: Sequence[MeasuredRun], simulator: Simulator, channels: Sequenc
 
 
 def _groups(system: System, columns: Mapping[str, Column]) -> Iterator[dict[str, Column]]:
-    """Yield columns read otherwise: each alone, all inputs or outputs of one quantity together, and both."""
+    """Yield columns with other readings: each alone, all inputs or outputs of one quantity together, and both."""
     groups: dict[tuple[str, ...], None] = {}
     for signals in (system.inputs, system.outputs, (*system.inputs, *system.outputs)):
         mapped = [one for one in signals if one.name in columns]

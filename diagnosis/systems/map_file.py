@@ -104,7 +104,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """A whole map file."""
 
     system: str | None = None
-    simulator: str | None = None  #: of the user's own, "package.module:factory", which may lie beside the map
+    simulator: str | None = None  #: custom simulator, "package.module:factory", which may lie next to the map
     parameters: str = "astb"  #: set of the air springs: a name, or a file next to the map
     dimensions: str = ""  #: of the rig that was measured on: a name, or a file next to the map
     change: dict[str, Any] = {}  #: what is different in this set, as in a model file
@@ -150,7 +150,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
 
 
 def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
-    """Return the map of files with columns named like the signals of a ``simulator``, in SI, beside ``time`` in s.
+    """Return the map of files with columns named like the signals of a ``simulator``, in SI, and ``time`` in s.
 
     Outputs that the ``first`` of the files does not have were not measured.
     """
@@ -304,8 +304,8 @@ def read_columns(
 ) -> dict[str, Series]:
     """Return the ``wanted`` columns, each with its own times, by the name that the map gives them.
 
-    ``account`` is told how the file was taken and what was left out. DiagnosisError names file, key and column, and the
-    columns that are there.
+    ``account`` receives notes on how the file was read and which rows were skipped. DiagnosisError names file, key and
+    column, and the columns that are there.
     """
     try:
         return reading.read_series(path, keys, time, wanted, account)

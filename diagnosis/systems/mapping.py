@@ -60,7 +60,7 @@ from diagnosis.systems.system import (
     unit_of,
 )
 
-#: Reads the columns of a log of CAN frames, of which the keys lie in a folder; None for a file that is none.
+#: Reads the columns of a log of CAN frames, with its keys in a folder; None for any other file.
 FrameReader = Callable[[Path, FrameKeys, Path, Mapping[str, Source], Account], dict[str, Series] | None]
 #: What a gauge pressure is relative to if the system has no setting for it.
 _STANDARD_ATMOSPHERE: Final = 101_325.0
@@ -135,7 +135,7 @@ def _digest(map_path: Path | None, paths: Sequence[Path], system: System) -> str
 
 
 def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
-    """Return which outputs have gaps of their own, not of what was left out; of inputs every gap counts."""
+    """Return the outputs with gaps in the file itself, not from skipped rows; of inputs every gap counts."""
     left = {(one.file, one.column) for one in remarks if one.consequence.startswith(LEFT_OUT)}
     return [one for one in missing if one.consequence != LEFT_OUT or (one.file, one.column) not in left]
 

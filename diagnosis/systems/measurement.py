@@ -1,7 +1,7 @@
-"""What every measurement may have that a model of the thing lacks: gain, offset, drift, lag, delay, held samples.
+"""Effects of any measurement that a model of the system lacks: gain, offset, drift, lag, delay, held samples.
 
-Each is a cause for one signal, named as ``lag.force``. Of an output, the model's value y is read otherwise; of an
-input, the value u that drives the model is made of what was recorded, u_m, the other way round.
+Each is a cause for one signal, named as ``lag.force``. For an output, the effect changes the model's value y to the
+reading. For an input, the value u that drives the model follows from the recorded u_m by the inverse.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _held(signal: Measured) -> Hypothesis:
 
 
 def read_as(name: str, values: Array, time: Array, effects: Effects) -> Array:
-    """Return what is read of an output ``values`` (n,) at equidistant ``time`` (n,) from the start of the record."""
+    """Return the readings of an output ``values`` (n,) at equidistant ``time`` (n,) from the start of the record."""
     step = float(time[1] - time[0])
     y = values
     if lag := _value(effects, "lag", name, "lag"):

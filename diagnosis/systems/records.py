@@ -87,7 +87,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
             "the plan `screening`"
         )
     told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
-    quality = tuple(DataQuality(**row) for row in told)  # of what was imported
+    quality = tuple(DataQuality(**row) for row in told)  # of imported files
     return Dataset(
         channels,
         tuple(_with_unique_names(runs)),
@@ -273,7 +273,8 @@ def _lateral_acceleration_is_unknown(
 ) -> NDArray[np.bool_] | None:
     """Return where (n,) the accelerometer does not show how the bolster is accelerated; None where it never does.
 
-    In its gaps no one tells. One that shows nothing but noise may be dead, while the bolster moves.
+    In its gaps the acceleration is unknown. An accelerometer with nothing but noise may be dead, while the bolster
+    moves.
     """
     name = "lateral.acceleration"
     if name not in inputs:
@@ -374,16 +375,16 @@ class SettingsOfRecord:
         }
 
     def preload(self, times: Array) -> Array:
-        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if no one says.
+        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if not recorded.
 
-        Before that is first said it is what is said then.
+        Before the first recorded value, this value is used.
         """
         name = "rig.nominal_preload"
         first = self._changes.get(name, [(0.0, 0.0)])[0][1]
         return np.array(self._over(name, times, first), np.float64)
 
     def constants(self, time: float) -> dict[str, float]:
-        """Return the settings of a run: its load and what is fitted."""
+        """Return the settings of a run: its load and the installed parts."""
 
         def at(name: str) -> Any:
             return self._over(name, np.array([time]), None)[0]

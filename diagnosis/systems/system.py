@@ -74,7 +74,7 @@ class System:
     rest: Callable[[float, Array, Mapping[str, Array]], NDArray[np.bool_]] = lambda step, clock, measured: (
         np.zeros(len(clock), dtype=np.bool_)
     )
-    #: what one record measured (n,) by name -> settings that only its runs have
+    #: signals (n,) of one record by name -> settings that only its runs have
     begin: Callable[[Mapping[str, Array]], Mapping[str, float]] = lambda measured: {}
     #: Whether the state at the start of a replay is soon forgotten, so that a run may be replayed from a little before
     #: it. Else all runs of a file are replayed from its start, which they share.

@@ -63,7 +63,7 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
     """Return how a signal with these readings (n,) of equal intervals was rounded twice; None if it was not.
 
     ``converter`` is the finer step, ``noise`` the standard deviation before both. None as well where the noise is too
-    small for the mean to tell anything, and where the readings contradict it.
+    small for the mean to be of use, and where the readings contradict it.
     """
     readings = readings[np.isfinite(readings)]
     wire = rounded_to(readings)

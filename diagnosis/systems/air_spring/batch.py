@@ -91,7 +91,7 @@ class KeptTraces:
 
 
 class _Missing(NamedTuple):
-    """What has to be integrated, and whether nothing else is asked of its experiment."""
+    """Springs to be integrated, and whether their experiment has no other request."""
 
     springs: Together
     kept: KeptTraces
@@ -99,11 +99,11 @@ class _Missing(NamedTuple):
 
 
 def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array | None]:
-    """Yield the readings (n, c) of each job in order, None of what is rough and lanes cannot do so.
+    """Yield the readings (n, c) of each job in order, None for rough jobs that lanes cannot compute.
 
     Equal jobs are one object, and get one array.
 
-    What was done is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
+    The work is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
     ``alone``.
     """
     batch = _Batch(jobs, effort)

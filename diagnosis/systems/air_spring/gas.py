@@ -1,4 +1,4 @@
-"""The gas in the springs where a run begins: what its sensors read, or what was there before an effect began."""
+"""The gas in the springs at the start of a run: from sensor readings, or from before an effect began."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -23,7 +23,7 @@ _SIDE_NAMES: Final = bench.PLACES
 #: was in the springs as they were without them.
 BEFORE: Final = "before"
 MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
-GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings that tell its state
+GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings of its state
 
 
 def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:

@@ -1,9 +1,9 @@
-"""The bench with springs of which only the drawing is known: what is identified, and how little of it is assumed.
+"""The bench with springs of which only the drawing is known: identified parameters and their wide priors.
 
-A diagnosis refits what differs between good springs of one delivery, within a hundredth or a tenth. Anyone who
-identifies a spring does not know it: priors are as wide as drawings of its kind lie apart, and friction, emergency
-spring, heat and the stiffness in roll are requested as well. What is not here is taken from the parameter set: how the
-shell's stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
+A diagnosis refits the parameters that differ between good springs of one delivery, within a hundredth or a tenth. An
+identification starts from an unknown spring: priors are as wide as the spread of similar drawings, and friction,
+emergency spring, heat and the stiffness in roll are identified as well. All other values come from the parameter set:
+how the shell's stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
 """
 
 from collections.abc import Mapping
@@ -21,9 +21,9 @@ from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One quantity of the springs: what it is called, and the standard deviation of what is assumed of it, relative.
+    """One quantity of the springs: its name, and the relative standard deviation of its prior.
 
-    ``each``: load cells and pressures tell it of each side, else both springs have the same.
+    ``each``: load cells and pressures determine it for each side; else both springs share one value.
     """
 
     title: str
@@ -57,7 +57,7 @@ ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
         "torsional_stiffness_slope": Asked("stiffness in roll by pressure, K_φp", 0.3, False),
     }
 )
-#: Steps of finite differences, relative: what is known to a percent or ten moves by a tenth of that.
+#: Relative steps of finite differences: a tenth of the prior standard deviation.
 _STEPS: Final = {name: 0.1 * share for name, share in {**EACH_SIDE, **BOTH_SIDES}.items()}
 _OTHER_STEP: Final = 0.03
 _TOLERANCES: Final = frozenset({*EACH_SIDE, *BOTH_SIDES})
@@ -73,7 +73,7 @@ class UnknownSpring(AirSpring):
 
 
 def unknowns(parameters: Parameters) -> tuple[Nuisance, ...]:
-    """Return what is identified, around the values of a parameter set."""
+    """Return the parameters to identify, around the values of a parameter set."""
     return tuple(
         tolerance(parameters, name, label, place, asked.spread, _STEPS.get(name, _OTHER_STEP))
         for name, asked in ASKED.items()

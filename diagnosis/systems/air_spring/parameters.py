@@ -71,9 +71,9 @@ _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 
 
 def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> tuple[Nuisance, ...]:
-    """Return what is fitted with every model: zeros and drag of the sensors, the gas at the start, then the springs.
+    """Return the nuisances of every model: zeros and drag of the sensors, the gas at the start, then the springs.
 
-    Zeros come first because they need no simulation of their own. ``measured`` are the channels with their sensors.
+    Zeros come first because they need no separate simulation. ``measured`` are the channels with their sensors.
     """
     return (
         *_offsets(parameters, measured),
@@ -153,10 +153,10 @@ def _leveling(parameters: Parameters) -> Iterator[Nuisance]:
 
 
 def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
-    """Return what one standard deviation of the zero of each laser does to the springs' own values.
+    """Return the change of the springs' own values by one standard deviation of the zero of each laser.
 
     Where ζ is read too high by b, V = V_0 + (A_0 + A_1 ζ/2) ζ − (κ_0 + κ_1 ζ) Y/2 is that of another spring, whose A_0
-    is less by A_1 b, V_0 by A_0 b and κ_0 by κ_1 b. What the shell's force is off by passes for zeros of load cells.
+    is less by A_1 b, V_0 by A_0 b and κ_0 by κ_1 b. Load-cell zeros absorb the error of the shell's force.
     """
     par = parameters.record
     errors = []
@@ -173,10 +173,10 @@ def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
 
 
 def _pin_accuracy(parameters: Parameters) -> float:
-    """Standard deviation of the offset of a vertical actuator's transducer, against the sensors that tell the motion.
+    """Standard deviation of the offset of a vertical actuator's transducer, against the motion sensors.
 
-    The bolster stands at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) where an actuator is pinned, and every one of
-    these has its own zero.
+    The bolster is at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) where an actuator is pinned, and every one of these
+    has its own zero.
     """
     par = parameters.record
     arm = par.actuator_half_spacing
@@ -212,7 +212,7 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
 def tolerance(
     parameters: Parameters, name: str, label: str, place: int, share: float, step: float
 ) -> Nuisance:
-    """Return what is assumed of a parameter of a set, in one place of it: within a ``share`` of its value.
+    """Return the prior of one element of a parameter of a set: a ``share`` of its value as standard deviation.
 
     ``step`` is that of finite differences, relative as well.
     """
@@ -234,7 +234,8 @@ def tolerance(
 def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None:
     """Write the springs' own values among ``values`` into a parameter record, and if they are fed, their valves'.
 
-    One with a side before it is that side's, one without both sides'. What is no quantity of the record is left out.
+    A name with a side as prefix is for that side, one without for both. Names that the record does not have are
+    skipped.
     """
     for label, value in values.items():
         side, _, name = label.rpartition(".")
@@ -318,7 +319,7 @@ def _sound() -> dict[str, dict[str, Any]]:
 
 
 def _shape(shape: bench.EffectParameter) -> Parameter:
-    """A quarter of what is possible counts as one standard deviation, of the logarithm where that is fitted."""
+    """One standard deviation is a quarter of the possible range, of the logarithm where that is fitted."""
     width = shape.nominal * log(shape.high / shape.low) if shape.logarithmic else shape.high - shape.low
     return Parameter(
         shape.name,

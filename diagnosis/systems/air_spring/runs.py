@@ -26,7 +26,7 @@ _VALVES: Final = {
     "dpv": Input.DPV_CONNECTED,
 }
 
-#: The inputs that displacement sensors tell.
+#: The inputs from displacement sensors.
 _LATE: Final = (
     "left.height",
     "right.height",
@@ -47,7 +47,7 @@ class PreparedRun:
             # An accelerometer is quieter than the second derivative of a displacement.
             read = experiment.inputs["lateral.acceleration"]
             self.motion = self.motion.accelerated(0, _of_the_centre(read, self.motion, par))
-        #: Whether a leveling valve is connected at any time; else what is known of it changes nothing.
+        #: Whether a leveling valve is connected at any time; else its parameters have no effect.
         self.fed = feeds(self.inputs)
         self.supply = (
             given(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure

@@ -94,9 +94,9 @@ _PHYSICAL: Final = (
     f"{SHEAR}.offset",
     f"{SHEAR}{SEAT}",
 )
-#: The effect whose period the readings themselves tell.
+#: The effect whose period is found in the readings.
 _HELD: Final = "sample_and_hold"
-#: An orifice that lets less through is nearly the same on both sides as on each: what is distinguished is a hundredth.
+#: A narrower orifice on both sides is nearly the same as on each side: the difference is a hundredth.
 _TOO_ALIKE: Final = frozenset(
     {
         "discharge",
@@ -104,7 +104,7 @@ _TOO_ALIKE: Final = frozenset(
         *(f"{side}.discharge_coefficient" for side in bench.PLACES),
     }
 )
-#: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
+#: Sizes of the caches of prepared experiments, and of outputs of each: with two, offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
 
@@ -234,7 +234,7 @@ class AirSpring(CompleteSimulator):
     ) -> Array:
         """Return the outputs (n, c) of a bench whose effect has each of these ``values`` (m) since a sample (m,).
 
-        The first one holds since sample 0, and is not nothing: what comes late has done so from the start.
+        The first one holds since sample 0 and is not zero: a delay must exist from the start.
         """
         records = np.array([self.record(experiment, {}, {effect: one}) for one in values], PARAMETERS)
         first, later = records.view(np.recarray)[0], ParameterChanges(since[1:], records[1:])

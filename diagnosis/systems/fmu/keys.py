@@ -68,7 +68,7 @@ class MeasuredKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class FmuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[fmu]`` as a whole."""
 
-    parameters: str | None = None  #: parameter set (SSV) beside the map that replaces values of the FMU
+    parameters: str | None = None  #: parameter set (SSV), next to the map, that replaces values of the FMU
     base: dict[str, BaseKeys] = {}
     effects: dict[str, EffectKeys] = {}
     surfaces: list[SurfaceKeys] = []

@@ -134,7 +134,7 @@ class FmuSimulator(CompleteSimulator):
         return self._drive.step or experiment.step
 
     def with_step(self, step: float) -> FmuSimulator:
-        """Return the same with another communication step (s); what was kept serves both."""
+        """Return a copy with another communication step (s); both share the cache."""
         other = copy(self)
         other._drive = replace(self._drive, step=step)
         return other
@@ -228,7 +228,7 @@ class FmuSimulator(CompleteSimulator):
             )
 
     def _simulated(self, request: SimulationRequest) -> Array:
-        """Return the outputs (n, k) of what is asked, in SI, as they were if it was asked before."""
+        """Return the outputs (n, k) of a request, in SI; from the cache if it was requested before."""
         key = _key(request)
         with self._lock:
             if key in self._kept:

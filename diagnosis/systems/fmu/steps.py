@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from diagnosis.contracts import Array, DiagnosisError, MeasuredRun, Nuisance
 from diagnosis.systems.fmu.simulator import FmuSimulator
 
-#: What half the step changes, as a part of the noise, from which on it is doubted: a third more than that is wrong.
+#: Change by half the step, as a part of the noise, from which on the step is doubted: the error is a third larger.
 _COARSE: Final = 0.25
-#: From which part of how well the runs tell a number its error by the step is doubted.
+#: Error of a number by the step, relative to its standard deviation, from which on the step is doubted.
 _BIASED: Final = 0.5
-#: An error of second order in the step is four thirds of what half the step changes.
+#: An error of second order in the step is four thirds of the change by half the step.
 _WHOLE_ERROR: Final = 4.0 / 3.0
 #: Of its spread a number is moved by so much to see what it does.
 _MOVED: Final = 0.1
@@ -58,8 +58,8 @@ def _biases(
 ) -> Iterator[str]:
     """Yield by how much numbers of the base come out wrong, to first order, as the error of the step looks like them.
 
-    δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J what each number does to it, S what is
-    assumed, and n how many ``times`` as much is measured in all.
+    δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J the sensitivity to each number, S the
+    prior precision, and n how many ``times`` as much is measured in all.
     """
     noise = np.array([channel.noise for channel in simulator.channels])
     told, base = noise > 0.0, simulator.nuisances
@@ -91,7 +91,7 @@ def _over(outputs: Sequence[Array], told: NDArray[np.bool_], noise: Array) -> Ar
 def _moved(
     simulator: FmuSimulator, one: Nuisance, runs: Sequence[MeasuredRun], now: Sequence[Array]
 ) -> list[Array]:
-    """Return what one more of a number does to the outputs of each run."""
+    """Return the change of the outputs of each run per unit of a number."""
     by = _MOVED * one.spread
     if one.nominal + by > one.high:
         by = -by
