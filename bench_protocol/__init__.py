@@ -1,1 +1,1 @@
-"""What crosses the wires: names, units, encodings and time, and nothing of either end."""
+"""The shared definitions of the wires: names, units, encodings and time, independent of rig and drivers."""

@@ -79,7 +79,7 @@ ReadFile = Callable[[int, int, int], Sequence[int]]
 
 
 class Head(NamedTuple):
-    """What file 1 says before the story."""
+    """The fields of file 1 before the report of the incident."""
 
     recording: bool
     number: int

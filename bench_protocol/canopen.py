@@ -62,7 +62,7 @@ class NmtState(IntEnum):
 
 
 class NmtCommand(IntEnum):
-    """What an NMT master reports a node."""
+    """Commands of an NMT master to a node."""
 
     START = 1
     STOP = 2
@@ -72,7 +72,7 @@ class NmtCommand(IntEnum):
 
 
 class ErrorBehaviour(IntEnum):
-    """What becomes of the node's state when it misses a heartbeat (object 1029h)."""
+    """Reaction of the node's state to a missed heartbeat (object 1029h)."""
 
     PRE_OPERATIONAL = 0
     NO_CHANGE = 1

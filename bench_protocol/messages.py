@@ -1,4 +1,4 @@
-"""What a CAN message is: a classic frame with an 11-bit identifier, its fields and what protects them."""
+"""A CAN message: a classic frame with an 11-bit identifier, its fields and its protection."""
 
 import re
 from collections.abc import Iterator
@@ -15,12 +15,12 @@ FIELD_BITS_MAX: Final = 53
 TOKEN: Final = "control.token"
 #: Published as `rig.lease` while the token is known to the holder's Modbus connection alone. No token has this value.
 HIDDEN_TOKEN: Final = 0xFFFF
-#: What a DBC file allows as the name of a message.
+#: Names that a DBC file allows for a message.
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}")
 
 
 class Protection(Enum):
-    """What a CAN message carries so that loss, skew and corruption are seen."""
+    """The protection of a CAN message against loss, skew and corruption."""
 
     NONE = 0
     COUNTER = 8  #: an 8-bit sample counter in the last byte

@@ -18,7 +18,7 @@ DEVICE_FAILURE: Final = 4
 NO_AUTHORITY: Final = 6
 NO_SUCH_UNIT: Final = 0x0B
 
-#: What each exception code means, for the messages people read.
+#: The meaning of each exception code, for messages to users.
 MEANING: Final[Mapping[int, str]] = {
     ILLEGAL_FUNCTION: "the function is unknown to the device",
     ILLEGAL_ADDRESS: "the address is outside the device's map",
@@ -74,7 +74,7 @@ class FramingError(ValueError):
 
 
 class Bank(Protocol):
-    """What a device offers to Modbus; every method may raise ``ModbusError`` and then must have changed nothing.
+    """The data of a Modbus device. Every method may raise ``ModbusError`` and then must have changed nothing.
 
     Addresses are 0-based, counts and values already within the limits of the protocol, ``address + count`` <= 65536.
     """
@@ -156,7 +156,7 @@ def answer(adu: bytes, bank: Bank, units: Collection[int] = OWN_UNITS) -> bytes:
 
 
 def is_write(adu: bytes) -> bool:
-    """Return whether a request ADU wants to change something."""
+    """Return whether a request ADU would write."""
     return adu[7] in _WRITING
 
 

@@ -37,7 +37,7 @@ PROBE_WORD: Final = 0x12345678
 FLOAT_BLOCK: Final = 100
 SCALED_BLOCK: Final = 300
 QUALITY_BLOCK: Final = 100
-#: How far behind its holding register a setting has the input register of the value in force.
+#: Offset between the holding register of a setting and the input register of its value in force.
 ACTIVE_BLOCK: Final = 400
 
 
@@ -108,7 +108,7 @@ class Register:
         return SPACES[self.space] + self.address
 
 
-#: What the sequence number of a block is called in the map.
+#: Name of the sequence number of a block in the map.
 SEQUENCE: Final = "modbus.sequence"
 #: Registers of the server itself.
 OWN_REGISTERS: Final = (
@@ -119,7 +119,7 @@ OWN_REGISTERS: Final = (
     Register("modbus.lease", "holding", LEASE_ADDRESS, "uint16"),
     Register("modbus.watchdog", "holding", WATCHDOG_ADDRESS, "uint16"),
 )
-#: What a register may carry that is no signal.
+#: Names of registers that are not signals.
 OWN_NAMES: Final = tuple(dict.fromkeys(register.signal for register in OWN_REGISTERS))
 
 

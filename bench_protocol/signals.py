@@ -1,4 +1,4 @@
-"""What a signal is: one value that crosses a wire, with its unit, range, resolution and place in the Modbus map."""
+"""A signal is one value on a wire, with its unit, range, resolution and place in the Modbus map."""
 
 import math
 import re
@@ -11,7 +11,7 @@ from bench_protocol.units import FACTORS, UNITS, in_unit
 
 __all__ = ["MEASURED", "Group", "Kind", "Signal"]
 
-#: What codecs, the DBC and the drivers' attributes can carry: ``device.reading``, small letters, digits, ``_``.
+#: Names that codecs, the DBC and the drivers' attributes can use: ``device.reading``, small letters, digits, ``_``.
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*\.[a-z0-9_]+")
 
 
@@ -27,7 +27,7 @@ class Kind(StrEnum):
     FURTHER = "further measurement"  #: a sensor that rigs of others may have: no wire of ours carries it
 
 
-#: What sensors read, of ours and of others.
+#: Signals of sensors, built-in or third-party.
 MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
 
 

@@ -57,7 +57,7 @@ class Received:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """Frames a client wants on the bus; their ``time`` is 0, the hub stamps them."""
+    """Frames that a client sends to the bus; their ``time`` is 0, the hub stamps them."""
 
     block: Block
 

@@ -25,7 +25,7 @@ FD_FRAME: Final = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class Fd:
-    """How frames of CAN FD go out."""
+    """Options for sending frames of CAN FD."""
 
     bitrate_switch: bool = False  #: their data at the fast rate
 

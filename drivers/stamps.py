@@ -30,7 +30,7 @@ _NEAR: Final = _NS // 2000
 HARDWARE_STAMPS: Final = frozenset(
     {"pcan", "kvaser", "vector", "ixxat", "neovi", "nican", "nixnet", "canalystii", "gs_usb", "etas"}
 )
-#: How far a stamp may be from when the frame was on the bus (s), half-width.
+#: Largest difference between a stamp and the time of the frame on the bus (s), half-width.
 UNCERTAINTY: Final[dict[Clock, float]] = {"hardware": 5e-6, "system": 900e-6}
 
 

@@ -1,4 +1,4 @@
-"""What a plan knows of the rig that it runs on: its dimensions by name, what it lacks, and its clocks."""
+"""Description of the rig for a plan: its dimensions by name, its missing parts, and its clocks."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _OWN: Final = "own_plans."
 
 
 class Found(NamedTuple):
-    """What a search for plans found."""
+    """The result of a search for plans."""
 
     plans: dict[str, Plan]  #: by name, in the order of their names
     unusable: list[str]  #: files, modules and plans that cannot be used, each with place and reason

@@ -40,7 +40,7 @@ class Question:
 
     @property
     def allowed(self) -> tuple[str, ...]:
-        """What may be answered, `ABORT` included."""
+        """Return the allowed answers, `ABORT` included."""
         return tuple(dict.fromkeys((*self.answers, ABORT)))
 
 
@@ -124,7 +124,7 @@ class QuestionBox:
 
     @property
     def left(self) -> float | None:
-        """How long the question still waits (s); None without one."""
+        """Return the remaining time (s) of the question; None without one."""
         if (question := self.question) is None:
             return None
         return max(0.0, question.within - (self._clock.now() - self._asked) / NS)

@@ -1,4 +1,4 @@
-"""What a test plan is, and the decorator that makes one of a function."""
+"""A test plan, and the decorator that makes one of a function."""
 
 from __future__ import annotations
 

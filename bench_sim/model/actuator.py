@@ -79,7 +79,7 @@ def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: float) -> float:
-    """What the transducer in the actuator sees: the bolster's displacement plus the give of the frame."""
+    """Return the reading of the actuator's transducer: the displacement of the bolster plus that of the frame."""
     if mem.mode[j] == Mode.DISPLACEMENT:
         return x[State.ACTUATOR + j]
     return d + actuator_sense(j) * force / par.frame_stiffness[j]

@@ -1,4 +1,4 @@
-"""What follows from the states without integration: pressures, forces and the bellows' share of the deflection."""
+"""Algebraic variables that follow from the states: pressures, forces and the bellows' share of the deflection."""
 
 from enum import IntEnum
 from typing import Final

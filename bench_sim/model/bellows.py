@@ -142,7 +142,7 @@ def solve_two(a: float, b: float, c: float, d: float, u: float, v: float) -> tup
 
 @compiled
 def newton_step(a: float, b: float, c: float, d: float, miss_z: float, miss_y: float) -> tuple[float, float]:
-    """How far the bellows' share is to be moved, vertically and laterally, in m."""
+    """Return the Newton correction of the bellows' share, vertically and laterally, in m."""
     z, y = solve_two(a, b, c, d, miss_z, miss_y)
     return min(max(z, -LONGEST_STEP), LONGEST_STEP), min(max(y, -LONGEST_STEP), LONGEST_STEP)
 
@@ -160,7 +160,7 @@ def tangents(
     K_yy: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """What a small step (z, y) m changes along the tangents: F_z, F_y, the volume by motion alone, and p."""
+    """Return the changes by a small step (z, y) m along the tangents: F_z, F_y, the volume by motion alone, and p."""
     V = A * z + B * y
     p = -p_V * V
     return K_zz * z + K_zy * y + per_z * p, K_zy * z + K_yy * y + per_y * p, V, p

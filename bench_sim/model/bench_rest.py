@@ -12,7 +12,7 @@ from bench_sim.model.spring import stretch, volume
 
 
 def rest_forces(par: Any) -> tuple[float, float, float]:
-    """What the actuators press with (N) where springs at design height carry their preload."""
+    """Return the forces of the actuators (N) where springs at design height carry their preload."""
     left, right = par.nominal_preload[0], par.nominal_preload[1]
     total = left + right - par.bolster_mass * par.gravity
     difference = (left - right) * par.spring_half_spacing / par.actuator_half_spacing
@@ -20,7 +20,7 @@ def rest_forces(par: Any) -> tuple[float, float, float]:
 
 
 def seated_height(par: Any, side: int) -> tuple[float, float]:
-    """How high one bellows and its spring stand (m) without air, under the weight of the bolster alone."""
+    """Return the height of one bellows and its spring (m) without air, under the weight of the bolster alone."""
     weight = 0.5 * par.bolster_mass * par.gravity
     shell = par.shell_stiffness_vertical[side]
     bellows = (par.contact_stiffness * par.contact_height - weight) / (shell + par.contact_stiffness)

@@ -58,7 +58,7 @@ class RideChannel(IntEnum):
 
 CHANNELS: Final = len(RideChannel)
 
-#: What a vehicle has next to the parameters of its springs.
+#: Parameters of a vehicle in addition to those of its springs.
 CAR_QUANTITIES: Final = (
     Quantity("roll_gyration", "m"),
     Quantity("centre_height", "m"),

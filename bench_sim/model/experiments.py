@@ -20,7 +20,7 @@ from bench_sim.model.runge_kutta import integrate, step_scheme
 
 
 class Shape(IntEnum):
-    """How an imposed motion goes on over time."""
+    """The course of an imposed motion over time."""
 
     SINE = 0  #: offset + amplitude sin 2πft
     TRIANGLE = 1  #: offset + amplitude times a triangle of frequency f, rising first
@@ -117,7 +117,7 @@ class ImposedMotion:
 
 @dataclass(frozen=True, slots=True)
 class TimeHistory:
-    """What an experiment recorded: time in s, states and algebraic quantities row by row."""
+    """The record of an experiment: time in s, states and algebraic quantities row by row."""
 
     time: NDArray[np.floating]
     states: NDArray[np.float64]

@@ -40,7 +40,7 @@ BUMP_POINTS: Final = 9
 
 
 class Mode(IntEnum):
-    """What an actuator does with its command."""
+    """Control modes of an actuator."""
 
     OFF = 0  #: unloads softly and then follows without force
     FORCE = 1  #: command in N
@@ -49,7 +49,7 @@ class Mode(IntEnum):
 
 
 class Input(IntEnum):
-    """What the outside sets; held over one step (SI units)."""
+    """External inputs, constant over one step (SI units)."""
 
     SUPPLY = 0  #: supply main valve: 1 open, 0 closed and vented
     LEFT_LEVELING = 1  #: leveling valve: 1 connected, 0 isolated
@@ -71,7 +71,7 @@ class Input(IntEnum):
 
 
 class Sensor(IntEnum):
-    """What the measuring chain delivers, in SI units; pressures are gauge."""
+    """Outputs of the measuring chain, in SI units; pressures are gauge."""
 
     LEFT_HEIGHT = 0  #: spring height above design height, laser
     RIGHT_HEIGHT = 1

@@ -1,4 +1,4 @@
-"""What the plant's parameters are called, their SI units and shapes, and the records that carry them compiled."""
+"""Names, SI units and shapes of the plant's parameters, and the compiled records that hold them."""
 
 from dataclasses import dataclass
 from enum import Flag, auto
@@ -283,7 +283,7 @@ def in_lanes(part: Lanes) -> tuple[str, ...]:
 #: The record that compiled code reads as ``par.name``.
 PARAMETERS: Final = np.dtype([(q.name, np.float64, q.shape) for q in QUANTITIES])
 
-#: What the plant remembers next to its continuous states; changed once per step, never between.
+#: Memory of the plant in addition to its continuous states; changed once per step, never between.
 MEMORY: Final = np.dtype(
     [
         ("step", np.int64),

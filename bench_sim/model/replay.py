@@ -109,7 +109,7 @@ def between(n: int, part: float, motion: Any, k: int) -> float:
 
 @compiled
 def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: Any) -> None:
-    """What the actuators do to the bolster by Newton's law, from the forces of the springs gathered in ``dx``.
+    """Compute the actuator forces on the bolster by Newton's law, from the forces of the springs summed in ``dx``.
 
     F_a = m ÿ − ΣF_y − F_bs;  F_l + F_r = ΣF_z − m (z̈ + g);  (F_l − F_r) b_a = ΣM − h_a F_a − J φ̈
     """
@@ -284,7 +284,7 @@ class Gas(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What rubber remembers where a replay begins."""
+    """State of the rubber from the motion before a replay begins."""
 
     crept: NDArray[np.float64]  #: (SIDES,) m by which the emergency springs have crept together
     #: (EXTRA_BRANCHES, EXTRA_DASHPOTS) m by which the dash-pots of the extra branches are behind their bellows
@@ -297,7 +297,7 @@ class Before(NamedTuple):
 
 
 class ParameterChanges(NamedTuple):
-    """What a replay becomes while it goes on: other parameters from some of its samples on."""
+    """Changes of parameters during a replay, from some of its samples on."""
 
     samples: NDArray[np.intp]  #: (m,), each later than the one before, the first one after sample 0
     records: Any  #: (m,) of ``PARAMETERS``

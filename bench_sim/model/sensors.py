@@ -77,7 +77,7 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
-    """What ideal sensors would read (SI, pressures gauge), in the order of `Sensor`."""
+    """Compute the readings of ideal sensors (SI, pressures gauge), in the order of `Sensor`."""
     atmosphere = par.atmospheric_pressure
     for i in range(2):
         values[Sensor.LEFT_HEIGHT + i] = out[Algebraic.HEIGHT + i]
@@ -161,7 +161,7 @@ def arrives_late(par: Any) -> bool:
 
 @compiled
 def lateness(mem: Any, par: Any, sensor: int) -> float:
-    """How old a reading of one sensor is in s: pressures can be held, and timed by a slow clock of their own."""
+    """Return the age in s of a reading of one sensor: pressures can be held, and have a separate slow clock."""
     if Sensor.LEFT_BELLOWS_PRESSURE <= sensor <= Sensor.SUPPLY_PRESSURE:
         age = 0.0
         if par.pressure_hold > 0.0:

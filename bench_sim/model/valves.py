@@ -144,7 +144,7 @@ def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: 
 
 @compiled
 def valve_opening(lever: float, mem: Any, par: Any, side: int) -> float:
-    """How far the leveling valve of one side is open: −1 fills, +1 exhausts."""
+    """Return the opening of the leveling valve of one side: −1 fills, +1 exhausts."""
     deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
     return leveling_opening(lever, mem.leveling_latch[side], deadband, hysteresis, par.leveling_range[side])
 

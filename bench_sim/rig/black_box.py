@@ -33,7 +33,7 @@ _BOX: Final = np.dtype(
 
 
 class Tape(NamedTuple):
-    """What the tick writes: the latest samples of all channels, in steps of their signals."""
+    """The buffer that the tick writes: the latest samples of all channels, in steps of their signals."""
 
     box: npt.NDArray[np.void]  #: one record
     samples: npt.NDArray[np.int16]  #: (_ROOM, channels)

@@ -11,7 +11,7 @@ _CLIENTS_MAX: Final = 8
 
 
 class _Reader(Connection):
-    """A user who reads along; what it says is not heard."""
+    """A client that reads the capture; bytes from it are discarded."""
 
     kind = "capture"
 

@@ -136,7 +136,7 @@ def publish_car(c: Any, values: Any) -> None:
 
 
 class Couplings:
-    """What couples a car to a bench of these ``dimensions``: from cells to forces, from places to set-points."""
+    """Matrices for a car on a bench of these ``dimensions``: from cells to forces, from positions to set-points."""
 
     def __init__(self, dimensions: Mapping[str, float]) -> None:
         columns = np.array([column_of(dimensions, f"load_cell.{k + 1}") for k in range(CELLS)]).T

@@ -71,7 +71,7 @@ class Steering(NamedTuple):
 
 
 class Receiving(NamedTuple):
-    """What decoding commands works on: the layout of the messages, what the decoder keeps, room for the samples."""
+    """Data for decoding commands: the layout of the messages, the state of the decoder, and buffers for samples."""
 
     rows: npt.NDArray[np.int64]
     messages: npt.NDArray[np.void]

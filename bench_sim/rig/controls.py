@@ -73,7 +73,7 @@ class ControlBit(IntFlag):
 
 
 class Happened(IntFlag):
-    """What the state machine must decide on."""
+    """Events that the state machine must decide on."""
 
     NOTHING = 0
     COMMAND_LATE = 1
@@ -112,7 +112,7 @@ CAR: Final = np.dtype(
 CONTROLS: Final = np.dtype(
     [
         ("tick", "<i8"),
-        ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
+        ("alarm", "<i8"),  # tick at which the state machine must be called, -1 for never
         ("command_tick", "<i8"),  # when the last valid command came
         ("bits", "<i8"),  # `ControlBit` of the last valid command
         ("changed", "<i8"),  # how often they have changed since the supervisor was asked

@@ -45,7 +45,7 @@ class Failure(IntEnum):
     NONE = 0
     STATUS = 1  #: a call was refused
     NUMBER = 2  #: an output is no finite number
-    ENDED = 3  #: it wants to end the simulation, or has not gone as far as it was to
+    ENDED = 3  #: it requests the end of the simulation, or stopped before the end of its step
     SILENT = 4  #: no answer in time
     GONE = 5  #: its process has ended
 
@@ -98,7 +98,7 @@ def _do_step(e: Any, k: int) -> int:
     one, clock = e.instances, e.clock
     if one[k, VERSION] == 2:
         return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
-    e.numbers[Place.FLAGS] = 0  # bytes: whether it wants to end, has come back early, has its own event
+    e.numbers[Place.FLAGS] = 0  # bytes: end requested, early return, event
     clock[2] = clock[0] + clock[1]
     flags = e.numbers.ctypes.data + 8 * Place.FLAGS
     last = clock.ctypes.data + 16

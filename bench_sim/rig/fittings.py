@@ -1,4 +1,4 @@
-"""What hands change on the bench between runs: shims under the emergency springs, orifice plates, connecting pipes."""
+"""Parts that are changed by hand between runs: shims under the emergency springs, orifice plates, connecting pipes."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple

@@ -1,4 +1,4 @@
-"""What the tick does for the rig's CANopen node: it sends the heartbeats, and says when the node must be asked."""
+"""Work of the tick for the rig's CANopen node: it sends the heartbeats, and reports when the node must be called."""
 
 from typing import Any
 

@@ -17,7 +17,7 @@ from bench_sim.rig.controls import Happened
 
 
 class LimitAction(IntEnum):
-    """What a tripped detector does, from the mildest to the hardest."""
+    """The reaction to a tripped detector, from the mildest to the hardest."""
 
     NONE = 0  #: the detector is switched off
     INDICATE = 1  #: it is reported, and nothing else
@@ -168,7 +168,7 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
 
 @compiled
 def _error(c: Any, detector: Any, reading: float) -> float:
-    """How far ``reading`` is from its set-point; 0 while nothing asks it to be anywhere."""
+    """Return the difference of ``reading`` and its set-point; 0 while it has no set-point."""
     target = detector.target
     if detector.mode >= 0 and (c.engaged == 0 or c.control[target] != detector.mode):
         return 0.0

@@ -37,7 +37,7 @@ from bench_sim.rig.emergencies import Emergencies
 #: The entries by index and sub-index.
 ENTRIES: Final = {(one.index, entry.sub): entry for one in OBJECT_DICTIONARY for entry in one.entries}
 _INDICES: Final = frozenset(one.index for one in OBJECT_DICTIONARY)
-#: What the rig begins with, of all that an SDO may set.
+#: Initial values of all entries that an SDO may set.
 DEFAULTS: Final[Mapping[tuple[int, int], int]] = {
     place: entry.default
     for place, entry in ENTRIES.items()
@@ -54,7 +54,7 @@ _SINGLE: Final = struct.Struct("<f")
 
 
 class NodeHost(Protocol):
-    """What the objects need of the rig that they belong to."""
+    """Interface of the rig for its objects."""
 
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
     emergencies: Emergencies
@@ -85,7 +85,7 @@ class NodeObjects:
         self._host, self._encoder, self._decoder = host, encoder, decoder
         self._on_change = on_change
         self.parameters = dict(DEFAULTS)
-        #: Who sent the request that is being answered.
+        #: The sender of the request that is being answered.
         self.peer = ""
         #: Numbers of refused or dropped frames, by sub-index of the object that reports them.
         self.refused = {sub: 0 for index, sub in ENTRIES if index == REFUSED and sub}

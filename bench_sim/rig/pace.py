@@ -24,7 +24,7 @@ from bench_sim.rig.frame_time import INTERMISSION, arbitration_key, frame_bits, 
 BIT_RATES: Final = (10_000, 1_000_000)
 #: An error flag of six bits, up to six more of those who notice later, the delimiter, and the intermission.
 _ERROR_FRAME: Final = 6 + 6 + 8 + INTERMISSION
-#: Who is error-passive lets others go first for so many bits.
+#: An error-passive node waits for this number of bits before it sends again.
 _SUSPENDED: Final = 8
 _PASSIVE_ABOVE: Final = 127
 _OFF_ABOVE: Final = 255
@@ -59,7 +59,7 @@ class Node:
 
     transmit_errors: int = 0
     receive_errors: int = 0
-    waiting: int = 0  #: frames that it wants to send
+    waiting: int = 0  #: frames in its send queue
     lost: int = 0  #: frames that found its queue full or the node off the bus
     spoilt: int = 0  #: frames that go wrong next
     runs: float = 0.0  #: of recessive bits since it went off the bus
@@ -76,7 +76,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True, order=True)
 class _Waiting:
-    """A frame that wants to go on the bus."""
+    """A frame in a send queue."""
 
     key: int  #: the smaller goes first
     number: int  #: and of equals the older
@@ -142,7 +142,7 @@ class Pace(Stage):
 
     @property
     def waiting(self) -> int:
-        """How many frames wait for the bus."""
+        """Return the number of frames in send queues."""
         return len(self._arriving) + len(self._contending)
 
     def spoil(self, peer: str, frames: int) -> None:

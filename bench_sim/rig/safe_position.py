@@ -21,7 +21,7 @@ from bench_sim.rig.controls import AirSupply
 #: Slightly less than the pressure that carries the bolster (0.23 bar): the release of nearly unloaded actuators causes
 #: no motion.
 EMPTY: Final = 0.22 * bar
-#: What an actuator still pulls up when the bolster counts as set down.
+#: Upward force of an actuator below which the bolster counts as set down.
 SET_DOWN: Final = 0.5 * kN
 LOWERING_SPEED: Final = 40 * mm / s
 #: Samples for which empty springs stay open: gas that expanded is cold, and shut in it would lift the bolster again.
@@ -31,7 +31,7 @@ _CHAMBERS: Final = tuple(int(sensor) for sensor in sensors_of(Group.PRESSURE))
 
 
 class Grip(IntEnum):
-    """What actuators do that are not engaged."""
+    """State of actuators that are not engaged."""
 
     OPEN = 0  #: unloaded: they follow without force
     SHUT = 1  #: shut in: they hold what the springs push against

@@ -1,4 +1,4 @@
-"""How far the set-points of the rig may go and how fast they move there, whatever sent them."""
+"""Limits of travel and speed for the set-points of the rig, for every source."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from bench_sim.rig.controls import TARGETS
 
 @dataclass(frozen=True, slots=True)
 class SetpointPace:
-    """How fast one set-point may move; SI units per second."""
+    """Largest speed of one set-point; SI units per second."""
 
     target: str  #: an actuator, or an axis of the platform as ``platform.roll``
     mode: str  #: the controlled quantity: ``force`` or ``displacement``

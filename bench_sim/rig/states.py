@@ -9,7 +9,7 @@ from bench_protocol.words import LIVE, BenchState, Reason
 
 
 class Event(StrEnum):
-    """What can happen to the bench."""
+    """Events of the bench's state machine."""
 
     POWER_ON = "power on"
     POWER_OFF = "power off"

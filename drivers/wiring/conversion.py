@@ -1,4 +1,4 @@
-"""What a rig's number is in SI, and back: unit, sign, calibration and choices of one signal of a wiring."""
+"""Conversion of a rig's numbers to SI and back: unit, sign, calibration and choices of one signal of a wiring."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Bolster and platform turn about their own axes, φ_B and φ_P. The springs are sheared by
 ``y = y_B + e φ_B − y_P + h φ_P`` and rolled by ``θ = φ_B − φ_P``; the bump stop looks at ``y_B − y_P`` alone. Bolster
-and platform tilted together shear the springs further than the bump stop would let the bolster go by itself.
+and platform tilted together shear the springs further than the bump stop allows the bolster alone.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -103,7 +103,7 @@ def shear_of(values: Mapping[str, Any], rig: Rig) -> Samples:
 
 
 def stop_travel_of(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """What the bump stop sees of it: y_B − y_P (m)."""
+    """Return the displacement at the bump stop: y_B − y_P (m)."""
     return shear_of(values, rig) - (
         rig["centre_height"] * (roll_of(values, rig) + values["platform.roll"])
         + rig["column_height"] * values["platform.roll"]
@@ -156,7 +156,7 @@ class Drive:
         return float(min(amplitude / (loop * bolster), 0.9 * self.speed / (2 * pi * frequency)))
 
 
-#: What a `drive` needs to be known.
+#: Dimensions that a `drive` needs.
 DRIVEN: Final = (
     *WEIGHT,
     *(f"{way}_frame_{what}" for way in ("vertical", "lateral") for what in ("stiffness", "damping")),

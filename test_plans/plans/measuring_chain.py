@@ -47,7 +47,7 @@ from test_plans.steps.tables import keep
 TEMPERATURES: Final = BY_GROUP[Group.TEMPERATURE]
 FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
 PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
-#: What each transducer may read where its quantity is zero, by the data sheets of the bench, and its unit.
+#: Largest reading of each transducer where its quantity is zero, by the data sheets of the bench, and its unit.
 ZEROS: Final = {
     Group.PRESSURE: (25 * mbar, "mbar"),
     Group.VERTICAL_FORCE: (200 * N, "N"),

@@ -39,7 +39,7 @@ ROLLED: Final = CheckName(
     "lateral stiffness K', rolled over level",
     "How much lateral stiffness remains while the car leans: it must not become soft where it is needed most.",
 )
-#: What the roll stiffness needs next to the lateral ones.
+#: Signals for the roll stiffness in addition to the lateral ones.
 ROLLING: Final = (
     *HEIGHTS,
     *VERTICAL_CELLS,

@@ -127,7 +127,7 @@ def roll_torque(
     read = [values for _, values in captured]
     before, rolled, _, after = motions(run.rig, *read)
     found = [*run.measure(evaluate, run.rig, *read, rate=RATE)]
-    # How much of the cooling between them the mean of both motions does not undo, no one knows.
+    # It is unknown how much of the cooling between both motions their mean does not cancel.
     b = run.rig["spring_half_spacing"]
     cooled = 0.5 * b**2 * abs(_upright(before) - _upright(after))
     found[3] = found[3].with_uncertainty(COOLED, EVEN * 0.5 * cooled, even=True)

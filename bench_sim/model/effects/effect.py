@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-#: What an effect is in: the spring (rubber, gas, flow), what measures it (sensor, acquisition) or what moves it (rig).
+#: Families of effects, by location: spring (rubber, gas, flow), measurement (sensor, acquisition) or actuation (rig).
 FAMILIES: Final = ("rubber", "gas", "flow", "sensor", "acquisition", "rig")
 
 #: Where an effect of one spring can sit. An effect without a place concerns the bench as a whole, or both springs.

@@ -185,7 +185,7 @@ class Lane(_Rows):
     POWER = auto()  #: coefficients of r^(1/κ) from the critical ratio to 1, the constant first
 
 
-#: What a course says of the valves, from `Lane.OPENING` on.
+#: Number of values that a course has for the valves, from `Lane.OPENING` on.
 GIVEN: Final = (Lane.JOINED - Lane.OPENING) // LANES + 1
 
 EXTRA_RATIO: Final = Lane.POWER + LANES * POWERS

@@ -233,7 +233,7 @@ def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
 
 @compiled
 def most(w: Any, row: int, count: int) -> int:
-    """How many of ``count`` rows are used by the lane that uses most of them."""
+    """Return the largest number of rows, of ``count``, that any lane uses."""
     used = 0
     for i in range(LANES):
         own = 0

@@ -1,4 +1,4 @@
-"""What the sensors read of springs whose trajectories are known: nothing is integrated but the lags of the sensors."""
+"""Sensor readings of springs with known trajectories: only the lags of the sensors are integrated."""
 
 from collections.abc import Sequence
 from math import ceil

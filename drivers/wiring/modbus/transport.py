@@ -12,7 +12,7 @@
     timeout = "500 ms"            # for the connection and for each answer: more for a slow device
     patience = "1 s"              # of silence, until the connection is lost; and with a device that is busy
     stream = "50 ms"              # how often points that are streamed are written
-    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
+    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit toggles, while a user commands
     # For devices that support only a part of the specification:
     writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; "any": detected
                               # "parts": 5 and 6, and numbers of several registers one register after the other
@@ -27,7 +27,7 @@
     baudrate = 19200
     parity = "none"               # even, odd
     stopbits = 1                  # or 2
-    local_echo = false            # true: the adapter gives back what is sent
+    local_echo = false            # true: the adapter returns the sent bytes
     unit = 7
 
     [transports.plc.groups.fast]

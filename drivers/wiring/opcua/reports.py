@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from asyncua import Client
 
-#: How many notifications or keep-alives may be missing until a subscription counts as dropped.
+#: Number of missing notifications or keep-alives after which a subscription counts as dropped.
 _MISSING_MAX: Final = 3
 
 
@@ -85,7 +85,7 @@ class Reports:
 
     @property
     def period(self) -> float:
-        """How often the server confirms values (s), by its own revised intervals."""
+        """Interval (s) at which the server confirms values, by its own revised intervals."""
         one = self._subscription
         return self._every if one is None else max(self._every, one.period, one.sampling)
 
@@ -104,12 +104,12 @@ class Reports:
 
     @property
     def allowed(self) -> float:
-        """How long (s) a subscription may be silent until it counts as dropped."""
+        """Silence (s) after which a subscription counts as dropped."""
         return max(self._stale, _MISSING_MAX * self.period)
 
     @property
     def silence(self) -> float:
-        """How long ago (s) the server last published."""
+        """Time (s) since the server last published."""
         return (self._now() - self._published) / NS
 
     @property

@@ -10,7 +10,7 @@
     timeout = "1 s"                                 # for each answer
     patience = "2 s"                                # silence after which the connection counts as lost
     user = "bench"                                  # and password; optional
-    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
+    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit toggles, while a user commands
 
     [transports.cell.points]
     height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · server value + offset

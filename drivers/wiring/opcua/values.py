@@ -17,7 +17,7 @@ NEVER: Final = {
     "BadNodeIdInvalid": "the server has no such node",
     "BadAttributeIdInvalid": "it is no variable",
 }
-#: How Python packs what a variable of the server carries.
+#: Python's format of each number type of the server's variables.
 LETTERS: Final = {
     "SByte": "b",
     "Byte": "B",
