@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from diagnosis.report.page import InvestigationHistory
 
 LOG: Final = "investigation.json"
-#: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not distinguished.
+#: Smallest predicted BIC gap of a useful run: with a smaller gap, two causes are not distinguished.
 LEAST_GAP: Final = 10.0
-#: A run that promises less is made so often at most: what needs more of them is hardly different.
+#: Maximum number of repetitions of a run with a small gap: causes that need more runs hardly differ.
 REPEATS: Final = 5
 #: Verdicts after which another run may help.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
-#: How often in a row a run is tried that the link or this machine blocks.
+#: Maximum number of consecutive tries of a run that the link or this machine blocks.
 ATTEMPTS: Final = 3
-#: How often the bench hears of its commander while a diagnosis computes.
+#: Period in which the commander sends to the bench while a diagnosis computes.
 KEEP_ALIVE: Final = 1 * s
 
 T = TypeVar("T")
@@ -145,9 +145,9 @@ def choose(
 ) -> tuple[Offer | None, str]:
     """Return the plan to run next, or None, and why.
 
-    ``left`` is what remains of the budget (min), ``done`` are the plans so far. A run that promises to decide alone is
-    made once: if it did not keep its promise, it would not the next time. One that promises less is made as often as it
-    takes, if a few are enough and fit into the budget.
+    ``left`` is the remaining budget (min), ``done`` are the plans so far. A run with a predicted decision is made only
+    once: if it did not decide, a repetition would not either. A run with a smaller gap is repeated as often as
+    necessary, if a few runs are enough and fit into the budget.
     """
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {'suspected' if finding.suspected else finding.verdict}"

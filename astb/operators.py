@@ -173,7 +173,7 @@ def operator_for(answers: str | None, console: Console) -> Operator:
 def with_hand(operator: Operator | None, hand: Operator | None) -> Operator:
     """Return the operator for a rig that may have a simulated ``hand``.
 
-    What is known beforehand goes first; no one at a terminal can do to a simulated rig what it can do by itself.
+    Prepared answers have priority. An operator at a terminal cannot change a simulated rig, so its hand answers first.
     """
     both = (operator, hand) if isinstance(operator, Script) else (hand, operator)
     return FirstOf(*filter(None, both))

@@ -1,4 +1,4 @@
-"""A rig file: the TOML that says where a rig is, and, if it is a simulated one, what it simulates."""
+"""A rig file: the TOML that states the addresses of a rig, and the simulation of a simulated one."""
 
 import re
 from pathlib import Path
@@ -23,16 +23,16 @@ ORDINARY: Final = ORDINARY_RIG
 RIG: Final = OF_A_RIG[PACKAGE]
 #: The other files of a rig, by the keys of `RigFile` that hold their paths.
 _PARTS: Final = {"wiring": "wirings", "dimensions": "dimensions", "instruments": "instruments"}
-#: What every generator of random numbers takes.
+#: Range of a seed for every generator of random numbers.
 SEED_MAX: Final = 2**32 - 1
 
 
 class RigFileError(ValueError):
-    """The rig file does not state what is needed, or states what no one understands."""
+    """A rig file without a necessary key, or with an invalid one."""
 
 
 class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What a simulated CAN bus is like: without a bit rate it takes no time and makes no mistakes."""
+    """The properties of a simulated CAN bus: without a bit rate frames take no time and never fail."""
 
     bit_rate: str = ""  #: 500k, 1M or bit/s
     stuffing: Literal["exact", "worst"] = "exact"  #: stuff bits of the content, or every possible one
@@ -43,7 +43,7 @@ class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"lasting": "for"}):
-    """A fault on purpose that a simulated rig has, from a time on and for a time, or from the start and for good."""
+    """A fault of a simulated rig, from a time on and for a time, or from the start to the end."""
 
     name: str
     at: str = "0 s"  #: of the rig's time, which begins when it starts
@@ -58,13 +58,13 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=SEED_MAX)] = 0
     late_ticks: Literal["catch_up", "skip", "fault"] = "catch_up"
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
-    effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
+    effects: dict[str, Any] = {}  #: additional effects of the bench: "leak.left" = "0.2 mm2"
     limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb rig limits`
     sealed: str = ""  #: path of a file with sealed effects, which are not shown
     spring: str = ""  #: path of an FMU that computes the springs
-    spring_map: SpringMap = SpringMap()  #: which of its variables are what
+    spring_map: SpringMap = SpringMap()  #: the map of its variables
     can: SimulatedCan = SimulatedCan()
-    faults: tuple[FaultEntry, ...] = ()  #: what else breaks, and when: `astb rig fault list`
+    faults: tuple[FaultEntry, ...] = ()  #: faults and their times: `astb rig fault list`
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):

@@ -338,7 +338,7 @@ def undisturbed() -> Iterator[None]:
     """Keep collections of garbage short while the block lasts.
 
     With the drawing of an earlier report in memory a full collection takes more than 100 ms, in which no command
-    leaves this process: the rig would hold. What exists now is set aside; what comes is little.
+    leaves this process: the rig would hold. Existing objects are excluded; few new ones appear.
     """
     gc.freeze()
     try:

@@ -1,4 +1,4 @@
-"""The workers of a campaign: processes of this machine, or those of a dask scheduler somewhere."""
+"""The workers of a campaign: processes of this machine, or those of a dask scheduler."""
 
 import logging
 from collections.abc import Iterator
@@ -13,25 +13,25 @@ from bench_protocol.units import s
 if TYPE_CHECKING:
     from distributed import Client
 
-#: For a scheduler to answer, and for workers to come up.
+#: Time for a scheduler to answer, and for workers to start.
 CONNECT: Final = 20 * s
 LOOPBACK: Final = "127.0.0.1"
 
 _SETTINGS: Final[dict[str, Any]] = {
-    # A case whose worker dies is tried once more: the death may have had nothing to do with it.
+    # A case whose worker dies is tried once more, because the case may not be the cause.
     "distributed.scheduler.allowed-failures": 1,
-    # A case may keep the interpreter for longer than any heartbeat; that a process has died is seen without them.
+    # A case may block the interpreter for longer than a heartbeat; the death of a process is detected without them.
     "distributed.scheduler.worker-ttl": None,
-    # A worker is given its next case when the present one is done, and none that waits for it in vain.
+    # A worker gets its next case when the present one is done, so that no case waits on a worker that dies.
     "distributed.scheduler.worker-saturation": 1.0,
-    # What dask does to watch itself costs 9 % of a core with two idle workers; so it is 1.5 %.
+    # The default self-monitoring of dask uses 9 % of a core with two idle workers; this setting uses 1.5 %.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.monitor-interval": "1s",
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.tick.limit": "1h",
     "distributed.admin.system-monitor.interval": "10s",
 }
-#: Ctrl-C on a terminal is for the campaign alone, which ends its workers.
+#: Ctrl-C on a terminal is for the campaign alone, and it ends its workers.
 _DEAF: Final = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 

@@ -33,7 +33,7 @@ SEED_OPTION: Final = click.option(
 
 
 def out_option(text: str, name: str = "out") -> Callable[..., Any]:
-    """Return the option for the folder of runs, ``text`` being what it is to this command and ``name`` its argument."""
+    """Return the option for the folder of runs; ``text`` is its help text, and ``name`` the name of its argument."""
     return click.option(
         "--out", name, type=click.Path(path_type=Path), default=Path("runs"), show_default=True, help=text
     )

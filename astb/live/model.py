@@ -67,7 +67,7 @@ class Live:
         self._next, self._counts = "", dict[str, int]()
         self._failed: tuple[str, ...] = ()
 
-    # -- what the run tells, in its thread -------------------------------------------------------------------------
+    # -- events of the run, in its thread --------------------------------------------------------------------------
 
     def say(self, text: str) -> None:
         """Record the present action of the plan."""
@@ -114,7 +114,7 @@ class Live:
             return ""
         return f"this run cannot be held: {self._plan} has no hold point{where}; wait for its end, or end it"
 
-    # -- what others see -------------------------------------------------------------------------------------------
+    # -- snapshots for other threads -------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """Return the present snapshot; for any thread."""

@@ -16,9 +16,7 @@ from astb.panel.runs import CannotDo
 _BODY_MAX: Final = 64 * 1024
 _DEPTH_MAX: Final = 8
 _AT_ONCE: Final = 4  # of one command
-_REASON_MAX: Final = (
-    1000  # characters: a reason repeats what was sent, which may be all that there is room for
-)
+_REASON_MAX: Final = 1000  # characters: a reason can repeat a long request
 
 Command = Callable[[Request, dict[str, Any]], object]
 

@@ -2,10 +2,10 @@
 
     listening socket ── Gate ── Requests (HTTP) ── Pages (WebSocket)
 
-A new connection counts as a stranger until a request on it carries the token's cookie. Strangers have few places for
-each address and in all. When these are full, the oldest stranger is disconnected: a newcomer always has the chance to
-show the token. A client with the token has places of its own, and the gate lets it in first, so that strangers cannot
-take STOP away.
+A new connection counts as a stranger until a request on it carries the token's cookie. Strangers have few slots for
+each address and in all. When these are full, the oldest stranger is disconnected, so that a newcomer can always show
+the token. A client with the token has separate slots, and the gate accepts it first, so that strangers cannot block
+STOP.
 """
 
 import asyncio

@@ -204,7 +204,7 @@ class Kept:
     def move(self, run: str, to: str) -> tuple[Path, Path]:
         """Give the folder of a run another name, or move it to the archive or back; return where it was and is now.
 
-        Nothing in it is touched: what was signed stays as it is. CannotDo for a run that goes on, or a name that is
+        Its files do not change, so that signatures remain valid. CannotDo for a run in progress, or a name that is
         taken or none.
         """
         known = {one.directory: one for one in RunIndex(self._folder).runs()}

@@ -1,10 +1,10 @@
 """What a page sees while it is open: status as JSON, pictures of signals as binary frames, over one WebSocket.
 
-A picture is sent when the one before has left: a page that reads slowly loses pictures, and nothing waits for it here.
+A picture is sent when the one before has left: a page that reads slowly loses pictures, and the server never waits.
 
-A binary frame is, little-endian: number of the trace (u32), signals (u32), stretches (u32), 1 if what was there before
-is to be forgotten (u32), number of the first stretch (f64), length of a stretch in s (f64), then the lows and the highs
-as f32, signal by signal; NaN where there is nothing.
+A binary frame is, little-endian: number of the trace (u32), signals (u32), stretches (u32), 1 to discard earlier
+stretches (u32), number of the first stretch (f64), length of a stretch in s (f64), then the lows and the highs
+as f32, signal by signal; NaN without samples.
 """
 
 import asyncio

@@ -117,10 +117,10 @@ def rehearse(
 ) -> tuple[Rehearsal, Path]:
     """Run ``plan`` in virtual time on the simulation of ``rig``; return the result, and the directory of its record.
 
-    Without a ``simulation`` that of `simulation_of` is taken; the limits are those of ``rig`` in any case, and what the
-    wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin;
-    ``prepare`` is given the simulated rig before it runs, and ``notes`` state what that does. ValueError for a limit or
-    parameter that cannot be, WiringError for such a wiring, RecordError for a directory that cannot be written.
+    The default of ``simulation`` is that of `simulation_of`; the limits are those of ``rig`` in any case. Signals that
+    the wiring of a real rig lacks are missing on the simulated one, too. ``begin`` receives the origin for the record;
+    ``prepare`` receives the simulated rig before it runs, and ``notes`` describe its effect. ValueError for an invalid
+    limit or parameter, WiringError for an invalid wiring, RecordError for a directory that cannot be written.
     """
     limits, absent = known_limits(rig), _lacking(rig, path)
     simulation = simulation or simulation_of(rig)

@@ -1,4 +1,4 @@
-"""Watching: look at a run again and again until it ends, and keep what the twin says of it."""
+"""Reads a run again and again until it ends, and stores the results of the twin."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ from diagnosis.twin.twin import Twin
 
 __all__ = ["DiagnosisError", "ParameterError", "RecordError", "watch"]
 
-#: So long (s) a run may take to begin.
+#: Longest time (s) until a run begins.
 BEGINS: Final = 30.0
 
 
