@@ -15,14 +15,14 @@ from drivers.hub_bus import HubBus
 
 TRIPS, QUICK_TRIPS = 500, 200
 PATIENCE: Final = 5.0  # s
-#: What the hub may take, over an event loop that does nothing but answer.
+#: Target: largest ratio of the hub's time to that of an event loop that only answers.
 HUB_AIM: Final = 1.5
 
 
 def run(effort: Effort) -> Section:
     """Measure the three in turn."""
     count = QUICK_TRIPS if effort.quick else TRIPS
-    logging.getLogger("can").setLevel(logging.ERROR)  # it warns of every read that finds nothing
+    logging.getLogger("can").setLevel(logging.ERROR)  # it warns of every empty read
     with contextlib.ExitStack() as stack:
         ports = stack.enter_context(peers())
         raw = stack.enter_context(connected(ports.raw_can))

@@ -48,7 +48,7 @@ def _call() -> None:
     ctypes.PyDLL(None).usleep(round(CALL * 1e6))
 
 
-#: What the plan's thread does all the time.
+#: The constant load of the plan's thread.
 PLANS: Final[Mapping[str, Callable[[], object]]] = {
     "waits": lambda: time.sleep(20 * ms),
     "computes in Python": _count,
@@ -119,7 +119,7 @@ def run(effort: Effort) -> Section:
 
 
 def measure(plan: str, seconds: int) -> list[NDArray[np.float64]]:
-    """Return the times between blocks (s) as a listener hears them, for each way."""
+    """Return the times between blocks (s) that a listener receives, for each way."""
     listeners = [Listener() for _ in WAYS]
     with contextlib.ExitStack() as stack:
         for listener, way in zip(listeners, WAYS, strict=True):

@@ -16,8 +16,8 @@ from bench_sim.rig.safe_position import EMPTY, LOWERING_SPEED, SET_DOWN
 from drivers.bench import Bench
 from drivers.wiring.astb.transport import WATCHDOG
 
-#: What the table of states promises: 500 ms until the bench gives its commander up, 9 s to vent 7 bar, and the time to
-#: set down a bolster that hangs as high as the limits allow.
+#: Limits of the table of states: 500 ms until the bench drops its commander, 9 s to vent 7 bar, and the time to lower
+#: a bolster from the highest permitted position.
 VENTING: Final = 9 * s
 SAFE_WITHIN: Final = DISABLE_AFTER + VENTING + 200 * mm / LOWERING_SPEED
 _PRESSURES: Final = [
@@ -67,7 +67,7 @@ class Witness:
     _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))
 
     def start(self, now: int) -> None:
-        """Wait for what follows a cut at ``now`` (ns, of the frames' stamps)."""
+        """Wait for the reactions to a cut at ``now`` (ns, of the frames' stamps)."""
         self.since, self.held, self.safe = now, np.nan, np.nan
 
     def receive(self, block: Block) -> None:
@@ -90,12 +90,12 @@ class Witness:
 
 
 def give_up(bench: Bench) -> None:
-    """Do what the tear-down of every plan does first, on the wire that is left: let D go."""
+    """Do the first step of the tear-down of every plan on the remaining bus: release D."""
     bench.commander.set_all({f"control.{bit}": 0.0 for bit in ("enable", "hold", "active", "reset")})
 
 
 class Hole(Stage):
-    """A bus that swallows what its clients send."""
+    """A bus that drops the frames of its clients."""
 
     def incoming(self, block: Block, peer: str, now: int) -> Block:
         del block, peer, now

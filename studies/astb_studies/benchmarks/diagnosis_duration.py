@@ -66,7 +66,7 @@ class Counting:
         return self._simulator.run_roughly(jobs)
 
     def set_purpose(self, text: str, _part: float) -> None:
-        """Learn what the next runs are for."""
+        """Set the purpose of the next runs."""
         self.purpose = next(purpose for begin, purpose in PURPOSES.items() if text.startswith(begin))
 
 
@@ -92,7 +92,7 @@ def _cut(one: MeasuredRun, length: float) -> MeasuredRun:
 
 
 def diagnosed(dataset: Dataset, effects: tuple[str, ...] | None) -> Measured:
-    """Diagnose once, in a process that has done nothing else."""
+    """Diagnose once in a fresh process."""
     simulator = Counting(AirSpring(load(), effects=CATALOGUE))
     found: list[str] = []
 

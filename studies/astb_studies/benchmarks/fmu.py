@@ -42,7 +42,7 @@ class Opened:
         self.ticks = 0
 
     def step(self, ticks: int) -> None:
-        """Take one communication step of so many ticks."""
+        """Take one communication step of a number of ticks."""
         self.fmu.doStep(self.ticks * TICK, ticks * TICK)
         self.ticks += ticks
 
@@ -59,7 +59,7 @@ class Opened:
 
 
 def _made(folder: Path) -> dict[str, Path]:
-    """Return the FMUs; Skipped where no C compiler is."""
+    """Return the FMUs; Skipped without a C compiler."""
     made = {}
     try:
         for name, native in (("spring", False), ("bench", False), ("bench", True)):

@@ -79,7 +79,7 @@ def run_steps(x: Any, parameters: Any, dt: float, steps: int) -> None:
 
 
 def run(effort: Effort) -> Section:
-    """Measure both loops; the control is skipped where there is no gcc."""
+    """Measure both loops; the control is skipped without gcc."""
     par = load("astb").under("AW0").record
     parameters = np.array([par]).view(np.recarray)
     start = at_rest(par)

@@ -41,7 +41,7 @@ from drivers.wiring.own import own_wiring
 from test_plans.discovery import plans
 from test_plans.plan import Plan
 
-#: What a kill may cost at most (s).
+#: Largest permitted loss by a kill (s).
 ALLOWED: Final = 1.0
 PLAN: Final = "lateral_stiffness"
 SETTINGS: Final = {"amplitude": "7 mm"}
@@ -69,7 +69,7 @@ class Killed:
 
 @dataclass
 class Bystander:
-    """Another user on the bus, who knows the rig's time."""
+    """Another client on the bus, which receives the rig's time."""
 
     tick: float = np.nan
     _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))

@@ -26,10 +26,10 @@ WARM_UP: Final = 1 * s
 FRAMES: Final = 12
 CLIENTS: Final = 8
 POLL: Final = 10 * ms
-#: The quantiles are taken of so many slices, for their spread.
+#: Number of slices of the data, for the spread of the quantiles.
 SLICES: Final = 6
 _OF_THE_RIG: Final = [message.identifier for message in TABLE.messages if message.from_rig]
-#: What the quantiles of our lateness may be, over those of the C loop.
+#: Targets: quantiles of the rig's lateness over those of the C loop.
 RATIOS: Final = {50.0: 1.1, 99.0: 1.5, 99.9: 1.3}
 #: How long a rig may take to come up (a first start compiles it) and to end.
 PATIENCE: Final = 180 * s
@@ -61,7 +61,7 @@ class Listener(threading.Thread):
 
 
 class Poller(threading.Thread):
-    """A Modbus client that asks at a steady rate until the rig has gone."""
+    """A Modbus client that sends requests at a steady rate until the rig ends."""
 
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
@@ -84,7 +84,7 @@ class Poller(threading.Thread):
 
 @dataclass(frozen=True)
 class Measured:
-    """What both loops and the clients saw in the same minute; s."""
+    """The measurements of both loops and of the clients in the same minute (s)."""
 
     ours: NDArray[np.float64]
     control: NDArray[np.float64]
@@ -94,7 +94,7 @@ class Measured:
 
 
 def run(effort: Effort) -> Section:
-    """Let both loops run in the same minute, the rig with its clients, and compare; then once more under attack."""
+    """Run both loops in the same minute, the rig with its clients, and compare them; repeat under attack."""
     seconds = QUICK_SECONDS if effort.quick else SECONDS
     with tempfile.TemporaryDirectory() as directory:
         try:
@@ -137,7 +137,7 @@ def _slices(series: NDArray[np.float64], quantile: float) -> list[float]:
 
 
 def section(quiet: Measured, attacked: Measured) -> Section:
-    """Return the rows: quantiles, the worst, late and lost ticks, and what the clients saw."""
+    """Return the rows: quantiles, the worst, late and lost ticks, and the times of the clients."""
     ours, control, trips = quiet.ours, quiet.control, quiet.trips
     rows = []
     for quantile, limit in RATIOS.items():

@@ -1,4 +1,4 @@
-"""An attack on both ports of a rig: malformed lines and frames of strangers on CAN, hostile requests on Modbus.
+"""An attack on both ports of a rig: malformed lines and unknown frames on CAN, hostile requests on Modbus.
 
 python -m astb_studies.benchmarks.lateness_attack CAN_PORT MODBUS_PORT    goes on until the rig or its parent has ended
 """

@@ -23,12 +23,12 @@ _LOOK: Final = 100 * ms
 
 
 def main(seconds: int, file: Path) -> None:
-    """Run the rig for so long and leave the latenesses in ``file``."""
+    """Run the rig for a time and write the latenesses to ``file``."""
     ticks = WARM_UP_TICKS + 1000 * seconds
     messages = [message.name for message in TABLE.messages if message.from_rig and message.rate]
     rig = Rig(load("astb"), log=ticks, every_tick=messages[:FRAMES])
     stop = threading.Event()
-    # The end of the input says that the parent has ended.
+    # The end of the input shows that the parent has ended.
     threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
 
     def look() -> None:

@@ -1,4 +1,4 @@
-"""What all benchmarks share: interleaved repetitions, medians with their spread, and a row for the table."""
+"""Common parts of all benchmarks: interleaved repetitions, medians with their spread, and a row for the table."""
 
 import contextlib
 import platform
@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Skipped(Exception):
-    """What a control needs is not on this machine; states what."""
+    """A program that the control needs is missing on this machine; the text names it."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def compare(
 def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:
     """Measure all subjects in turn, ``repetitions`` times after one that does not count, every other time backwards.
 
-    What slows the machine down for a while then slows all of them down.
+    So a temporary slowdown of the machine affects all subjects equally.
     """
     found: dict[str, list[float]] = {name: [] for name in subjects}
     order = list(subjects)

@@ -13,7 +13,7 @@ from astb_studies.benchmarks.peers import ADDRESS, MODBUS_REPLY, MODBUS_REQUEST,
 from drivers.modbus_port import open_modbus
 
 TRIPS, QUICK_TRIPS = 500, 200
-#: What our server may take, over one in C.
+#: Target: largest ratio of the server's time to that of a server in C.
 SERVER_AIM: Final = 1.5
 
 

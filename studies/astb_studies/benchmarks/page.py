@@ -41,7 +41,7 @@ def number(value: float, unit: str) -> str:
 
 
 def fraction(value: float) -> str:
-    """Return a ratio as people say it: 1.25, or 1/80."""
+    """Return a ratio as text: 1.25, or 1/80."""
     return f"1/{1 / value:.3g}" if 0 < value < 0.2 else f"{value:.3g}"
 
 
@@ -95,7 +95,7 @@ def write_page(measured: Sequence[Section], facts: Mapping[str, str]) -> None:
 
 
 def _text(section: Section, facts: Mapping[str, str]) -> str:
-    """Return a section without what marks its heading."""
+    """Return a section without the mark of its heading."""
     lines = [section.title, "", f"*{', '.join(facts.values())}*", ""]
     if section.rows:
         lines += [f"| {' | '.join(_HEAD)} |", f"|{'---|' * len(_HEAD)}"]

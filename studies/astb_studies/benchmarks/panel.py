@@ -20,7 +20,7 @@ from bench_protocol.units import s
 SECONDS, QUICK_SECONDS = 20, 8
 PAIRS, QUICK_PAIRS = 9, 3
 PAGES: Final = 2
-#: What a page asks for: the plots that it shows first.
+#: The request of a page: the plots that it shows first.
 TRACES: Final = (
     (["left.height", "right.height"], 30.0, 600),
     (["vertical_left.force", "vertical_right.force"], 30.0, 600),

@@ -24,7 +24,7 @@ from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.servers import serve_in_thread
 
-#: The frame that goes round, and what the hub makes of it on its way there and back.
+#: The frame of the round trip, and the hub's lines for it in both directions.
 FRAME_BLOCK: Final = frame(0x123, bytes(range(8)), time=1_700_000_000_123_456_000)
 CAN_REQUEST: Final = send_bytes(FRAME_BLOCK)
 CAN_REPLY: Final = frame_bytes(FRAME_BLOCK)
@@ -67,7 +67,7 @@ def connected(port: int) -> Iterator[socket.socket]:
 
 
 def raw_peer(reply: bytes) -> int:
-    """Answer whatever comes with ``reply``, for one connection at a time; return the port."""
+    """Answer every request with ``reply``, for one connection at a time; return the port."""
     listening = socket.create_server(("127.0.0.1", 0))
 
     def serve() -> None:
@@ -84,7 +84,7 @@ def raw_peer(reply: bytes) -> int:
 
 
 class _Echo(asyncio.Protocol):
-    """Answers whatever comes with ``reply``: what an event loop costs that does nothing else."""
+    """Answers every request with ``reply``, to measure the cost of the event loop alone."""
 
     def __init__(self, reply: bytes) -> None:
         self._reply = reply
@@ -115,7 +115,7 @@ def echo_peer(reply: bytes) -> int:
 
 
 def main() -> None:
-    """Open everything, say where, and wait for the end of the input."""
+    """Open all servers, print their ports, and wait for the end of the input."""
     rig = Rig(load("astb"))
 
     def send_back(block: Block, peer: str) -> None:

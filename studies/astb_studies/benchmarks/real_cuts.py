@@ -1,7 +1,7 @@
-"""Cuts in real time: a plan in its own process, a rig in another, and between them wires that can be cut.
+"""Cuts in real time: a plan and a rig in separate processes, and connections between them that can be cut.
 
 python -m astb_studies.benchmarks.real_cuts FILE
-    the plan: arms the rig of a rig file, fills the springs, says `armed`, and waits
+    the plan: arms the rig of a rig file, fills the springs, prints `armed`, and waits
 """
 
 import contextlib
@@ -66,7 +66,7 @@ class Wire:
                     end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Take no more connections, and cut those that there are."""
+        """Accept no more connections, and cut the existing ones."""
         self._listening.close()
         self.cut()
 
@@ -174,7 +174,7 @@ class RealCuts:
 
 
 def plan(path: Path) -> None:
-    """Arm, hold the bolster down against springs with pressure, and wait for what happens."""
+    """Arm, hold the bolster down against springs with pressure, and wait for the cut."""
     with real_session(read(path), path) as session, undisturbed():
         bench = session.bench
         bench.connect(within=10 * s)

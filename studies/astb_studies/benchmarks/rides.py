@@ -1,7 +1,7 @@
 """Rides of a car on measured springs in four winds, and their table: ``python -m astb_studies.benchmarks.rides``.
 
-Each cell is plan `ride` in virtual time, through the wires, for five minutes. One line of JSON a cell goes to the file
-of results, so that measuring goes on where it was cut off.
+Each cell is the plan `ride` in virtual time, with the real encoders, for five minutes. Each cell adds one line of JSON
+to the file of results, so an interrupted measurement resumes.
 """
 
 import json
@@ -25,7 +25,7 @@ from test_plans.execution import execute
 from test_plans.instruments import ordinary
 
 PAGE: Final = PAGES / "the-paper.md"
-#: The table stands between these two lines of the page.
+#: The table is between these two lines of the page.
 BEGIN, END = "<!-- benchmarks.rides -->", "<!-- end of benchmarks.rides -->"
 HEAD: Final = (
     "| | wind, m/s | a_y, m/s² | alone | U | N, W_d | alone | a_z, m/s² | alone | U | N, W_b | alone | N_MV |\n"
@@ -77,7 +77,7 @@ def table(cells: list[dict[str, Any]]) -> str:
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/rides.jsonl"), show_default=True)
 def main(out: Path) -> None:
-    """Measure what is missing, and write the table into the page."""
+    """Measure the missing cells, and write the table into the page."""
     out.parent.mkdir(parents=True, exist_ok=True)
     cells = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
     known = {(one["load"], one["wind"]) for one in cells}

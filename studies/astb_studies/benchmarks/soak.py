@@ -36,19 +36,19 @@ from drivers.wiring.own import own_wiring
 
 POLLERS: Final = 4
 POLL: Final = 0.05  # s
-#: Broken in turn, for so long in every period: one of the plant, two of the bus.
+#: Period and duration of the faults, which take turns: one of the plant, two of the bus.
 FAULTS: Final = (("leak", {"side": "left"}), ("duplicate", {}), ("drop", {}))
 FAULT_PERIOD, FAULT_LASTS = 20.0, 5.0  # s
-#: Around a fault of the bus, what is missing is its doing.
+#: Missing samples in this time around a fault of the bus are attributed to the fault.
 SETTLING: Final = 1.0  # s
-#: What a process may grow by after the first half minute (bytes).
+#: Largest permitted growth of a process after the first half minute (bytes).
 GROWTH_MAX: Final = 10e6
 SIGNAL: Final = "left.height"
 _RIG: Final = 'name = "soak"\n[simulation]\nseed = 1\n'
 
 
 class Witness:
-    """Hears every frame: counts what is missing while the bus is sound, and remembers the last seconds of a signal."""
+    """Receives every frame: counts missing frames while the bus is sound, and stores the last seconds of a signal."""
 
     def __init__(self) -> None:
         self._decoder = Decoder(TABLE, from_rig=True)
@@ -129,7 +129,7 @@ class Soak:
             self.faults += 1
 
     def _note(self, name: str) -> None:
-        """Forgive the bus what is missing while its own fault is on."""
+        """Ignore missing frames during a fault of the bus."""
         if name != "leak":
             self.witness.broken = time.monotonic()
 
@@ -186,7 +186,7 @@ def soak(minutes: float) -> tuple[Soak, list[float]]:
 
 
 def judged(seen: Soak, sizes: list[float]) -> list[str]:
-    """Return what is not as it must be, in words."""
+    """Return the errors as text."""
     found = seen.wrong[:5]
     if seen.witness.missing:
         found.append(f"{seen.witness.missing} samples are missing while the bus was sound")

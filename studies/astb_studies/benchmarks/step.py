@@ -22,10 +22,10 @@ STEP = 1 * ms
 DURATION = 3 * s
 SAMPLE = 10 * ms
 STEPS = round(DURATION / STEP)
-#: So many starts of LSODA are enough to time one.
+#: Number of starts of LSODA that are timed.
 TICKS = 50
 SINE = ImposedMotion(VERTICAL, 5 * mm, 1 * Hz)
-#: Friction turns inside the step, where no outer integrator can follow: both sides go without it.
+#: Friction reverses inside the step, which an outer integrator cannot follow, so both sides omit it.
 FRICTIONLESS = {"friction_vertical": 0.0, "friction_lateral": 0.0, "friction_lateral_slope": 0.0}
 #: The imposed states are no integrator's work.
 IMPOSED = range(State.BOLSTER_LATERAL, State.PLATFORM_LATERAL)
@@ -81,7 +81,7 @@ class Outside:
         return found
 
     def tick_by_tick(self, rtol: float, atol: Any, ticks: int) -> None:
-        """Let LSODA start again at every tick, as it must where inputs and latches change there."""
+        """Restart LSODA at every tick, because inputs and latches change there."""
         state = self.start
         for n in range(ticks):
             span = n * STEP, (n + 1) * STEP

@@ -24,7 +24,7 @@ class Lateness(NamedTuple):
     tail: float
 
 
-#: What these are called on the page.
+#: Their names on the page.
 CALLED: Final = ("ticks late by 1 ms or more", "of 1000 ticks, late by 250 µs or more")
 
 

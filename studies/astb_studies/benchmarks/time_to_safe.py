@@ -19,8 +19,8 @@ from bench_protocol.units import ms
 #: Of each kind: a thousand in virtual time in all.
 VIRTUAL, QUICK_VIRTUAL = 112, 8
 REAL, QUICK_REAL = 20, 1
-#: What lies between an event and the frame that reports of it: a message of the state is sent every 20 ms, where no
-#: emergency is; on sockets comes what carries it.
+#: Delay between an event and the frame that reports it: without an emergency, a state message is sent every 20 ms. On
+#: sockets, the transport adds its delay.
 TELLING: Final = 20 * ms
 TRANSPORT: Final = 10 * ms
 PICTURE: Final = DOCS / "gallery" / "time-to-safe.svg"

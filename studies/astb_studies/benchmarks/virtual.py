@@ -70,7 +70,7 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
 
 @contextlib.contextmanager
 def metered(meter: Meter, part: str, owner: Any, method: str) -> Iterator[None]:
-    """Time a method of all objects of a class: they are made where no one here sees them."""
+    """Time a method of all objects of a class, because this module has no access to the objects."""
     original = getattr(owner, method)
     setattr(owner, method, meter.of(part, original))
     try:
@@ -136,7 +136,7 @@ def run(effort: Effort) -> Section:
         with tempfile.TemporaryDirectory() as directory:
             measured = sum(execute_plan(name, Path(directory), meter)[1] for name in ("aw0", "aw3"))
         if repetition == 0:
-            continue  # imports, and whatever else happens only once
+            continue  # imports and other work that happens only once
         ticks = simulated / TICK
         ours.append(sum(elapsed for _, elapsed in runs) / ticks)
         control.append(bare / ticks)

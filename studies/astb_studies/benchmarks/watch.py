@@ -1,4 +1,4 @@
-"""What a twin costs its rig, and how far it is behind: a plan in real time, with and without a twin next to it."""
+"""Cost of a twin for its rig, and delay of the twin: a plan in real time, with and without a twin."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""What the drawings of the gallery share: a figure in the one style, and how it is written."""
+"""Common parts of the drawings of the gallery: the style of a figure, and its output."""
 
 import re
 from pathlib import Path

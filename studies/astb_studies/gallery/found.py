@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PALE = "#b9c1c8"
 CHANNEL = "left.bellows_pressure"
-#: So many samples make a point: 0.1 s.
+#: Number of samples per point: 0.1 s.
 MEAN = 20
 #: Scores below this lie on the edge.
 LEAST = 0.1

@@ -1,4 +1,4 @@
-"""Pictures of runs: what a plan measured, with the limits that it was judged by."""
+"""Pictures of runs: the measured values of a plan, with their limits."""
 
 import re
 from collections.abc import Callable

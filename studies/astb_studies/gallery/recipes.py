@@ -35,7 +35,7 @@ class Recipe:
 
     @property
     def made_by(self) -> tuple[str, ...]:
-        """What a reader types to see the same: the runs, then the drawing."""
+        """The commands that reproduce the picture: the runs, then the drawing."""
         return (*self.commands, f"make gallery ARGS={self.name}")
 
 

@@ -18,9 +18,9 @@ from astb.rig_file import FaultEntry, Simulation
 HERE: Final = Path(__file__).parent
 TABLE: Final = HERE / "mutations.toml"
 FOUND: Final = HERE / "mutations.csv"
-#: What the rig without any fault is called.
+#: Name of the rig without a fault.
 SOUND: Final = "sound"
-#: The same sensors and the same noise in every case: what differs from the sound rig is the fault's doing.
+#: Seed of sensors and noise. It is equal in all cases, so that only the fault causes a difference from the sound rig.
 SEED: Final = 0
 
 Kind = Literal["plant", "sensor", "wire"]
@@ -43,7 +43,7 @@ class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     faults: tuple[FaultEntry, ...] = ()
     right: tuple[str, ...]  #: names of reasons
     side: str = ""  #: left or right, where checks of the other spring are no right reason
-    missed: str = ""  #: where no plan sees it: why, and what would
+    missed: str = ""  #: if no plan detects it: the reason, and a test that would
 
     @property
     def simulation(self) -> Simulation:
@@ -85,7 +85,7 @@ def mutations() -> Mutations:
 
 
 def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mapping[str, Any]) -> Cell:
-    """Return what the row of a plan on a rig with this fault says, next to that of the sound rig."""
+    """Return the cell of a plan on a rig with this fault, from its row and the row of the sound rig."""
     told = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
     if row["verdict"] == "blocked":
         told.append(f"blocked: {row['reason']}")
@@ -130,6 +130,6 @@ def write_cells(path: Path, cells: Iterable[Cell]) -> None:
 
 
 def read_cells(path: Path = FOUND) -> list[Cell]:
-    """Return the matrix as it was found last."""
+    """Return the stored matrix."""
     with path.open(encoding="utf-8", newline="") as file:
         return [msgspec.convert(row, Cell, strict=False) for row in csv.DictReader(file)]

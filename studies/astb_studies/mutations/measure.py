@@ -1,4 +1,4 @@
-"""Measures what the plans catch and whether sound rigs pass: ``python -m astb_studies.mutations.measure``."""
+"""Measures which faults the plans detect and whether sound rigs pass: ``python -m astb_studies.mutations.measure``."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -101,7 +101,7 @@ def drawn_values(plan: str, index: int) -> dict[str, str]:
 
 
 def _at(one: Parameter, place: float) -> str:
-    """Return the value of a parameter at a ``place`` from 0 to 1, as people write it."""
+    """Return the value of a parameter at a ``place`` from 0 to 1, as text."""
     if one.range is None:
         return one.choices[int(place * len(one.choices))]
     value = one.range.low + place * (one.range.high - one.range.low)
@@ -109,8 +109,8 @@ def _at(one: Parameter, place: float) -> str:
 
 
 def sound_run(row: Mapping[str, Any]) -> SoundRun:
-    """Return what the row of a sound rig says."""
-    if row["error"]:  # it has no verdict, nor even a column for one where no case came to any
+    """Return the result in the row of a sound rig."""
+    if row["error"]:  # it has no verdict; if no case has one, the column is missing too
         verdict, told = "error", row["error"]
     else:
         failed = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]

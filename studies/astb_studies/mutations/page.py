@@ -14,9 +14,9 @@ PAGE: Final = PAGES / "mutation-matrix.md"
 #: Drawn by ``make gallery ARGS=matrix`` (`astb_studies.gallery.mutations`).
 PICTURE: Final = "../../docs/gallery/matrix.svg"
 KINDS: Final = {"plant": "parts and air", "sensor": "sensors", "wire": "wires"}
-#: Less of the way to a limit than this counts as nothing.
+#: A smaller part of the distance to a limit than this counts as 0.
 MOVED: Final = 0.1
-#: A fault, and what each plan made of it, None where it was not tried.
+#: A fault, and the result of each plan; None if it was not run.
 Row = tuple[Mutation, list[Cell | None]]
 #: So much of what a blocked plan said, in a table.
 TOLD: Final = 110

@@ -1,4 +1,4 @@
-"""Benches with something hidden in them: each is screened in its own process, of which only files come back."""
+"""Benches with hidden effects: each is screened in its own process, which returns only files."""
 
 import subprocess
 import sys

@@ -56,7 +56,7 @@ def cases(system: str, count: int) -> list[Case]:
 
 
 def nulls(system: str, count: int, condition: Condition) -> list[Case]:
-    """Return cases in which nothing is hidden."""
+    """Return cases without a hidden effect."""
     return [Case(system, "null", condition, seed=100_000 + i) for i in range(count)]
 
 
@@ -119,7 +119,7 @@ def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
 def run(
     wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], None], folder: Path = COUNTED
 ) -> None:
-    """Carry out what is not kept yet in a folder, and keep each case there as soon as it is judged."""
+    """Carry out the cases that a folder does not have yet, and store each case there as soon as it is judged."""
     kept = {
         (j.system, j.kind, j.condition, j.seed)
         for system in {c.system for c in wanted}

@@ -15,8 +15,8 @@ STEPS = 4
 class DenseScreening:
     """A base model at its best fit; samples of all runs and channels are rows, in standard deviations of the noise.
 
-    ``footprints`` (N, m) are per unit of amplitude, one for each effect and point of its grid; ``left`` (N, m) is what
-    the base model cannot imitate of them, ``errors`` (N,) what it leaves of the data.
+    ``footprints`` (N, m) are per unit of amplitude, one for each effect and point of its grid. ``left`` (N, m) is the
+    part of them that the base model cannot imitate. ``errors`` (N,) are the residuals of the base model.
     """
 
     effects: tuple[Hypothesis, ...]  #: of each footprint
@@ -76,7 +76,7 @@ class DenseScreening:
         return max(self._places(name), key=lambda i: float(self.norm[i]))
 
     def by_chance(self, draws: int, seed: int) -> Array:
-        """Return the largest of all scores where nothing is hidden (draws,)."""
+        """Return the largest of all scores without a hidden effect (draws,)."""
         values, vectors = np.linalg.eigh(self.cosines)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         z = np.random.default_rng(seed).standard_normal((draws, len(values))) @ root.T

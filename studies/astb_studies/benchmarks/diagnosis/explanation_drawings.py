@@ -155,7 +155,7 @@ def scores(path: Path) -> None:
 def one_frequency(path: Path) -> None:
     """Closed forms: three things that add the same loss at 1.2 Hz and 5 mm, at a tenth of it, and over frequency."""
     omega = 2.0 * np.pi * SINE.frequency
-    # A whole cycle after those that friction needs to forget where it came from.
+    # A whole cycle after the cycles in which friction settles.
     turns = np.arange(CYCLES * POINTS + 1) / POINTS
     x = SINE.amplitude * np.sin(2.0 * np.pi * turns)
     state = friction_state(x, TRAVEL)[-POINTS - 1 :]
@@ -210,7 +210,7 @@ def _stiffness(x: Array, force: Array) -> complex:
 
 
 def alike(path: Path) -> None:
-    """What a single sine and two stretches of the screening leave of footprints, and how alike that is."""
+    """Cosines of the footprints after projection, for a single sine and for two sections of the screening."""
     simulator = AirSpring(load("astb"), effects=CATALOGUE)
     sine = experiments({"sine": Programme("sine", "One sine", (Part(AW0, (Stretch((SINE,)),)),), "")})
     screening = experiments({"screening": SCREENING})

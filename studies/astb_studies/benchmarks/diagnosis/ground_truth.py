@@ -27,9 +27,9 @@ NOISES: Final = CONDITIONS[:-1]
 
 #: Sizes are drawn evenly in the logarithm of λ.
 LAMBDA: Final = (5.0, 500.0)
-#: The same for pairs, near misses and terms outside the catalogue: a cause can be asked of them only where λ is large.
+#: The same for pairs, near misses and terms outside the catalogue: their cause can be found only if λ is large.
 LAMBDA_CLEAR: Final = (20.0, 400.0)
-#: Springs beyond so many standard deviations of a delivery are sent back.
+#: Springs beyond this number of standard deviations of a delivery are rejected.
 DELIVERED: Final = 2.5
 #: λ of the unmodelled term: relative to the λ of the hidden effects, and absolute if there are none.
 ROUGH: Final = 0.02
@@ -147,7 +147,7 @@ def _effect(
     rng: np.random.Generator, name: str, per_unit: LambdaPerUnit, sizes: tuple[float, float]
 ) -> tuple[dict[str, float], float]:
     effect, _ = find_effect(name)
-    # A stop beyond the largest gap of the grid is never touched: of its λ the grid says nothing.
+    # A stop beyond the largest gap of the grid is never touched, so the grid has no λ for it.
     ends = zip(np.min(effect.grid, axis=0), np.max(effect.grid, axis=0), strict=True)
     drawn = zip(effect.shapes, ends, strict=True)
     shapes = {shape.name: float(np.clip(_shape(rng, shape), *end)) for shape, end in drawn}
@@ -174,7 +174,7 @@ def even_in_logarithm(rng: np.random.Generator, sizes: tuple[float, float]) -> f
 
 
 def _springs(rng: np.random.Generator) -> dict[str, float]:
-    """What the springs of a delivery are like, each within its tolerance; by the names under which they are fitted."""
+    """Draw the parameters of the springs of a delivery within their tolerances, by the names of the fit."""
 
     def drawn(value: float, share: float) -> float:
         return value * (1.0 + share * float(np.clip(rng.standard_normal(), -DELIVERED, DELIVERED)))

@@ -30,7 +30,7 @@ from bench_sim.parameters.model_file import Model, write_model
 #: Kinds of hidden effects: as in the diagnosis benchmark, or a near miss of reduced size.
 Asked = Kind | Literal["faint"]
 FAINT: Final = 0.2
-#: An investigation may take so many seconds of a busy machine.
+#: Time limit of an investigation (s), for a busy machine.
 LIMIT: Final = 3 * 3600.0
 
 

@@ -53,7 +53,7 @@ def figures(all_: Sequence[Investigated]) -> list[Figure]:
 
 
 def summary(all_: Sequence[Investigated]) -> list[str]:
-    """Return the rates with their exact intervals, as lines for people."""
+    """Return the rates with their exact intervals, as lines of text."""
     lines = []
     for what, _, hits in figures(all_):
         rate = Rate.of(hits)

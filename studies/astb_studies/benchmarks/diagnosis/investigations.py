@@ -31,7 +31,7 @@ def count(
     tell: Callable[[str], None],
     budget: str = BUDGET,
 ) -> None:
-    """Investigate what ``kept`` does not have yet, and add each line as it comes."""
+    """Investigate the cases that ``kept`` does not have yet, and append each result at once."""
     cases = {f"{kind} {seed}": (seed, kind) for seed, kind in wanted}
     left = {key: case for key, case in cases.items() if key not in {f"{o.kind} {o.seed}" for o in read(kept)}}
     if not left:

@@ -97,7 +97,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def amiss(self) -> str:
-        """What is wrong with the finding, in a few words; "" if nothing."""
+        """The error of the finding in a few words; "" if there is none."""
         said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
         if self.rivals:
             said += f" or {', '.join(self.rivals)}"
@@ -165,12 +165,12 @@ def judge(
 
 
 def failed(truth: GroundTruth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
-    """Return the case that came to no finding."""
+    """Return the case without a finding."""
     return msgspec.structs.replace(_hidden(truth, system, elapsed), failure=why)
 
 
 def _hidden(truth: GroundTruth, system: str, elapsed: float) -> Judged:
-    """Return a case of which nothing has been said yet; the table of the bench does not hold for other systems."""
+    """Return a case before its diagnosis; the λ table of the bench is not valid for other systems."""
     sizes = (truth.seen if system == "bench" else truth.lambdas).values()
     weakest = min(sizes, default=0.0)
     return Judged(

@@ -26,9 +26,9 @@ from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import read_records
 
 TABLE: Final = Path(__file__).with_name("lambda_per_unit.json")
-#: Roughness is random: its λ is the mean of so many.
+#: Roughness is random: its λ is the mean of this number of draws.
 _ROUGH: Final = 5
-#: Conditions whose noise is another one.
+#: Conditions with other noise.
 _OTHER: Final[tuple[Condition, ...]] = ("AR 0.6", "AR 0.9", "12 bits")
 #: Points along each shape at which effects are compared with their next of kin, by how many shapes they have.
 _FINER: Final = (1, 25, 7, 5)
@@ -45,9 +45,9 @@ _SMALL: Final[Mapping[str, float]] = {
 class LambdaPerUnit(msgspec.Struct, frozen=True):
     """λ per unit (SI) of amplitude: of each effect at the points of its shape grid, of each term outside.
 
-    ``in_noise`` is the part of it that is left, at the same points, in the noise of a condition, which remembers or is
-    coarser; ``apart`` the part that is left next to the next of kin that imitates an effect best, at more points, as
-    between two of a grid an effect may be just what a next of kin is.
+    ``in_noise`` is the part of λ that remains at the same points in the noise of a condition, which is correlated or
+    coarser. ``apart`` is the part of λ that the most similar effect cannot imitate. It has more points, because an
+    effect between two points of a grid may be equal to a similar one.
     """
 
     effects: dict[str, list[tuple[list[float], float]]]

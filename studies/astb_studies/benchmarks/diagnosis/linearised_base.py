@@ -19,9 +19,9 @@ _BATCH = 12
 
 
 class LinearisedBase:
-    """The base model, linear around its nominal parameters on some runs, and λ of what it lacks there.
+    """The base model, linear around its nominal parameters on some runs, and λ of missing effects.
 
-    Without ``noise`` it is the white one of the data sheets.
+    Without ``noise``, the noise is white with the sizes of the data sheets.
     """
 
     def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun], noise: Noise | None = None) -> None:

@@ -1,9 +1,9 @@
-"""Effects that are nearly one another: what may be said of one without accusing anybody wrongly."""
+"""Effects that are nearly equal: the names that count as similar to a hidden effect, and not as wrong causes."""
 
 from collections.abc import Mapping
 from typing import Final
 
-#: A truth that is nearly something else, and what else may be said of it without accusing anybody wrongly.
+#: Hidden effects, and the similar effects that do not count as wrong causes.
 NEAR: Final[Mapping[str, frozenset[str]]] = {
     "maxwell_two": frozenset({"maxwell", "fractional"}),
     "friction_distributed": frozenset({"friction"}),

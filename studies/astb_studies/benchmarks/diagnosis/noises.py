@@ -1,4 +1,4 @@
-"""The noise of the benchmark's conditions: what a sealed bench is given, and in what λ is counted there."""
+"""The noise of the benchmark's conditions: the noise of a sealed bench, and the noise model for its λ."""
 
 from collections.abc import Mapping
 from typing import Final, Literal
@@ -17,7 +17,7 @@ Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibl
 COLOURED: Final = [*FORCES, *PRESSURES]
 COLOURS: Final[Mapping[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 BITS: Final = 2.0**-12
-#: Of so many frames one is lost.
+#: Fraction of lost frames.
 LOST: Final = 0.1
 
 

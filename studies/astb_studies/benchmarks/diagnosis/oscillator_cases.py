@@ -191,7 +191,7 @@ def _of_term(cases: OscillatorCases, name: str) -> float:
 
 @cache
 def _of_form(cases: OscillatorCases, name: str) -> float:
-    """λ per unit of what no effect can imitate of a sibling's other form."""
+    """λ per unit of the part of a sibling's other form that no effect can imitate."""
     size = UNIT_OF_FORM[name]
 
     def run(experiment: Experiment, given: Effects) -> Array:
@@ -209,7 +209,7 @@ def _of_roughness(cases: OscillatorCases) -> float:
 
 
 def _one_way() -> Array:
-    """A damper that acts upwards only: nothing at negative speeds, then in proportion."""
+    """A damper that acts upwards only: the force is 0 at negative speeds, and proportional to positive speeds."""
     cells = SURFACE_SHAPE[1] - 2
     speeds = np.sinh(REACH[1] * (2.0 * (np.arange(SURFACE_SHAPE[1]) - 0.5) / cells - 1.0))
     return np.maximum(speeds, 0.0) * np.ones((SURFACE_SHAPE[0], 1))

@@ -55,7 +55,7 @@ def parameters_of(truth: GroundTruth) -> Parameters:
 
 
 class Coloured:
-    """Runs a rig whose output sensors have autoregressive noise: each sample remembers a part of the one before."""
+    """Runs a rig whose output sensors have AR(1) noise: each sample includes a part of the previous one."""
 
     def __init__(self, rig: Rig, colour: float, seed: int) -> None:
         par = rig.plant.parameter_array
@@ -71,7 +71,7 @@ class Coloured:
         self._tick = 0
 
     def run(self, ticks: int) -> Block:
-        """Run so many ticks; readings are taken at every fifth, each with its own noise."""
+        """Run a number of ticks; every fifth tick has a reading with its own noise."""
         blocks = []
         while ticks > 0:
             piece = min(ticks, FAST - self._tick % FAST)

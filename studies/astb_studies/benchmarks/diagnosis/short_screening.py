@@ -15,8 +15,8 @@ from test_plans.plans.screening import SCREENING
 from test_plans.programmes.motions import Part, Programme, RestPose, Segment, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
-#: As many cycles as those of the plan, quicker. With four, load cells saw 3 N of what friction remembered, and causes
-#: of a λ up to 40 were owed to the form of the model.
+#: As many cycles as in the plan, but faster. With four cycles, the load cells still measured 3 N from the history of
+#: friction, and the form of the model alone caused a λ of up to 40.
 _WIPE: Final = (Wave("vertical", 10 * mm, 2 * Hz, 5), Wave("lateral", 10 * mm, 2 * Hz, 6))
 _CONNECTED: Final = Valves(air="hold", reservoirs="on", dpv="on")
 _ISOLATED: Final = Valves(air="hold", reservoirs="on", dpv="off")
@@ -83,5 +83,5 @@ PROGRAMME: Final = Programme(
 
 
 def short_screening() -> Plan:
-    """Return the plan; its record is that of a screening, for anyone who gives its runs their roles."""
+    """Return the plan; its record is used as that of a screening, with roles assigned to its runs."""
     return programme_plan(PROGRAMME)

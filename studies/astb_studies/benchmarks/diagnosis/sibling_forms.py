@@ -30,13 +30,13 @@ CURVATURE: Final = 2.0
 
 
 class Form(NamedTuple):
-    """What a sibling has instead of what the model believes; ``sizes`` are equally likely."""
+    """A law of a sibling that replaces the one of the model; ``sizes`` are equally likely."""
 
     name: str
     sizes: tuple[float, ...]
 
 
-#: By what each parameter of the set is replaced.
+#: Replacement of each parameter of the set.
 _PARAMETERS: Final[Mapping[str, Callable[[float], dict[str, float]]]] = {
     "friction_memory": lambda share: {"friction_small_loop": share},
     "warm_wall": lambda kelvin: {"wall_temperature_offset": kelvin},
@@ -80,7 +80,7 @@ class Curved:
         self._flat = tuple(self._record[name].copy() for name in names)
 
     def run(self, ticks: int) -> Block:
-        """Run so many ticks."""
+        """Run a number of ticks."""
         blocks = []
         while ticks > 0:
             piece = min(ticks, FAST)

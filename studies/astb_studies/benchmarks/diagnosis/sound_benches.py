@@ -59,7 +59,7 @@ class Scored(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """What the stretches of all runs show in the directions of an effect: χ², and its mean by chance."""
+    """Variation between sections of all runs in the directions of an effect: χ², and its mean by chance."""
 
     effect: str
     chi2: float
@@ -67,7 +67,7 @@ class Changed(NamedTuple):
 
 
 def shown(effects: Sequence[str], seed: int) -> tuple[list[Scored], list[Changed]]:
-    """Return what a sound bench shows of some effects (all)."""
+    """Return the scores of a sound bench for some effects (default: all)."""
     bench = BenchCases()
     with temporary_directory() as directory:
         dataset = bench.measure(seed, "null", "white", Path(directory)).dataset
@@ -111,7 +111,7 @@ def _bare(name: str) -> str:
 @click.option("--processes", default=2, show_default=True)
 @click.option("--effects", "named", default="", help="Rows of these only, by commas; the others stay.")
 def main(rigs: int, processes: int, named: str) -> None:
-    """Measure the table on so many sound benches, and keep it."""
+    """Measure the table on a number of sound benches, and store it."""
     scored, changed = list[Scored](), list[Changed]()
     effects = tuple(filter(None, named.split(",")))
     with ProcessPoolExecutor(processes) as pool:

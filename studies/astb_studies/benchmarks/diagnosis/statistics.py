@@ -18,7 +18,7 @@ class Rate:
 
     @property
     def value(self) -> float:
-        """The rate; NaN of nothing."""
+        """The rate; NaN without cases."""
         return self.hits / self.count if self.count else float("nan")
 
     @property

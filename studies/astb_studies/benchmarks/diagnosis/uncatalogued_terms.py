@@ -1,4 +1,4 @@
-"""Terms that are in no catalogue: what a bench may have, and no named effect is."""
+"""Terms outside the catalogue: a bench may have them, but no named effect describes them."""
 
 from collections.abc import Callable, Mapping
 from math import asinh
@@ -49,7 +49,7 @@ def _centres(low: float, high: float, count: int) -> Array:
 
 
 def snag(size: float) -> dict[str, Any]:
-    """A bead that snags: ``size`` N within some millimetres above design height, nothing elsewhere."""
+    """A bead that snags: ``size`` N within some millimetres above design height, and 0 elsewhere."""
     return _force(lambda x, v: size * np.exp(-(((x - 0.008) / 0.006) ** 2)))
 
 

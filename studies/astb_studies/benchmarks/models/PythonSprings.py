@@ -52,6 +52,6 @@ class PythonSprings(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, causality=causality, getter=get, setter=put))
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Go on by whole ticks."""
+        """Advance by whole ticks."""
         _advance(*self.given, 0.0, TICK, round(step_size / TICK), self.work, self.out)
         return True

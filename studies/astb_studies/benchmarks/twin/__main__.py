@@ -28,7 +28,7 @@ _COUNTED: Final = Path(__file__).with_name("counted")
 
 
 def count(case: Case) -> Counted:
-    """Run a case, and return what its twin said."""
+    """Run a case, and return the results of its twin."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / case.plan
         with bench_of(case) as bench:
@@ -39,7 +39,7 @@ def count(case: Case) -> Counted:
 
 
 def kept(file: Path) -> list[Counted]:
-    """Return what a file of results holds."""
+    """Return the contents of a file of results."""
     lines = file.read_bytes().splitlines() if file.exists() else []
     return [msgspec.json.decode(line, type=Counted) for line in lines]
 

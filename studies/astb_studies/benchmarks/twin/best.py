@@ -29,7 +29,7 @@ class WatchedWith(Twin):
     def _judge(self, stretch: Stretch) -> Judged:
         case = self._case
         known = any(one.detected >= case.at for one in self._deviations) and not (case.gone or case.second)
-        # A look for causes takes longer than the run.
+        # The search for causes takes longer than the run.
         if case.effect and (known or stretch.start > case.until):
             return Judged(stretch.start, stretch.end, None, "it is known by now, or too late")
         return super()._judge(stretch)

@@ -53,14 +53,14 @@ class Case(msgspec.Struct, frozen=True):
 
     plan: str
     seed: int
-    values: dict[str, str] = {}  #: of the plan's parameters, as people write them
+    values: dict[str, str] = {}  #: of the plan's parameters, as text
     sibling: bool = False
     effect: str = ""
     size: float = 0.0  #: the amplitude in SI
     step: int = 0  #: which of `SIZES`
     at: float = 0.0
     creeps: float = 0.0
-    gone: float = 0.0  #: from so many s on it is gone again; 0 of one that stays
+    gone: float = 0.0  #: time (s) at which it ends; 0 if it stays
     second: str = ""  #: another effect, its amplitude, and when it begins
     second_size: float = 0.0
     second_at: float = 0.0
@@ -138,7 +138,7 @@ def harder(count: int, seed: int) -> Iterator[Case]:
 
 
 def _apart(name: str, other: str) -> bool:
-    """Return whether two effects are neither of one family nor imitate each other."""
+    """Return whether two effects are of different families and do not imitate each other."""
     (one, _), (two, _) = find_effect(name), find_effect(other)
     return one.family != two.family and one.name not in two.confusers and two.name not in one.confusers
 

@@ -22,13 +22,13 @@ from bench_protocol.rates import TICK
 from bench_records.record import Record, read
 from bench_records.twin import read_twin
 
-#: A plan begins about so many s after its rig.
+#: Typical delay between the starts of rig and plan (s).
 _BEGINS: Final = 4.0
 _LOOK: Final = 0.05
 
 
 def count_live(case: Case) -> Counted:
-    """Run a case in real time, and return what its twin said, and when."""
+    """Run a case in real time, and return the results of its twin with their times."""
     wanted = msgspec.structs.replace(case, at=case.at + _BEGINS)
     serving = ("astb_studies.benchmarks.twin.serving", msgspec.json.encode(wanted).decode())
     with tempfile.TemporaryDirectory() as folder, rig_of_its_own(serving) as (file, modbus):

@@ -16,11 +16,11 @@ from bench_sim.rig.rig import Rig
 from bench_sim.rig.turn import differing, turn
 from drivers.bench import Bench
 
-#: An effect that creeps grows in steps of so many s.
+#: Step (s) in which a creeping effect grows.
 _STEP: Final = 0.1
-#: The bench is stopped so many s after the last second that counts.
+#: Delay (s) between the last second that counts and the stop of the bench.
 _LATER: Final = 1.0
-#: What drifts does so from the start of the rig; one that begins later is its own fault.
+#: A drift begins with the rig; a drift that begins later is a separate fault.
 _DRIFT: Final = "pressure_drift"
 
 

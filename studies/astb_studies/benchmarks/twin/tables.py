@@ -41,7 +41,7 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def early(self) -> bool:
-        """Whether rig and model were said to part before anything had begun."""
+        """Whether a deviation was reported before the start of an effect."""
         return any(one.detected < self.case.at for one in self.all_deviations)
 
     @property
@@ -69,7 +69,7 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def over(self) -> bool:
-        """Whether it is said that it is over."""
+        """Whether the end of the deviation is reported."""
         return self.first_deviation is not None and self.first_deviation.over is not None
 
     def _true(self, cause: PossibleCause) -> bool:
@@ -86,7 +86,7 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def wrong(self) -> bool:
-        """Whether there are causes, and the effect is in none of them."""
+        """Whether there are causes, but none includes the effect."""
         return self.first_deviation is not None and not (
             self.unknown or self.named or self.one_of_two or self.both
         )
