@@ -3,10 +3,10 @@
 Theory of operation
 -------------------
 Both models are tuned: the base model with all its parameters at their best (`before.py`), and the extended one. Both
-predict the report runs with what they learnt from the fit runs; only parameters of a single run (an initial pressure)
-are fitted again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): no
-model can explain the error by noise alone. Its interval comes from a bootstrap of runs, or of blocks of runs where
-there are few.
+predict the report runs with the parameters fitted to the fit runs; only parameters of a single run (an initial
+pressure) are fitted again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² −
+floor²): no model can explain the error by noise alone. Its interval comes from a bootstrap of runs, or of blocks of
+runs where there are few.
 
 Together with it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in
 the standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.

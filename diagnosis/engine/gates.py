@@ -137,8 +137,8 @@ def explains_too_little(
     """Return why a cause is not worth having: it explains too little of the misfit where it acts; "" if it does.
 
     Explainable is what exceeds the noise floor, RMSE² − floor². In the channel where the footprint is strongest, the
-    root of the explainable error must fall by the part ``config.gain``. Where the misfit does not exceed the floor,
-    there is nothing to be explained in plain view and the statistics alone decide.
+    root of the explainable error must fall by the part ``config.gain``. Where the misfit does not exceed the floor, no
+    error is clearly visible and the statistics alone decide.
     """
     if after is None or before is None:
         replay, old, new = base.replay, base.predictions, model.predictions

@@ -2,9 +2,9 @@
 
 The C library keeps freed memory between used blocks, in a heap for each thread, and requests new memory elsewhere:
 after a few rounds a process is half as large again as its data. So columns have separate pages (`room`), which go with
-them, and all threads share one heap (`share_heap`). What is free there goes back where much was dropped (`give_back`),
-and not after every simulation: it has to be got again, page by page. So does what Arrow has kept of the files that it
-read: 150 MB of a record of seven minutes.
+them, and all threads share one heap (`share_heap`). Free memory is returned where much was dropped (`give_back`), and
+not after every simulation, because it must be allocated again, page by page. Memory that Arrow keeps of read files is
+returned too: 150 MB for a record of seven minutes.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ Theory of operation
 Causes are not found one by one and added up: each is judged together with those that were found before it, under the
 noise that they leave. One turn of the loop is steps 3 to 6 of the argument:
 
-1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
+1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5);
 2. `trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`);
 3. `admission.choose`, `choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none; where
    none does and far more than the noise is left, `second_look.look_again` fits causes that act now and then, which

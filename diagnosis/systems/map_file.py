@@ -107,7 +107,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     simulator: str | None = None  #: custom simulator, "package.module:factory", which may lie next to the map
     parameters: str = "astb"  #: set of the air springs: a name, or a file next to the map
     dimensions: str = ""  #: of the rig that was measured on: a name, or a file next to the map
-    change: dict[str, Any] = {}  #: what is different in this set, as in a model file
+    change: dict[str, Any] = {}  #: changed values of this set, as in a model file
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
     file: FileKeys = FileKeys()

@@ -147,7 +147,7 @@ def _settle_units(
     dataset: Dataset,
     read: Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]],
 ) -> None:
-    """Let the map count against a head only where the simulation is much nearer with its unit. DiagnosisError else."""
+    """Use the map's unit instead of the header's only if the simulation is much nearer with it. DiagnosisError else."""
     for name, (path, stated) in list(reader.contradicted.items()):
         unit = columns[name].unit
         if nearer_unit(columns, name, stated, simulator, dataset, read) == unit:

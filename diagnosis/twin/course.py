@@ -53,7 +53,7 @@ def withdrawn(deviation: Deviation, at: float) -> Deviation:
 
 
 def over(deviation: Deviation, since: float, at: float) -> Deviation:
-    """Return a parting that is known at ``at`` s to be over since ``since`` s."""
+    """Return a deviation that is known at ``at`` s to be over since ``since`` s."""
     return replace(
         deviation,
         over=since,
@@ -62,16 +62,16 @@ def over(deviation: Deviation, since: float, at: float) -> Deviation:
 
 
 def is_the_same(before: Deviation, now: Deviation) -> bool:
-    """Return whether a parting in a later stretch is the one before: something explains both, or nothing either."""
+    """Return whether a later deviation continues the one before: they share a cause, or neither has one."""
     if not _names(before) and not _names(now):
         return True
     return bool(_names(before) & _names(now))
 
 
 def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tuple[Deviation, ...]:
-    """Return the partings of earlier stretches, and what a later one adds to the last of them or to all.
+    """Return the deviations of earlier stretches, with a later one appended or merged into the last.
 
-    As long as no one has looked for its causes it is taken to be the last one, if that lasts.
+    Before the search for its causes, a lasting deviation is taken for the last one, if that lasts too.
     """
     last = all_deviations[-1] if all_deviations else None
     if found is None:
@@ -85,7 +85,7 @@ def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tu
 
 
 def lasting(before: Deviation, now: Deviation, at: float) -> Deviation:
-    """Return the parting of an earlier stretch with what a later one says: what explains both, by the later one."""
+    """Return an earlier deviation with the causes that explain both stretches, sized by the later one."""
     names = _names(before) & _names(now)
     causes = tuple(one for one in now.causes if frozenset({one.name}) in names)
     pairs = tuple(pair for pair in now.pairs if frozenset(one.name for one in pair) in names)
@@ -111,7 +111,7 @@ def _undoes(before: PossibleCause, causes: tuple[PossibleCause, ...]) -> bool:
 
 
 def _ended(now: Deviation, before: Deviation, at: float) -> Deviation:
-    """Return a parting that says, where it is ``over`` and was not ``before``, that it is."""
+    """Return a deviation; add its end to the course if it is ``over`` and was not ``before``."""
     if now.over is None or (before.course and before.over is not None):
         return now
     return replace(now, course=(*now.course, DeviationState(at, "over", now.causes, now.pairs)))
@@ -158,7 +158,7 @@ def _width(deviation: Deviation, names: frozenset[str]) -> float:
 def described(
     deviation: Deviation, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE
 ) -> Deviation:
-    """Return a parting with its summary and its sentence; ``catalogue`` states what to inspect for its causes."""
+    """Return a deviation with its summary and its sentence; ``catalogue`` holds the parts to inspect for its causes."""
     off, scale = deviation.measured - deviation.expected, channel.scale
     unit = channel.display or channel.unit
     places = decimals(-deviation.band / scale, deviation.band / scale)

@@ -137,7 +137,7 @@ class Shaped(NamedTuple):
 
 
 def places(since: int, bins: int) -> list[int]:
-    """Return the bins in which steps begin that make the forms of a stretch of ``bins`` that parted in ``since``."""
+    """Return the bins in which steps begin for the time courses in a stretch of ``bins`` that deviates in ``since``."""
     first = max(since - _BEFORE, BINS)
     return sorted({int(one) for one in np.linspace(first, bins - 2 * BINS, _PLACES)})
 

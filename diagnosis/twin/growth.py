@@ -46,7 +46,7 @@ class Growing(NamedTuple):
 
 
 class Growth:
-    """The causes that may have grown in a stretch that parted in bin ``since``."""
+    """The causes that may have grown in a stretch that deviates in bin ``since``."""
 
     def __init__(self, stretch: DeviatingStretch, since: int) -> None:
         self._stretch, self._since = stretch, since

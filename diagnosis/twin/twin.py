@@ -112,7 +112,7 @@ class Twin:
         self._since = BEGINNING  # a stretch whose beginning will not be another one
         self._later = False
         self._search: _Search | None = None
-        #: Of stretches that are over: the first is the one that is searched for, then what parted meanwhile.
+        #: Deviations of finished stretches: the first is under search, the others appeared meanwhile.
         self._waiting: list[Deviation] = []
         self._until = 0.0
         self._last: tuple[Judged, ...] = ()
@@ -290,14 +290,14 @@ class Twin:
 
     @property
     def _searched_now(self) -> bool:
-        """Whether causes of what parts in the present stretch are looked for."""
+        """Whether a search for causes of a deviation in the present stretch is in progress."""
         return self._search is not None and not self._waiting
 
     def _explained(
         self, deviation: Deviation, stretch: Stretch, seen: Seen, since: float
     ) -> Work[tuple[Deviation, tuple[SizedCause, ...]]]:
-        """Return a parting with what explains it, and what does so alone or as the first of two."""
-        # By the priors: what sound stretches have taught is surer than it is true to a part in a thousand.
+        """Return a deviation with its causes, and the causes that explain it alone or as the first of two."""
+        # Use the priors: the estimate from sound stretches claims more precision than it has.
         start, before = seen.start, self._known
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
