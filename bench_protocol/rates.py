@@ -31,10 +31,10 @@ COMMAND_RATE: Final = 50.0
 SLOW_RATE: Final = 10.0
 RATES: Final = (FAST_RATE, COMMAND_RATE, SLOW_RATE)
 
-#: How long the rig waits for a valid command until it holds, and until it disables itself.
+#: Time without a valid command after which the rig holds, and after which it disables itself.
 HOLD_AFTER: Final = 100 * ms
 DISABLE_AFTER: Final = 500 * ms
-#: How fast the rig follows a set-point that is streamed, by its SI unit, per second.
+#: Speed at which the rig follows a streamed set-point, by its SI unit, per second.
 PACE: Final = {"m": 200 * mm / s, "N": 50 * kN / s, "rad": 200 * mrad / s}
 
 

@@ -6,7 +6,7 @@ from bench_protocol.runtime.binding import inlined
 from bench_protocol.runtime.calls import ADDRESS, INT, external, now, sleep_until
 from bench_protocol.units import NS, ms
 
-#: How long it waits for room, ns.
+#: Longest wait for space in the send buffer, ns.
 _PATIENCE: Final = round(200 * ms * NS)
 _NAP: Final = round(1 * ms * NS)
 

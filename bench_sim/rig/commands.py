@@ -272,7 +272,7 @@ def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: 
     published[_REJECTED_ROW] = tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
     signals, values = receiving.sample_signals[:count], receiving.sample_values[:count]
     for k in range(count):
-        # Of several who ask in one tick the holder is answered, else the first.
+        # If several clients request in one tick, the holder is answered, or else the first.
         if signals[k] == _NONCE_ROW and (c.asked == 0 or (heard and c.asked_sender != sender)):
             c.asked = 1
             c.asked_sender = sender

@@ -12,7 +12,7 @@ from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.words import STATES
 
-#: What a reading must have moved before the incident to be reported, as a part of its range.
+#: Smallest change of a reading before the incident that is reported, as a part of its range.
 _TOLD: Final = 0.01
 _TOLD_MAX: Final = 5
 #: A reading is near a level within this part of its way to it.
@@ -61,7 +61,7 @@ def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16
 
 
 def _before(incident: Incident, first: str) -> list[str]:
-    """What readings had done before: gone, stuck, or moved; ``first`` that one, then those that moved most."""
+    """Describe earlier readings that were missing, stuck or moved: first ``first``, then the largest changes."""
     sentences: list[tuple[float, str, str]] = []
     for signal, samples in _measured(incident):
         past = samples[: incident.trigger + 1]
@@ -91,7 +91,7 @@ def _before(incident: Incident, first: str) -> list[str]:
             left = np.abs(past - start) <= _NEAR * abs(end - start)
             sentences.append((moved, signal.name, _course(signal, past, start, end, _since(left))))
     sentences.sort(key=lambda one: -one[0])
-    # Of twins, left and right, the one that moved more represents both.
+    # Of a left and right pair, the reading that moved more represents both.
     first_of: dict[str, str] = {}
     for _, name, text in sentences:
         first_of.setdefault(name.replace("left", "").replace("right", ""), text)
@@ -116,7 +116,7 @@ def _since(inside: npt.NDArray[np.bool_]) -> str:
 
 
 def _after(incident: Incident) -> list[str]:
-    """How it ended: state, and the largest pressure and height ten seconds later."""
+    """Return the end of the incident: state, and the largest pressure and height ten seconds later."""
     lines = []
     states = incident.samples[incident.channels.index("rig.state")]
     if states.size and states[-1] != NO_SAMPLE:

@@ -67,7 +67,7 @@ class SocketCan:
                 self.dropped += 1
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send what another user than the interface's own nodes has sent: they have heard each other."""
+        """Send the frames of another node; nodes on the interface receive each other directly."""
         if peer != self.interface:
             self.publish(block)
 

@@ -225,7 +225,7 @@ def _watch(c: Any) -> int:
     if c.expiring != 0:
         gone = silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS
     else:
-        # Who has never commanded on CAN, or still writes, is there.
+        # A client that has never commanded on CAN, or still writes, counts as present.
         commanded = c.token != 0 and c.commander >= 0 and c.command_tick >= c.granted
         gone = commanded and silence >= GONE_TICKS and c.tick - c.write_tick >= GONE_TICKS
     if gone:
@@ -404,7 +404,7 @@ def run_ticks(
     while done < ticks and happened == 0 and pace.stop == 0:
         late = await_tick(pacing) if real else 0
         happened |= take_waiting(c, incoming, values)
-        if happened != 0:  # what a commander wants counts from this tick on: it waits for the decision
+        if happened != 0:  # commands count from this tick on: they wait for the decision
             if real:
                 put_off(pacing)
             break

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bench_sim.model.plant import Plant
     from bench_sim.rig.rig import Rig
 
-#: What cannot become another one while the state stays, and why.
+#: Parameters that cannot change while the state stays, with the reason.
 _GAS: Final = "what is in the springs has the mass and the energy of the gas that they were filled with"
 _BUILT: Final = "bolster and springs stand where they were built, and would be torn to another place at once"
 _REFUSED: Final = {
@@ -38,7 +38,7 @@ _REFUSED: Final = {
     ),
     "sensor_accuracy": "it only draws the bias of a transducer when the rig is built",
 }
-#: What changes the volume in which the gas is.
+#: Parameters that change the gas volume.
 VOLUMES: Final = frozenset(
     (
         "bellows_volume",

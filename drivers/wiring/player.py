@@ -22,13 +22,13 @@ from bench_protocol.words import AXES, CONTROL_MODES, STEEPEST, WAVES, WAVES_AT_
 from drivers.errors import NotAvailable, Refused
 from drivers.wiring.lines import PlayerLimits
 
-#: How long the axis of a stopped program takes to come back.
+#: Time that the axis of a stopped program takes to return.
 RETURN: Final = 1 * s
 #: A wave of which fewer set-points are streamed in a cycle would be a staircase.
 POINTS_MIN: Final = 5
 #: What a wave moves on by at the most in a cycle of the set-points: one may be missing, a stall is left out.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
-#: What the axis is controlled by, which actuators it moves, and which way each goes.
+#: The control mode of the axis, its actuators, and the sign of each.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {
     "vertical": ("vertical.control", {"vertical_left": 1, "vertical_right": 1}),
     "roll": ("vertical.control", {"vertical_left": 1, "vertical_right": -1}),

@@ -1,4 +1,4 @@
-"""How points are written to a Modbus device: in as few requests as it takes, by the functions that it knows."""
+"""Writes points to a Modbus device: in as few requests as possible, by the functions that the device supports."""
 
 from __future__ import annotations
 
