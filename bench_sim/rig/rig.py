@@ -295,11 +295,12 @@ class Rig:
         Frames are stamped with the nominal time of their tick (Unix epoch, ns), so that sampling instants are
         equidistant even if a tick is late.
         """
+        run_ticks = self._run_ticks  # loaded before the first tick is due
         epoch = wall_time_ns() - int(self._controls["tick"]) * TICK_NS
         self.pacing.start(epoch, self.lock.address, eventfd, policy)
         try:
             while not self.pacing.stopped:
-                _, _, happened = self._run_ticks(_FOREVER, *self._tick_state, self._scratch)
+                _, _, happened = run_ticks(_FOREVER, *self._tick_state, self._scratch)
                 if happened:
                     with self.lock:
                         self._decide(Happened(happened))

@@ -298,6 +298,16 @@ PARAMETERS_SHOWN: Final = 12
 #: So many base parameters far from their priors are reported, those furthest away first.
 PRIORS_SHOWN: Final = 3
 
+# -- goodness of fit: goodness.py --------------------------------------------------------------------------------------
+
+#: Blocks of a run whose means are compared to detect a walk.
+WALK_BLOCKS: Final = 12
+#: Ordinates of the periodogram on each side of a line that are its background; fewer than the least are too few.
+LINE_NEIGHBOURS: Final = 24
+LEAST_LINE_NEIGHBOURS: Final = 4
+#: Share of the excess above the noise from which an error is called a line or a walk.
+MOST_OF_EXCESS: Final = 0.8
+
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
 
 #: Most jobs that a simulator is given at once: of more the last batches would not keep all workers busy.

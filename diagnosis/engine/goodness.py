@@ -23,23 +23,24 @@ noise that rests show is not that of the data sheet.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, f, false_discovery_control
 
 from diagnosis.contracts import Array, Channel, Dataset, MeasuredRun, Role
-from diagnosis.engine.config import FLOOR_SLACK, LEAST_OF_A_HOLD, LJUNG_BOX_LAGS, NOISE_RATIO_SHOWN
+from diagnosis.engine.config import (
+    FLOOR_SLACK,
+    LEAST_LINE_NEIGHBOURS,
+    LEAST_OF_A_HOLD,
+    LINE_NEIGHBOURS,
+    LJUNG_BOX_LAGS,
+    MOST_OF_EXCESS,
+    NOISE_RATIO_SHOWN,
+    WALK_BLOCKS,
+)
 from diagnosis.engine.gates import rests
 from diagnosis.engine.p_values import bonferroni
-
-#: Blocks of a run whose means scatter where an error walks.
-BLOCKS: Final = 12
-#: Ordinates of the periodogram on each side of a line that are its background, beyond those next to it.
-NEIGHBOURS: Final = 24
-LEAST_NEIGHBOURS: Final = 4
-#: A line, or a walk, is reported as such from this part of the excess on.
-MOST: Final = 0.8
 
 
 class Misfit(NamedTuple):
@@ -102,9 +103,9 @@ def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> 
     values, step = max(series, key=lambda one: float(np.mean(one[0] ** 2)))
     excess = 1.0 - 1.0 / max(ratio, 1.0) ** 2
     line = strongest_line(values, step)
-    if line.p < 1e-3 and line.part > MOST * excess:
+    if line.p < 1e-3 and line.part > MOST_OF_EXCESS * excess:
         return f"a sine of {line.frequency:.3g} Hz"
-    if _block_means(values, BLOCKS).var() > 0.5 * MOST * (ratio**2 - 1.0) * floor**2:
+    if _block_means(values, WALK_BLOCKS).var() > 0.5 * MOST_OF_EXCESS * (ratio**2 - 1.0) * floor**2:
         return "a slow walk"
     white = min(ljung_box(values) for values, _ in series) * len(series)
     return "an error with memory" if white < 1e-3 else ""
@@ -133,8 +134,8 @@ def strongest_line(values: Array, step: float) -> Line:
     time = np.linspace(-1.0, 1.0, len(values))
     left = values - np.polynomial.Polynomial.fit(time, values, 2)(time)
     power = np.abs(np.fft.rfft(left))[1:-1] ** 2
-    neighbours = min(NEIGHBOURS, (len(power) - 5) // 2)
-    if neighbours < LEAST_NEIGHBOURS or not power.sum() > 0.0:
+    neighbours = min(LINE_NEIGHBOURS, (len(power) - 5) // 2)
+    if neighbours < LEAST_LINE_NEIGHBOURS or not power.sum() > 0.0:
         return Line(0.0, 0.0, 1.0)
     kernel = np.ones(2 * neighbours + 5)
     kernel[neighbours : neighbours + 5] = 0.0
@@ -151,7 +152,7 @@ def _lasts(values: Array, step: float, frequency: float) -> bool:
     half = len(values) // 2
     phase = np.exp(-2j * np.pi * frequency * step * np.arange(half))
     first, second = (abs(phase @ (part - part.mean())) for part in (values[:half], values[half : 2 * half]))
-    return bool(min(first, second) > MOST * max(first, second))
+    return bool(min(first, second) > MOST_OF_EXCESS * max(first, second))
 
 
 def humming(data: Dataset, alpha: float) -> list[str]:

@@ -141,7 +141,7 @@ def test_limits_are_sorted_by_margin_and_show_their_source(tmp_path):
     assert first.used == pytest.approx(10 / 40, abs=0.02)
     assert [one.used for one in found.limits] == sorted((one.used for one in found.limits), reverse=True)
     assert {one.source for one in found.limits[1:]} == {"assumed"}
-    assert any("23 of 24 limits are ours, assumed" in note for note in found.notes)
+    assert any("23 of 24 limits are assumed" in note for note in found.notes)
     text = write_page(found, directory).read_text(encoding="utf-8")
     assert "real rig" in text
     assert "40 mm" in text

@@ -224,4 +224,4 @@ def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
     monkeypatch.setattr("astb.acceptance.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
     monkeypatch.setattr("astb.acceptance.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
     result = CliRunner().invoke(commands, ["rig", "check", "virtual", "--allow-motion"])
-    assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output
+    assert (result.exit_code, "The rig is not moved" in result.output) == (1, True), result.output

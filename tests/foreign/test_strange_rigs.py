@@ -87,7 +87,7 @@ def test_a_step_without_effect_is_reported_with_its_command(strange):
         strange.bench.arm()
     strange.rig.estop = False
     wait(strange.clock, 0.2)
-    deaf = {"plant_a": "_obey", "hall_b": "_take_command"}[strange.name]
+    deaf = {"plant_a": "_answer_request", "hall_b": "_take_command"}[strange.name]
     setattr(strange.rig, deaf, lambda *data: None)
     said = {"plant_a": r"plc\.request = 4", "hall_b": r"bus\.Command\.Request = 68"}[strange.name]
     with pytest.raises(RigFault, match=said):

@@ -39,7 +39,7 @@ def made(state, reason, pressures, *, stale=False, air=AIR_BY_STATE):
 
     bench = SimpleNamespace(
         state="unknown" if stale else state,
-        readings=SimpleNamespace(told=known.get, show=show),
+        readings=SimpleNamespace(value_or_nan=known.get, show=show),
         lost=False,
         table=TABLE,
         lacks=lambda name: "",

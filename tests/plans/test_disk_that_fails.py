@@ -46,7 +46,7 @@ def carried_out(bench_composed, folder, at=inf, number=errno.ENOSPC):
 @pytest.fixture(scope="module")
 def places(bench_composed, tmp_path_factory):
     """When a sound run writes something (s): as often as there are places for a failure."""
-    result, disk, _ = carried_out(bench_composed, tmp_path_factory.mktemp("sound"))
+    result, disk, _ = carried_out(bench_composed, tmp_path_factory.mktemp("sound") / "out")
     assert result.verdict is Outcome.PASS, result.reason
     return [time / 1e9 for time in disk.times]
 

@@ -45,7 +45,7 @@ class FakeBench:
         self.state = "DISABLED"
         self.pressures = dict.fromkeys(SPRINGS, 0.0) | {"rig.state": STATES.index("DISABLED")}
         self.readings = SimpleNamespace(
-            told=lambda name: self.pressures.get(name, np.nan),
+            value_or_nan=lambda name: self.pressures.get(name, np.nan),
             glimpse=lambda name: np.nan,
             show=lambda name: f"{name} is missing",
         )
@@ -190,7 +190,7 @@ def test_a_failure_in_tear_down_does_not_hide_the_first(made, tmp_path):
 def test_third_party_programs_are_reported_with_a_blocked_plan(bench, made, tmp_path):
     bench.strangers = lambda: "another client tries to command the bench"
     result, _ = made(raising(RigFault("did not reach ACTIVE")))
-    assert "somebody else" in " ".join(event.text for event in read(tmp_path / "out").events)
+    assert "another client" in " ".join(event.text for event in read(tmp_path / "out").events)
     assert result.reason.endswith("did not reach ACTIVE; another client tries to command the bench")
 
 

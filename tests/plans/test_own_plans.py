@@ -47,7 +47,7 @@ def test_the_command_writes_lists_and_describes_it(tmp_path, monkeypatch):
     assert [one["name"] for one in json.loads(said)] == ["my_plan"]
     assert "53.5 kN each" in json.loads(said)[0]["instruction"]
     code, said = astb("plans", "new", "my_plan")
-    assert (code, "my_plan.py is there already" in said) == (MISUSE, True)
+    assert (code, "my_plan.py" in said) == (MISUSE, True)
 
 
 def test_a_folder_of_plans_is_seen_by_name(tmp_path, monkeypatch):

@@ -189,7 +189,7 @@ BAD_ARGUMENTS = {
     "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; --rig",
     "run aw0 --virtual --rig .": "there is no rig '.'",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
-    "run aw0 --specimen nobody": "there is astb, and any path that ends in .toml would do",
+    "run aw0 --specimen nobody": "there is astb, kuzyshyn_2024, and any path that ends in .toml",
     "list specimens nobody": "specimen nobody cannot be read",
     "run aw0 --set amplitude=20mm": "aw0 has no parameter amplitude",
     "run aw0 --set amplitude": "--set amplitude has no value; write NAME=VALUE",

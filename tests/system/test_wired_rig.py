@@ -70,8 +70,8 @@ def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
 @pytest.mark.parametrize(
     ("rig", "message"),
     [
-        ('name = "a"\n[simulation]\n', "simulation beside wiring"),
-        ('name = "a"\n[can]\n[modbus]\n', "can and modbus beside wiring"),
+        ('name = "a"\n[simulation]\n', "simulation and wiring exclude"),
+        ('name = "a"\n[can]\n[modbus]\n', "can and modbus and wiring exclude"),
         ('name = "a"\nwiring = 3\n', "wiring = 3; a text or a table of keys would be right"),
         ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "rig.toml: wiring.transports is empty"),
         (

@@ -97,7 +97,7 @@ def test_a_server_that_hangs_up_while_opening() -> None:
 
 def test_a_refused_connection_fails_at_once(dead_port: int) -> None:
     start = time.monotonic()
-    with pytest.raises(can.CanInitializationError, match=f"127.0.0.1:{dead_port}: nobody listens there"):
+    with pytest.raises(can.CanInitializationError, match=f"127.0.0.1:{dead_port}"):
         HubBus(port=dead_port)
     assert time.monotonic() - start < 0.5
 
