@@ -48,7 +48,7 @@ def _call() -> None:
     ctypes.PyDLL(None).usleep(round(CALL * 1e6))
 
 
-#: The constant load of the plan's thread.
+#: The work that the plan's thread repeats.
 PLANS: Final[Mapping[str, Callable[[], object]]] = {
     "waits": lambda: time.sleep(20 * ms),
     "computes in Python": _count,

@@ -36,7 +36,7 @@ from drivers.wiring.own import own_wiring
 
 POLLERS: Final = 4
 POLL: Final = 0.05  # s
-#: Period and duration of the faults, which take turns: one of the plant, two of the bus.
+#: The faults, which take turns, with their period and duration: one of the plant, two of the bus.
 FAULTS: Final = (("leak", {"side": "left"}), ("duplicate", {}), ("drop", {}))
 FAULT_PERIOD, FAULT_LASTS = 20.0, 5.0  # s
 #: Missing samples in this time around a fault of the bus are attributed to the fault.

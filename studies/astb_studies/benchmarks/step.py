@@ -22,7 +22,7 @@ STEP = 1 * ms
 DURATION = 3 * s
 SAMPLE = 10 * ms
 STEPS = round(DURATION / STEP)
-#: Number of starts of LSODA that are timed.
+#: Number of ticks, each with a restart of LSODA, that are timed.
 TICKS = 50
 SINE = ImposedMotion(VERTICAL, 5 * mm, 1 * Hz)
 #: Friction reverses inside the step, which an outer integrator cannot follow, so both sides omit it.

@@ -1,4 +1,4 @@
-"""The gallery: every picture is there, on the page and small; what needs no run is drawn again and is the same."""
+"""The gallery has every picture, also as a thumbnail; pictures that need no run are reproduced exactly."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the paper says about its figures, in the paper's own layer; and where its formulas do not say it."""
+"""The paper's statements about its figures, in the paper's layer, and cases in which its formulas contradict them."""
 
 from dataclasses import replace
 from math import tau

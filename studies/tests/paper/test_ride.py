@@ -1,4 +1,4 @@
-"""A computed car rides on the springs of the virtual rig, over its wires, as it rides on the model's springs."""
+"""The ride of a computed car on the springs of the virtual rig agrees with the ride on the model's springs."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A minute of the soak: at full rate, with faults on and off, nothing is missing, wrong or piling up."""
+"""A minute of the soak at full rate, with faults on and off: no frame is missing or wrong, and no queue grows."""
 
 import pytest
 

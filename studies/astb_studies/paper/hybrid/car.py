@@ -82,7 +82,7 @@ class Ride:
         self.now = car.at_rest(mass, gravity)
 
     def step(self, springs: Springs, dt: float = STEP) -> None:
-        """Go on by ``dt`` s under what the springs do."""
+        """Integrate ``dt`` s under the forces of the springs."""
         now, car = self.now, self.car
         share = self.fade(self.time)
         place, rate = (share * one for one in car.track(self.time))
@@ -93,7 +93,7 @@ class Ride:
         self.time += dt
 
     def place_at(self, ahead: float) -> Place:
-        """Return how the springs will stand ``ahead`` s from now, at the present accelerations; the track is known."""
+        """Return the place of the springs ``ahead`` s from now, at the present accelerations; the track is known."""
         car, then = self.car, self.time + ahead
         track = self.fade(then) * car.track(then)[0]
         return Place(

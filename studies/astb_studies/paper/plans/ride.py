@@ -1,4 +1,4 @@
-"""A car that rides on the springs: they are measured, the car is computed, and the actuators do what it would do."""
+"""The ride of a computed car on the measured springs; the actuators reproduce the motion of the car."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ from test_plans.steps.wind import RISE, admittance, fade, random_process, side_f
 
 CAR: Final = Car()
 Ridden = Course | TickCourse
-#: Warm from filling, the gas of springs that are shut in goes on cooling, and the car sinks: after 20 s it still did by
-#: 8 mm, and its springs became 7 % softer sideways.
+#: After filling, the warm gas in the shut springs continues to cool, and the car sinks: after a wait of 20 s it still
+#: sank by 8 mm, and its springs became 7 % softer sideways.
 COOL: Final = 120 * s
 #: What swings when wind and track begin dies away; then a ride counts.
 RUN_IN: Final = 20 * s

@@ -1,4 +1,4 @@
-"""What another process hides in the bench, and measures through its wires, is found or is called by no wrong name."""
+"""Effects that another process hides in the bench and measures are found, or get no wrong name."""
 
 import json
 import subprocess

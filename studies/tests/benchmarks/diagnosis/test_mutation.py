@@ -1,4 +1,4 @@
-"""A diagnosis whose guards are taken away is caught: the judge goes red, so that green means something."""
+"""The judge rejects a diagnosis without its guards."""
 
 from dataclasses import replace
 

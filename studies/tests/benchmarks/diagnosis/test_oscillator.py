@@ -1,4 +1,4 @@
-"""What a seed hides in an oscillator is found, or is not accused of being something else."""
+"""Effects hidden in an oscillator are found, or get no wrong name."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A rig of another form than its model: something may be seen of it, but what is not there is not named."""
+"""A rig whose form differs from the model: a detection is permitted, a wrong cause is not."""
 
 from types import SimpleNamespace
 
