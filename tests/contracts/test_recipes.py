@@ -288,7 +288,7 @@ def test_a_plan(copy: Copy) -> None:
     assert copy.changed == {"test_plans/plans/symmetry.py"}
 
 
-SUPPLY_VALVE = """def _supply_valve(points: InsertionPoints, v: Values) -> Mend:
+SUPPLY_VALVE = """def _supply_valve(points: InsertionPoints, v: Values) -> Undo:
     return points.tick.hold({Input.SUPPLY: 1.0 if v["at"] == "open" else 0.0})
 
 """

@@ -170,7 +170,7 @@ def test_springs_that_were_drawn_are_identified_and_their_file_is_a_model(
     untold = [one.name for one in answer.rows if not one.told]
     assert len(answer.further) == len(untold)
     for name, text in zip(untold, answer.further, strict=True):
-        assert text.startswith(f"{name} is not told") and "astb run further" in text
+        assert text.startswith(f"{name} is not determined") and "astb run further" in text
     show(answer, path, plain_console())
     assert "left.effective_area" in capsys.readouterr().out
 

@@ -135,11 +135,11 @@ REFUSED = {
     "no map": ("", "has no variables left.height, right.height, left.vertical_force"),
     "a variable that is not there": (
         MAP.replace('"travel"', '"travels"'),
-        "spring_map.inputs.height: strange.fmu has no variable travels; use a name such as travel",
+        "spring_map.inputs.height: strange.fmu has no variable travels; did you mean 'travel'?",
     ),
     "a quantity that is not there": (
         MAP.replace("height = ", "hight = "),
-        "spring_map.inputs.hight: the bench has no such quantity; use height",
+        "spring_map.inputs.hight: the bench has no such quantity; did you mean 'height'?",
     ),
     "a unit that cannot be": (
         MAP.replace('"travel"', '"p_bag"').replace('bellows_pressure = "p_bag"', 'bellows_pressure = "F"'),

@@ -52,7 +52,7 @@ def test_a_run_is_gone_back_to_and_goes_on_otherwise_from_there(open_page, bench
     page.click("#rehearse-from")
     page.wait_for_selector("#again >> text=CLEAR")
     told = page.text_content("#again")
-    assert re.search(r"left\.bellows_pressure parts at 40\.\d+ s", told), told
+    assert re.search(r"left\.bellows_pressure deviates from 40\.\d+ s", told), told
     if PICTURES:
         for width, height in {1800: 1000, 1024: 768, 390: 844}.items():
             page.set_viewport_size({"width": width, "height": height})

@@ -118,7 +118,7 @@ def test_an_interrupted_rig_leaves_no_files_behind(start_rig, how):
     modbus = open_modbus("127.0.0.1", rig.modbus_port)
     assert modbus.read_input(1, 2) == [TABLE.map_hash >> 16, TABLE.map_hash & 0xFFFF]
     assert processes_below(rig.process.pid) == []
-    rig.tell(how)
+    rig.send_signal(how)
     out, complaints = rig.process.communicate(timeout=10)
     told = f"astb: the rig was ended by {how.name}\n" if how in {signal.SIGHUP, signal.SIGQUIT} else ""
     assert (rig.process.returncode, out, complaints) == (PASS, "", told)
