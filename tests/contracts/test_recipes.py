@@ -294,7 +294,7 @@ SUPPLY_VALVE = """def _supply_valve(points: InsertionPoints, v: Values) -> Undo:
 """
 SUPPLY_VALVE_ROW = """    Fault(
         "stuck_supply_valve",
-        Place.PLANT,
+        FaultPlace.PLANT,
         "The main valve of the supply is stuck.",
         "Shut: `supply.pressure` is that of the atmosphere, and nothing can be filled. Open: nothing vents it.",
         _supply_valve,
