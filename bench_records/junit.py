@@ -20,10 +20,9 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 def junit(result: Result) -> bytes:
     """The document: a failure is outside its limits, an error has no value, and the rig cannot measure a skipped check.
 
-    The time of a check is the time since the previous check. The test case of the run has the time after the last
-    check. Together they are the time of the suite. Only a run in real time has a time stamp. The names of suite and
-    cases include the parameters and the serial number of the specimen; without them, two runs of a plan would hide
-    each other.
+    The time of a check is the time since the previous check; the test case of the run has the time after the last
+    one. Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial
+    number of the specimen; without them, two runs of a plan would hide each other.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
