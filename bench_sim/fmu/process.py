@@ -93,7 +93,8 @@ class Worker:
         FmuError reports a call that the FMU refused, a crash or a timeout; ``where`` returns the call.
         """
         done = threading.Event()
-        threading.Thread(target=self._supervise, args=(done, timeout, progress), daemon=True).start()
+        supervisor = threading.Thread(target=self._supervise, args=(done, timeout, progress), daemon=True)
+        supervisor.start()
         try:
             pickle.dump(message, self._stdin, protocol=5)
             self._stdin.flush()
@@ -108,6 +109,8 @@ class Worker:
             raise
         finally:
             done.set()
+            # The caller may remove the files that ``progress`` reads.
+            supervisor.join()
         if not good:
             self.close()
             raise FmuError(f"{self.name} failed {where()}: {answer}{self.log_tail()}")
