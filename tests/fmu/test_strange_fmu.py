@@ -255,7 +255,7 @@ def test_the_effect_of_a_step_on_numbers_is_predicted(folder: Path) -> None:
         return (simulator.run(experiment, values, {}) - right)[:, 0] / 2e-6
 
     fitted = least_squares(missed, np.zeros(len(names)), x_scale=1e-3, diff_step=1e-4).x
-    (doubt,) = (one for one in data.doubts if "makes numbers of ShakenMass.fmu wrong" in one)
+    (doubt,) = (one for one in data.doubts if "the fitted parameters of ShakenMass.fmu" in one)
     told = {name: 1e-2 * float(size) for name, size in re.findall(r"(\w+) by (\S+) %", doubt)}
     assert set(told) == set(names)
     assert [told[name] for name in names] == pytest.approx(fitted.tolist(), rel=0.1)

@@ -77,8 +77,8 @@ def _biases(
     if doubted:
         each = ", ".join(f"{base[k].name} {_size(float(bias[k]), base[k])}" for k in doubted)
         yield (
-            f"the communication step of {simulator.step_of(runs[0].experiment):g} s causes errors in parameters of "
-            f"{simulator.name} wrong: {each}, up to {shares[doubted[0]]:.2g} times their uncertainty; half "
+            f"the communication step of {simulator.step_of(runs[0].experiment):g} s changes the fitted parameters of "
+            f"{simulator.name}: {each}, up to {shares[doubted[0]]:.2g} times their uncertainty; half "
             "of fmu.step leaves a quarter of this error"
         )
 
