@@ -120,7 +120,7 @@ FIGURES = {
     ("A19", "plant", "secant_with_AW0_0.05"): (179e3, 0.02),
     ("A20", "plant", "down_AW0"): (1.32e3, 0.01),
     ("A21", "plant", "overshoot_AW0"): (1.8, 0.05),
-    ("A22", "plant", "AW0"): (0.067, 0.02),
+    ("A22", "plant", "bellows_AW0"): (0.067, 0.02),
     ("A23", "plant", "time"): (17.0, 0.01),
     ("A23", "plant", "with_emergency_spring"): (18.6, 0.01),
     ("A24", "plant", "time_constant"): (1003.0, 0.002),
