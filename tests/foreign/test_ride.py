@@ -22,7 +22,8 @@ def ride_on(made, folder, load):
 def test_it_rides_where_the_delay_allows_it_and_agrees_with_the_simulation(tmp_path):
     """Rig B answers after 52 ms, has springs at other places and no transducer for the lateral force."""
     result, found = ride_on(VirtualHall, tmp_path / "out", "AW0")
-    assert result.verdict is Outcome.INCOMPLETE, result.reason  # a comfort index wants five minutes
+    assert result.verdict is Outcome.PASS, result.reason
+    assert not any("comfort" in name for name in found)  # an index needs five minutes
     assert found[ACCELERATION].verdict is CheckVerdict.PASS
     assert abs(found["acceleration against the simulation, E_n"].value) <= 1.0
     assert abs(found["mean lean against the simulation, E_n"].value) <= 1.0

@@ -123,7 +123,7 @@ MEANT_FOR = {
         {
             f"{side} valve{what}"
             for side in SIDES
-            for what in (" opens to fill", " opens to exhaust", ", dead band")
+            for what in (" opens to fill", " opens to exhaust", ", dead band", ", delay")
         },
     ),
     "leveling: a dash-pot that is too slow": (
