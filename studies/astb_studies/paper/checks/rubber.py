@@ -17,18 +17,19 @@ from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
 ).on("plant", "(5 ± 3) % under AW0, 1.2 Hz, 5 mm")
 def rubber_share(subject: Subject) -> CheckOutcome:
     """What rubber and friction add to the vertical damping of the whole spring at 1.2 Hz and 5 mm, as a share."""
-    shares, alone = [], []
-    for load in LOADS:
-        for added, without in ((shares, ()), (alone, ("emergency_spring",))):
-            whole = damping(subject, load, 5 * mm, 1.2, *without, cycles=30)
-            orifice = damping(subject, load, 5 * mm, 1.2, *without, "rubber", cycles=30)
-            added.append(whole / orifice - 1.0)
+
+    def added(load: str, *without: str) -> float:
+        whole = damping(subject, load, 5 * mm, 1.2, *without, cycles=30)
+        return whole / damping(subject, load, 5 * mm, 1.2, *without, "rubber", cycles=30) - 1.0
+
+    shares = [added(load) for load in LOADS]
+    alone = [added(load, "emergency_spring") for load in LOADS]
     return CheckOutcome(
         f"AW0 {100 * shares[0]:.1f} %, AW3 {100 * shares[1]:.1f} %",
         abs(shares[0] - 0.05) <= 0.03,
         {"AW0": shares[0], "AW3": shares[1], "bellows_AW0": alone[0], "bellows_AW3": alone[1]},
-        "Of the whole spring, as a bench can measure it. The emergency spring in series takes a part of both: without it"
-        f" the shares are {100 * alone[0]:.1f} and {100 * alone[1]:.1f} %.",
+        "Of the whole spring, as a bench can measure it. The emergency spring in series takes a part of both: without"
+        f" it the shares are {100 * alone[0]:.1f} and {100 * alone[1]:.1f} %.",
     )
 
 
