@@ -9,6 +9,7 @@ import click
 from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
+from bench_protocol.extras import installed, lacking
 from bench_protocol.suggestion import did_you_mean
 from bench_records.checksums import broken_files
 from bench_records.comparison import CheckPair, compare_runs
@@ -64,6 +65,11 @@ _STYLE: Final = {
     is_flag=True,
     help="List requirements with their checks, and the latest verdict of each.",
 )
+@click.option(
+    "--mcp",
+    is_flag=True,
+    help="Serve the runs to an assistant, read-only, by the Model Context Protocol on standard input and output.",
+)
 @JSON_OPTION
 def runs_command(
     folder: Path,
@@ -75,9 +81,13 @@ def runs_command(
     rebuild: bool,
     verify: bool,
     requirements: bool,
+    mcp: bool,
     as_json: bool,
 ) -> None:
     """List the recorded runs, oldest first."""
+    if mcp:
+        _serve(folder)
+        return
     index = _index(folder)
     try:
         if rebuild:
@@ -103,6 +113,18 @@ def runs_command(
         print_json(runs)
     else:
         _list_runs(runs, folder)
+
+
+def _serve(folder: Path) -> None:
+    """Serve the runs until standard input ends."""
+    from astb.mcp_server import mcp_server
+
+    if not installed("mcp"):
+        misuse(lacking("mcp", "assistants"))
+    try:
+        mcp_server(folder).run("stdio")
+    except RecordError as error:
+        misuse(error)
 
 
 def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
