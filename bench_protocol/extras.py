@@ -23,7 +23,7 @@ EXTRAS: Final = {
     "fmu": Extra("FMUs that come in", ("fmpy",)),
     "mcp": Extra("recorded runs for assistants, by the Model Context Protocol", ("mcp",)),
     "mdf": Extra("measured data in MDF 4", ("asammdf",)),
-    "opcua": Extra("rigs behind an OPC UA server", ("asyncua",)),
+    "opcua": Extra("rigs behind an OPC UA server, and readings by OPC UA", ("asyncua",)),
 }
 
 

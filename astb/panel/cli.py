@@ -12,12 +12,14 @@ from astb.commands.ending import UNAWARES, end_in_order, ended_by
 from astb.commands.options import RIG_OPTION, SEED, out_option, read_rig
 from astb.exit_codes import blocked, misuse
 from bench_protocol.clock import RealClock
+from bench_protocol.extras import installed, lacking
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
     from astb.panel.access import Access
+    from astb.panel.watch import Watch
 
 
 _LOCAL: Final = "127.0.0.1"
@@ -40,9 +42,21 @@ _LOCAL: Final = "127.0.0.1"
     help="Additional host name of this machine; repeatable.",
 )
 @click.option("--seed", type=SEED, help="Random seed of the simulated sensors, if the panel starts the rig.")
+@click.option(
+    "--opcua",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Also serve the readings by OPC UA on this TCP port, read-only; 0 for any free port.",
+)
 @out_option("Folder for the runs.")
 def panel_command(
-    rig_named: str | None, host: str, port: int, names: tuple[str, ...], seed: int | None, out: Path
+    rig_named: str | None,
+    host: str,
+    port: int,
+    names: tuple[str, ...],
+    seed: int | None,
+    opcua: int | None,
+    out: Path,
 ) -> None:
     """Serve a web page that shows and controls a rig.
 
@@ -82,6 +96,8 @@ def panel_command(
         parts = Parts(watch, runs, access, out)
         watch.start()
         stack.callback(watch.close)
+        if opcua is not None:
+            _serve_readings(stack, watch, host, opcua)
         _serve(
             application(parts, host=host, names=names),
             access,
@@ -90,6 +106,20 @@ def panel_command(
         )
         if runs.going:
             click.echo("the run goes on; `astb panel` finds it again")
+
+
+def _serve_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> None:
+    """Serve the readings by OPC UA until ``stack`` ends."""
+    if not installed("opcua"):
+        misuse(lacking("opcua", "readings by OPC UA"))
+    from astb.panel.opcua_server import OpcUaServer
+
+    try:
+        server = OpcUaServer(watch, host, port)
+    except BenchError as error:
+        blocked(f"{error}; --opcua names another port")
+    stack.callback(server.close)
+    click.echo(f"OPC UA:      {server.url}")
 
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:

@@ -24,7 +24,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import FAULT_STATES, SIDES, TO_SAFE, LimitKind
 from drivers.errors import BenchError, LinkLost
-from drivers.reading import Quality, Readings
+from drivers.reading import Quality, Readings, Sample
 from drivers.settings import UNKNOWN
 
 if TYPE_CHECKING:
@@ -175,6 +175,14 @@ class Watch:
         """Return the last values of signals that the rig sends (SI), NaN without one; this requests nothing."""
         listening = self._listening
         return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
+
+    def samples(self) -> dict[str, Sample]:
+        """Return value (SI), age and quality of the shown signals that the rig sends; this requests nothing."""
+        listening = self._listening
+        if listening is None:
+            return {}
+        readings = listening.readings
+        return {one.name: readings.sample(one.name) for one in self.shown if _comes(readings, one.name)}
 
     def write(self, values: Mapping[str, float | str]) -> None:
         """Write settings to the rig while no one commands it; BenchError if it refuses."""

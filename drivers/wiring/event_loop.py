@@ -27,6 +27,10 @@ class EventLoop:
         waited = asyncio.wait_for(work, within)
         return asyncio.run_coroutine_threadsafe(waited, self._loop).result(within + _GRACE)
 
+    def start(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run ``work`` until `stop`."""
+        asyncio.run_coroutine_threadsafe(work, self._loop)
+
     def stop(self) -> None:
         """End the loop, and what still runs in it."""
 

@@ -94,27 +94,28 @@ class PanelProcess:
         paths = os.pathsep.join(filter(None, (str(self.folder / "plans"), os.environ.get("PYTHONPATH"))))
         command = [sys.executable, "-m", "astb", "panel", "--rig", str(self.rig_file), "--out", str(self.out)]
         self.process = subprocess.Popen(
-            [*command, "--port", str(self.port)],
+            [*command, "--port", str(self.port), "--opcua", "0"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env=os.environ | {"PYTHONPATH": paths},
         )
+        self.said = b""
+        self.opcua = self._printed("OPC UA:")
         self.address = self._printed("to command:")
 
     def _printed(self, what: str) -> str:
-        out, said = self.process.stdout, b""
+        out = self.process.stdout
         assert out is not None
         deadline = time.monotonic() + 200
         # Not by lines: if two come at once, the second would be lost.
-        while select.select([out], [], [], max(0.0, deadline - time.monotonic()))[0]:
-            said += (part := os.read(out.fileno(), 4096))
-            if found := re.search(rf"{what}\s+(\S+)\n", said.decode()):
-                return found[1]
-            if not part:
-                break
-        self.process.kill()
-        raise AssertionError(f"the panel said {said.decode()}")
+        while not (found := re.search(rf"{what}\s+(\S+)\n", self.said.decode())):
+            ready = select.select([out], [], [], max(0.0, deadline - time.monotonic()))[0]
+            if not ready or not (part := os.read(out.fileno(), 4096)):
+                self.process.kill()
+                raise AssertionError(f"the panel printed {self.said.decode()}")
+            self.said += part
+        return found[1]
 
     @property
     def watching(self) -> str:

@@ -1,0 +1,105 @@
+"""The readings of a rig as an OPC UA server: read-only, with engineering unit, time stamp and status code."""
+
+import asyncio
+import logging
+from datetime import UTC, datetime, timedelta
+from math import inf, isfinite, nan
+from typing import TYPE_CHECKING, Any, Final
+
+from astb.panel.watch import Watch
+from bench_protocol.units import ms, s
+from drivers.errors import BenchError
+from drivers.reading import Quality, Sample
+from drivers.wiring.event_loop import EventLoop
+
+if TYPE_CHECKING:
+    from asyncua import Node, Server
+
+NAMESPACE: Final = "urn:astb:readings"
+PERIOD: Final = 100 * ms
+#: Loading the standard address space takes a second.
+START: Final = 30 * s
+#: OPC UA status code by quality.
+STATUS: Final = {
+    Quality.GOOD: "Good",
+    Quality.STALE: "BadNoCommunication",
+    Quality.MISSING: "BadWaitingForInitialData",
+    Quality.UNAVAILABLE: "BadOutOfService",
+}
+NO_SAMPLE: Final = Sample(nan, inf, Quality.MISSING)
+# The library prints warnings about missing encryption, which this server does not offer.
+logging.getLogger("asyncua").addHandler(logging.NullHandler())
+
+
+class OpcUaServer:
+    """Serves each measurement that ``watch`` shows as the variable ``ns=2;s=NAME``, ten times a second.
+
+    BenchError if ``host`` and ``port`` (0: any free port) cannot be served; ImportError without the extra ``opcua``.
+    """
+
+    def __init__(self, watch: Watch, host: str, port: int) -> None:
+        self._watch = watch
+        self._loop = EventLoop("OPC UA server")
+        try:
+            self._server, self._nodes = self._loop.run(self._start(host, port), START)
+        except OSError as error:
+            self._loop.stop()
+            raise BenchError(f"OPC UA at {host}:{port} cannot be served: {error.strerror or error}") from None
+        self._loop.start(self._update())
+        assert self._server.bserver is not None
+        port = self._server.bserver._server.sockets[0].getsockname()[1]
+        self.url = f"opc.tcp://{host}:{port}/astb"
+
+    def close(self) -> None:
+        """End the server."""
+        self._loop.run(self._server.stop(), START)
+        self._loop.stop()
+
+    async def _start(self, host: str, port: int) -> "tuple[Server, dict[str, Node]]":
+        from asyncua import Server, ua
+
+        server = Server()
+        await server.init()
+        server.allow_remote_admin(False)  # else a client with the name "admin" could write
+        server.set_endpoint(f"opc.tcp://{host}:{port}/astb")
+        server.set_server_name(f"ASTB {self._watch.rig.name}")
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        space = await server.register_namespace(NAMESPACE)
+        folder = await server.nodes.objects.add_folder(space, self._watch.rig.name)
+        nodes = {}
+        for one in self._watch.shown:
+            node = await folder.add_variable(
+                ua.NodeId(one.name, space), one.label, nan, ua.VariantType.Double
+            )
+            unit = ua.EUInformation(DisplayName=ua.LocalizedText(one.unit))
+            await node.add_property(0, "EngineeringUnits", unit)
+            nodes[one.name] = node
+        await self._write(server, nodes)  # without it, the first values would have the status Good
+        await server.start()
+        return server, nodes
+
+    async def _write(self, server: "Server", nodes: "dict[str, Node]") -> None:
+        try:
+            samples = self._watch.samples()
+        except BenchError:
+            samples = {}
+        for one in self._watch.shown:
+            sample = samples.get(one.name, NO_SAMPLE)
+            data = _data(Sample(one.of(sample.value), sample.age, sample.quality))
+            await server.write_attribute_value(nodes[one.name].nodeid, data)
+
+    async def _update(self) -> None:
+        while True:
+            await asyncio.sleep(PERIOD)
+            await self._write(self._server, self._nodes)
+
+
+def _data(sample: Sample) -> Any:
+    """Return a sample with its status code and the time at which it was measured."""
+    from asyncua import ua
+
+    return ua.DataValue(
+        ua.Variant(sample.value, ua.VariantType.Double),
+        StatusCode=ua.StatusCode(getattr(ua.StatusCodes, STATUS[sample.quality])),
+        SourceTimestamp=datetime.now(UTC) - timedelta(seconds=sample.age) if isfinite(sample.age) else None,
+    )

@@ -1,0 +1,138 @@
+"""The readings as an OPC UA server: values, units, quality and time for any client, and no way to write."""
+
+import asyncio
+import math
+from collections.abc import Callable, Coroutine
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from asyncua import Client, Node, ua
+
+from astb.panel.opcua_server import PERIOD, STATUS, OpcUaServer
+from drivers.errors import BenchError, LinkLost
+from drivers.reading import Quality, Sample
+from tests.refusals import refuses
+
+#: One signal of each quality: value and unit in SI, and as served.
+SAMPLES = {
+    "left.height": (Sample(0.0125, 0.03, Quality.GOOD), 12.5, "mm"),
+    "left.bellows_pressure": (Sample(math.nan, 2.0, Quality.STALE), math.nan, "bar"),
+    "left.bellows_temperature": (Sample(math.nan, math.inf, Quality.MISSING), math.nan, "°C"),
+    "lateral.force": (Sample(math.nan, math.inf, Quality.UNAVAILABLE), math.nan, "kN"),
+}
+
+
+@pytest.fixture
+def served(parts, monkeypatch):
+    """A server of these samples; every other signal is missing."""
+    monkeypatch.setattr(
+        parts.watch, "samples", lambda: {name: sample for name, (sample, *_) in SAMPLES.items()}
+    )
+    server = OpcUaServer(parts.watch, "127.0.0.1", 0)
+    yield server
+    server.close()
+
+
+def answered(url: str, ask: Callable[[Client], Coroutine[Any, Any, Any]], user: str = "") -> Any:
+    """Return what ``ask`` returns for a connected client."""
+
+    async def whole() -> Any:
+        client = Client(url)
+        if user:
+            client.set_user(user)
+        async with client:
+            return await ask(client)
+
+    return asyncio.run(whole())
+
+
+def node(client: Client, name: str) -> Node:
+    return client.get_node(f"ns=2;s={name}")
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_client_reads_value_unit_quality_and_time(served, name):
+    sample, value, unit = SAMPLES[name]
+
+    async def ask(client):
+        data = await node(client, name).read_data_value(raise_on_bad_status=False)
+        units = await node(client, name).get_child("0:EngineeringUnits")
+        return data, (await units.read_value()).DisplayName.Text
+
+    data, shown = answered(served.url, ask)
+    assert shown == unit
+    assert data.StatusCode.name == STATUS[sample.quality]
+    if sample.quality is Quality.GOOD:
+        assert data.Value.Value == pytest.approx(value)
+        age = (datetime.now(UTC) - data.SourceTimestamp.replace(tzinfo=UTC)).total_seconds()
+        assert sample.age <= age < sample.age + 5.0
+    elif data.Value is not None:
+        assert data.Value.Value is None or math.isnan(data.Value.Value)
+
+
+def test_all_measurements_are_listed(served, parts):
+    async def ask(client):
+        (folder,) = [
+            one for one in await client.nodes.objects.get_children() if one.nodeid.NamespaceIndex == 2
+        ]
+        return {one.nodeid.Identifier for one in await folder.get_variables()}
+
+    assert answered(served.url, ask) == set(parts.watch.row)
+
+
+@pytest.mark.parametrize("user", ["", "admin", "Admin", "root"])
+def test_no_client_writes(served, user):
+    async def ask(client):
+        one = node(client, "left.height")
+        with pytest.raises(ua.UaStatusCodeError):
+            await one.write_value(0.5)
+        with pytest.raises(ua.UaStatusCodeError):
+            await client.nodes.objects.add_variable(2, "mine", 1.0)
+        with pytest.raises(ua.UaStatusCodeError):
+            await one.set_writable()
+        return await one.read_value()
+
+    assert answered(served.url, ask, user) == pytest.approx(12.5)
+
+
+def test_a_lost_rig_takes_the_quality_of_its_readings(served, parts, monkeypatch):
+    """No reading stays good when the panel no longer hears the rig."""
+
+    async def ask(client):
+        one = node(client, "left.height")
+        assert (await one.read_data_value()).StatusCode.is_good()
+        monkeypatch.setattr(parts.watch, "samples", lost)
+        for _ in range(50):
+            await asyncio.sleep(PERIOD)
+            data = await one.read_data_value(raise_on_bad_status=False)
+            if not data.StatusCode.is_good():
+                return True
+        return False
+
+    def lost():
+        raise LinkLost("silent")
+
+    assert answered(served.url, ask)
+
+
+def test_a_port_in_use_is_refused_with_its_number(served, parts):
+    port = served.url.rsplit(":", 1)[1].partition("/")[0]
+    with refuses(BenchError, port):
+        OpcUaServer(parts.watch, "127.0.0.1", int(port))
+
+
+@pytest.mark.slow
+@pytest.mark.real_time
+def test_the_panel_serves_the_readings_of_its_rig(bench_panel):
+    """Through wires, panel and OPC UA: the gas has the temperature of the simulated hall."""
+
+    async def ask(client):
+        for _ in range(100):
+            data = await node(client, "left.bellows_temperature").read_data_value(raise_on_bad_status=False)
+            if data.StatusCode.is_good():
+                return data.Value.Value
+            await asyncio.sleep(0.2)
+        raise AssertionError(data)
+
+    assert 10.0 < answered(bench_panel.opcua, ask) < 30.0
