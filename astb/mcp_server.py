@@ -8,10 +8,14 @@ from functools import wraps
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
+from mcp.server import MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from mcp_types import ToolAnnotations
 
+from astb.rehearsal.rehearsing import rehearse
 from astb.rig_file import ORDINARY, find_rig
 from bench_records.index import RunIndex
 from bench_records.layout import RecordError
@@ -20,80 +24,85 @@ from bench_records.run_folder import open_run
 from drivers.errors import BenchError
 from test_plans.discovery import plans, unknown
 
-if TYPE_CHECKING:
-    from mcp.server import MCPServer
-
 FINDING: Final = "finding.json"
 #: Rows of one table: an assistant reads text, and asks again for another part.
 ROWS: Final = 2000
 
 
-def mcp_server(folder: Path) -> "MCPServer":
-    """Return the server of the runs in ``folder``. RecordError if it is not a folder; ImportError without the extra."""
-    from mcp.server import MCPServer
-    from mcp_types import ToolAnnotations
+class RunReader:
+    """The tools of the server, for the runs in ``folder``. RecordError if it is not a folder."""
 
-    index = RunIndex(folder)
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._index = folder, RunIndex(folder)
 
-    def list_runs(plan: str | None = None, verdict: str | None = None) -> list[dict[str, Any]]:
+    def list_runs(self, plan: str | None = None, verdict: str | None = None) -> list[dict[str, Any]]:
         """List the recorded runs, oldest first: directory, plan, parameters, rig, specimen, verdict and reason."""
-        return _plain(index.runs(plan=plan, verdict=verdict))
+        return list(_plain(self._index.runs(plan=plan, verdict=verdict)))
 
-    def read_result(run: str) -> dict[str, Any]:
+    def read_result(self, run: str) -> dict[str, Any]:
         """Return the result of a run: checks with values (SI), uncertainty, limits and verdicts. run: a directory."""
-        return _plain(open_run(_run(index, run)).result)
+        return dict(_plain(open_run(self._place(run)).result))
 
-    def list_signals(run: str) -> dict[str, str]:
+    def list_signals(self, run: str) -> dict[str, str]:
         """Return the recorded signals of a run with the units of read_table."""
-        return {name: signal.unit for name, signal in read(_run(index, run)).signals.items()}
+        return {name: signal.unit for name, signal in read(self._place(run)).signals.items()}
 
     def read_table(
-        run: str, signals: list[str], rate: float, start: float = 0.0, end: float | None = None
+        self, run: str, signals: list[str], rate: float, start: float = 0.0, end: float | None = None
     ) -> dict[str, list[float | None]]:
         """Return signals at one rate (Hz), with time_s since the start of the record; null without a sample."""
-        record = read(_run(index, run))
+        record = read(self._place(run))
         table = record.frame(signals, rate).loc[start:end]
         if len(table) > ROWS:
             raise RecordError(
                 f"{len(table)} rows are more than {ROWS}; give a lower rate, or start and end in s"
             )
         scaled = table / [record.signals[name].scale for name in signals]
-        return {name: _nullable(values) for name, values in scaled.reset_index().items()}
+        return {str(name): _nullable(values) for name, values in scaled.reset_index().items()}
 
-    def list_findings() -> list[str]:
+    def list_findings(self) -> list[str]:
         """List the folders with a finding of `astb diagnose`."""
-        return sorted(str(path.parent.relative_to(folder)) for path in folder.rglob(FINDING))
+        return sorted(str(path.parent.relative_to(self._folder)) for path in self._folder.rglob(FINDING))
 
-    def read_finding(finding: str) -> dict[str, Any]:
+    def read_finding(self, finding: str) -> dict[str, Any]:
         """Return a finding: verdict, causes with intervals, alternatives, goodness of fit. finding: a folder."""
-        if finding not in list_findings():
+        if finding not in self.list_findings():
             raise RecordError(
-                f"{finding!r} has no {FINDING} in {folder}; list_findings returns the folders that do"
+                f"{finding!r} has no {FINDING} in {self._folder}; list_findings returns the folders that do"
             )
-        return dict(msgspec.json.decode((folder / finding / FINDING).read_bytes()))
+        return dict(msgspec.json.decode((self._folder / finding / FINDING).read_bytes()))
 
     def rehearse_plan(
-        plan: str, parameters: dict[str, str] | None = None, rig: str = ORDINARY
+        self, plan: str, parameters: dict[str, str] | None = None, rig: str = ORDINARY
     ) -> dict[str, Any]:
         """Simulate a plan in virtual time, and return its margins to the limits of the rig. The rig does not move."""
-        from astb.rehearsal.rehearsing import rehearse
-
         if plan not in plans():
             raise RecordError(unknown(plan))
         file, path = find_rig(rig)
         with TemporaryDirectory() as out:
-            return _plain(rehearse(plans()[plan].given(parameters or {}), file, path, Path(out))[0])
+            found, _ = rehearse(plans()[plan].given(parameters or {}), file, path, Path(out))
+            return dict(_plain(found))
 
+    def _place(self, run: str) -> Path:
+        """Return the folder of a run; RecordError for any other name, so that nothing else can be read."""
+        if run not in {one.directory for one in self._index.runs()}:
+            raise RecordError(f"no run {run!r} in {self._folder}; list_runs returns the directories")
+        return self._folder / run
+
+
+def mcp_server(folder: Path) -> MCPServer:
+    """Return the server of the runs in ``folder``. RecordError if it is not a folder."""
+    reader = RunReader(folder)
     server = MCPServer("astb", instructions="Recorded runs of a test bench for air springs.")
     reads = ToolAnnotations(read_only_hint=True, open_world_hint=False)
     for tool in (
-        list_runs,
-        read_result,
-        list_signals,
-        read_table,
-        list_findings,
-        read_finding,
-        rehearse_plan,
+        reader.list_runs,
+        reader.read_result,
+        reader.list_signals,
+        reader.read_table,
+        reader.list_findings,
+        reader.read_finding,
+        reader.rehearse_plan,
     ):
         server.tool(annotations=reads)(_with_messages(tool))
     return server
@@ -101,7 +110,6 @@ def mcp_server(folder: Path) -> "MCPServer":
 
 def _with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
     """Return ``tool`` with errors whose messages reach the client; the library hides those of other errors."""
-    from mcp.server.mcpserver.exceptions import ToolError
 
     @wraps(tool)
     def answering(**arguments: Any) -> Any:
@@ -111,13 +119,6 @@ def _with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
             raise ToolError(str(error)) from None
 
     return answering
-
-
-def _run(index: RunIndex, run: str) -> Path:
-    """Return the folder of a run; RecordError for any other name, so that nothing else can be read."""
-    if run not in {one.directory for one in index.runs()}:
-        raise RecordError(f"no run {run!r} in {index.folder}; list_runs returns the directories")
-    return index.folder / run
 
 
 def _plain(found: Any) -> Any:

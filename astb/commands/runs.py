@@ -117,10 +117,10 @@ def runs_command(
 
 def _serve(folder: Path) -> None:
     """Serve the runs until standard input ends."""
-    from astb.mcp_server import mcp_server
-
     if not installed("mcp"):
         misuse(lacking("mcp", "assistants"))
+    from astb.mcp_server import mcp_server
+
     try:
         mcp_server(folder).run("stdio")
     except RecordError as error:

@@ -4,16 +4,15 @@ import asyncio
 import logging
 from datetime import UTC, datetime, timedelta
 from math import inf, isfinite, nan
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
+
+from asyncua import Node, Server, ua
 
 from astb.panel.watch import Watch
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError
 from drivers.reading import Quality, Sample
 from drivers.wiring.event_loop import EventLoop
-
-if TYPE_CHECKING:
-    from asyncua import Node, Server
 
 NAMESPACE: Final = "urn:astb:readings"
 PERIOD: Final = 100 * ms
@@ -34,7 +33,7 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())
 class OpcUaServer:
     """Serves each measurement that ``watch`` shows as the variable ``ns=2;s=NAME``, ten times a second.
 
-    BenchError if ``host`` and ``port`` (0: any free port) cannot be served; ImportError without the extra ``opcua``.
+    BenchError if ``host`` and ``port`` (0: any free port) cannot be served.
     """
 
     def __init__(self, watch: Watch, host: str, port: int) -> None:
@@ -55,9 +54,7 @@ class OpcUaServer:
         self._loop.run(self._server.stop(), START)
         self._loop.stop()
 
-    async def _start(self, host: str, port: int) -> "tuple[Server, dict[str, Node]]":
-        from asyncua import Server, ua
-
+    async def _start(self, host: str, port: int) -> tuple[Server, dict[str, Node]]:
         server = Server()
         await server.init()
         server.allow_remote_admin(False)  # else a client with the name "admin" could write
@@ -78,7 +75,7 @@ class OpcUaServer:
         await server.start()
         return server, nodes
 
-    async def _write(self, server: "Server", nodes: "dict[str, Node]") -> None:
+    async def _write(self, server: Server, nodes: dict[str, Node]) -> None:
         try:
             samples = self._watch.samples()
         except BenchError:
@@ -94,10 +91,8 @@ class OpcUaServer:
             await self._write(self._server, self._nodes)
 
 
-def _data(sample: Sample) -> Any:
+def _data(sample: Sample) -> ua.DataValue:
     """Return a sample with its status code and the time at which it was measured."""
-    from asyncua import ua
-
     return ua.DataValue(
         ua.Variant(sample.value, ua.VariantType.Double),
         StatusCode=ua.StatusCode(getattr(ua.StatusCodes, STATUS[sample.quality])),

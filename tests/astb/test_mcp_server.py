@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from astb.api import run_plan
-from astb.mcp_server import ROWS, mcp_server
 from bench_records.record import read
 from test_plans.plan import plan
 
 mcp = pytest.importorskip("mcp")
+from astb.mcp_server import ROWS, mcp_server  # noqa: E402
 
 
 @plan

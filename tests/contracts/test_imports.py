@@ -37,7 +37,7 @@ RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know soc
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
 DASK = "dask belongs to astb.campaigns"
-OPCUA = "asyncua belongs to drivers.wiring.opcua"
+OPCUA = "asyncua belongs to drivers.wiring.opcua and astb.panel.opcua_server"
 
 HIDDEN = "def hidden():\n    {}\n"
 """An import inside a function is an import all the same."""
