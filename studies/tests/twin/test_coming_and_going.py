@@ -94,7 +94,7 @@ def test_a_growing_deviation_is_reported_with_size_and_falling_uncertainty(tmp_p
 
 @pytest.mark.parametrize(
     ("effect", "size", "share"),
-    [("auxiliary_volume", 0.8, 0.01), ("bellows_volume", 0.8, 0.01), ("blocked_orifice.left", 0.75, 0.05)],
+    [("auxiliary_volume", 0.8, 0.01), ("blocked_orifice.left", 0.75, 0.05)],
 )
 def test_a_growing_deviation_in_the_nonlinear_range_is_reported_with_size(tmp_path, effect, size, share):
     case = Case("screening", 5, effect=effect, size=size, at=145.0, creeps=30.0)
