@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,8 +10,10 @@ import pytest
 from asyncua import Client, Node, ua
 
 from astb.panel.opcua_server import PERIOD, STATUS, OpcUaServer
+from astb.panel.watch import Watch
 from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Sample
+from tests.panel.conftest import RIG
 from tests.refusals import refuses
 
 #: One signal of each quality: value and unit in SI, and as served.
@@ -23,13 +25,26 @@ SAMPLES = {
 }
 
 
-@pytest.fixture
-def served(parts, monkeypatch):
-    """A server of these samples; every other signal is missing."""
-    monkeypatch.setattr(
-        parts.watch, "samples", lambda: {name: sample for name, (sample, *_) in SAMPLES.items()}
-    )
-    server = OpcUaServer(parts.watch, "127.0.0.1", 0)
+class StubWatch(Watch):
+    """A panel's watch that is connected to nothing and has these samples."""
+
+    lost = False
+
+    def samples(self) -> dict[str, Sample]:
+        if self.lost:
+            raise LinkLost("silent")
+        return {name: sample for name, (sample, *_) in SAMPLES.items()}
+
+
+@pytest.fixture(scope="module")
+def watch(tmp_path_factory) -> StubWatch:
+    return StubWatch(RIG, tmp_path_factory.mktemp("rig") / "rig.toml")
+
+
+@pytest.fixture(scope="module")
+def served(watch) -> Iterator[OpcUaServer]:
+    """One server for all tests: it takes a second to start."""
+    server = OpcUaServer(watch, "127.0.0.1", 0)
     yield server
     server.close()
 
@@ -47,6 +62,15 @@ def answered(url: str, ask: Callable[[Client], Coroutine[Any, Any, Any]], user: 
     return asyncio.run(whole())
 
 
+async def comes_good(one: Node) -> bool:
+    """Wait five seconds at most for a value with the status Good."""
+    for _ in range(50):
+        if (await one.read_data_value(raise_on_bad_status=False)).StatusCode.is_good():
+            return True
+        await asyncio.sleep(PERIOD)
+    return False
+
+
 def node(client: Client, name: str) -> Node:
     return client.get_node(f"ns=2;s={name}")
 
@@ -56,6 +80,8 @@ def test_a_client_reads_value_unit_quality_and_time(served, name):
     sample, value, unit = SAMPLES[name]
 
     async def ask(client):
+        if sample.quality is Quality.GOOD:
+            assert await comes_good(node(client, name))
         data = await node(client, name).read_data_value(raise_on_bad_status=False)
         units = await node(client, name).get_child("0:EngineeringUnits")
         return data, (await units.read_value()).DisplayName.Text
@@ -71,14 +97,14 @@ def test_a_client_reads_value_unit_quality_and_time(served, name):
         assert data.Value.Value is None or math.isnan(data.Value.Value)
 
 
-def test_all_measurements_are_listed(served, parts):
+def test_all_measurements_are_listed(served, watch):
     async def ask(client):
         (folder,) = [
             one for one in await client.nodes.objects.get_children() if one.nodeid.NamespaceIndex == 2
         ]
         return {one.nodeid.Identifier for one in await folder.get_variables()}
 
-    assert answered(served.url, ask) == set(parts.watch.row)
+    assert answered(served.url, ask) == set(watch.row)
 
 
 @pytest.mark.parametrize("user", ["", "admin", "Admin", "root"])
@@ -91,18 +117,19 @@ def test_no_client_writes(served, user):
             await client.nodes.objects.add_variable(2, "mine", 1.0)
         with pytest.raises(ua.UaStatusCodeError):
             await one.set_writable()
+        assert await comes_good(one)
         return await one.read_value()
 
     assert answered(served.url, ask, user) == pytest.approx(12.5)
 
 
-def test_a_lost_rig_takes_the_quality_of_its_readings(served, parts, monkeypatch):
+def test_a_lost_rig_takes_the_quality_of_its_readings(served, watch, monkeypatch):
     """No reading stays good when the panel no longer hears the rig."""
 
     async def ask(client):
         one = node(client, "left.height")
-        assert (await one.read_data_value()).StatusCode.is_good()
-        monkeypatch.setattr(parts.watch, "samples", lost)
+        assert await comes_good(one)
+        monkeypatch.setattr(watch, "lost", True)
         for _ in range(50):
             await asyncio.sleep(PERIOD)
             data = await one.read_data_value(raise_on_bad_status=False)
@@ -110,16 +137,13 @@ def test_a_lost_rig_takes_the_quality_of_its_readings(served, parts, monkeypatch
                 return True
         return False
 
-    def lost():
-        raise LinkLost("silent")
-
     assert answered(served.url, ask)
 
 
-def test_a_port_in_use_is_refused_with_its_number(served, parts):
+def test_a_port_in_use_is_refused_with_its_number(served, watch):
     port = served.url.rsplit(":", 1)[1].partition("/")[0]
     with refuses(BenchError, port):
-        OpcUaServer(parts.watch, "127.0.0.1", int(port))
+        OpcUaServer(watch, "127.0.0.1", int(port))
 
 
 @pytest.mark.slow
