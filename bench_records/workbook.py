@@ -30,8 +30,19 @@ _OPTIONS: Final = {
 }
 _BAD: Final = ("fail", "error")
 _CHECK: Final = (
-    *("phase", "check", "value", "± U", "unit", "low", "high", "verdict", "conforms with", "note"),
-    "what it tells",
+    *(
+        "phase",
+        "check",
+        "value",
+        "± U",
+        "unit",
+        "low",
+        "high",
+        "verdict",
+        "probability of conformity",
+        "note",
+    ),
+    "purpose",
 )
 _CURVE: Final = ("group", "curve", "x", "unit of x", "y", "unit of y", "± U", "low", "high")
 _TREND: Final = (
