@@ -152,7 +152,7 @@ def _decoded(path: Path, content: bytes, charset: str | None) -> tuple[str, str]
             return content[len(mark) :].decode(name), name
         except LookupError:
             raise DbcError(
-                f'{path}: charset = "{name}" is none; "utf-8", "cp1252" or "latin-1" would be one'
+                f'{path}: charset = "{name}" is unknown; use one such as "utf-8", "cp1252" or "latin-1"'
             ) from None
         except UnicodeDecodeError as error:
             line = content.count(b"\n", 0, error.start) + 1

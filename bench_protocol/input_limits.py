@@ -113,7 +113,7 @@ def read_bounded(path: Path, limit: int = DESCRIPTION_BYTES) -> bytes:
     with path.open("rb") as file:
         content = file.read(limit + 1)  # one byte more, because the file may grow
     if len(content) > limit:
-        raise Unfit(f"has more than {size(limit)}; that is what is read at most")
+        raise Unfit(f"has more than {size(limit)}; at most that much is read")
     return content
 
 
@@ -180,7 +180,7 @@ def _check_value(name: str, value: object, depth: int) -> None:
     elif isinstance(value, float) and not abs(value) < float("inf"):
         raise Unfit(f"says {name} = {value}; a finite number would be right")
     elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
-        raise Unfit(f"says {name} = a whole number of more than 64 bits")
+        raise Unfit(f"has {name} with an integer of more than 64 bits; use a smaller number")
 
 
 def check_dbc(path: Path) -> None:
@@ -255,7 +255,7 @@ def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
     try:
         archive = zipfile.ZipFile(path)
     except (zipfile.BadZipFile, ValueError, NotImplementedError, struct.error) as error:
-        raise Unfit(f"is no zip archive that can be read: {error}") from None
+        raise Unfit(f"is not a readable zip archive: {error}") from None
     try:
         files = archive.infolist()
         total = sum(one.file_size for one in files)
@@ -301,9 +301,7 @@ def check_text_table(path: Path, delimiter: str | None = None) -> None:
         while line := file.readline(LINE_BYTES + 1):
             number += 1
             if len(line) > LINE_BYTES:
-                raise Unfit(
-                    f"has more than {size(LINE_BYTES)} in line {number}, which is what is read at most"
-                )
+                raise Unfit(f"has more than {size(LINE_BYTES)} in line {number}; at most that much is read")
             if separator:
                 columns = line.count(separator) + 1
                 cells += columns

@@ -53,7 +53,7 @@ def _by_name(content: bytes, encoding: str) -> str:
         "".encode(encoding)  # there are codecs that make no text of bytes, such as "zip"
     except (LookupError, ValueError):
         raise Unfit(
-            f'cannot be read: encoding = "{encoding}" is none; "utf-8", "utf-16" or "cp1252" would be'
+            f'cannot be read: encoding = "{encoding}" is unknown; use one such as "utf-8", "utf-16" or "cp1252"'
         ) from None
     for mark, name in _MARKS:
         if content.startswith(mark) and known in (name.lower(), name.lower()[:-3], "utf-8-sig"):

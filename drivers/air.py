@@ -130,7 +130,7 @@ class Air(Device):
         wanted = {"left": to if to is not None else left, "right": to if to is not None else right}
         targets = {side: target for side, target in wanted.items() if target is not None}
         if not targets:
-            raise Misuse(f"air.{verb}: no pressure was given; say to=5 * bar")
+            raise Misuse(f"air.{verb}: no pressure is given; add it, such as to=5 * bar")
         settings = self._link.settings.in_force()
         for side in targets:
             if not settings.get(f"air.{side}_reservoir", True):

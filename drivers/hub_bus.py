@@ -132,7 +132,7 @@ class HubBus(can.BusABC):
             if self._lost:
                 raise can.CanOperationError(self._lost)
             if not self.wire.usable:
-                raise can.CanOperationError(self._lose("who wrote there before could not send its frames"))
+                raise can.CanOperationError(self._lose("an earlier client could not send its frames"))
             try:
                 self._socket.sendall(lines)
             except OSError as error:

@@ -359,5 +359,5 @@ class Link:
 
 def _nanoseconds(name: str, seconds: float) -> int:
     if not 0 <= seconds <= WAIT_MAX:
-        raise ValueError(f"{name} = {seconds:g} s is not a time to wait (0 to {WAIT_MAX:g} s)")
+        raise ValueError(f"{name} = {seconds:g} s is outside 0 to {WAIT_MAX:g} s")
     return round(seconds * NS)

@@ -85,7 +85,7 @@ class Faults:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} = {getattr(self, name):g} is not a probability (0 to 1)")
         if not 1 <= self.delay_frames <= 10_000:
-            raise ValueError(f"delay_frames = {self.delay_frames} is not a delay to simulate (1 to 10000)")
+            raise ValueError(f"delay_frames = {self.delay_frames} is outside 1 to 10000")
 
 
 class _Mishaps:

@@ -140,7 +140,7 @@ class ModbusPort:
             objects, following = self._identification_from(start, what)
             found.update(objects)
             if following is not None and following <= start:
-                raise LinkLost(f"{what} failed: the device never comes to an end")
+                raise LinkLost(f"{what} failed: the answers do not end; their object numbers must rise")
             start = following
         return found
 
@@ -151,7 +151,7 @@ class ModbusPort:
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
-            raise LinkLost(f"{what} failed: the device answered something else")
+            raise LinkLost(f"{what} failed: the answer belongs to another request")
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:

@@ -126,7 +126,7 @@ class Capture:
         signal's stale limit becomes NaN.
         """
         if not 0.001 <= rate <= 10_000:
-            raise Misuse(f"rate = {rate:g} Hz is not a rate to align at (0.001 to 10000 Hz)")
+            raise Misuse(f"rate = {rate:g} Hz is outside 0.001 to 10000 Hz")
         series = {name: self._series(name) for name in self.names}
         empty = [name for name, (times, _) in series.items() if times.size == 0]
         if empty:

@@ -122,7 +122,7 @@ class _Bench:
         deadline = self.clock.now() + round(self.subject.within * NS)
         while not condition():
             if self.clock.now() >= deadline:
-                raise Breach(f"{what} did not come true within {self.subject.within:g} s")
+                raise Breach(f"{what}: timeout after {self.subject.within:g} s")
             self.wait(_POLL)
 
 
@@ -151,7 +151,7 @@ def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Ex
         call()
     except error as caught:
         if len(str(caught)) < 10:
-            raise Breach(f"{what}: {error.__name__} says only {str(caught)!r}") from None
+            raise Breach(f"{what}: {error.__name__} has no reason, only {str(caught)!r}") from None
         return caught
     except Exception as other:
         raise Breach(f"{what} raises {type(other).__name__} ({other}), not {error.__name__}") from None
@@ -159,7 +159,7 @@ def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Ex
 
 
 def _before_connecting(subject: Subject) -> None:
-    """A transport that is not connected says so, and no one was ever heard."""
+    """Before connect, reading raises LinkLost and alive() is infinite."""
     transport = subject.make()
     try:
         _expect(LinkLost, "read before connect", lambda: transport.read(list(subject.readable)))
@@ -170,7 +170,7 @@ def _before_connecting(subject: Subject) -> None:
 
 
 def _unknown_points(subject: Subject) -> None:
-    """A point that does not exist is a WiringError, before and after connecting."""
+    """An unknown point raises a WiringError, before and after connect."""
     transport = subject.make()
     _expect(WiringError, f"require({_UNKNOWN!r})", lambda: transport.require(_UNKNOWN))
     for name in subject.readable:
@@ -183,7 +183,7 @@ def _unknown_points(subject: Subject) -> None:
 
 
 def _no_answer(subject: Subject) -> None:
-    """Where no one answers, connect ends in time with LinkLost, and no loss is told of what never was."""
+    """If no rig answers, connect raises LinkLost in time and reports no loss."""
     if subject.nobody is None:
         raise _Skipped("the subject has no `nobody`")
     transport, listener = subject.nobody(), _Listener(subject.clock)
@@ -200,15 +200,15 @@ def _no_answer(subject: Subject) -> None:
 
 
 def _what_comes(subject: Subject) -> None:
-    """What comes by itself comes in time, of known points, with rising times of the bench's clock."""
+    """Received values are known points, arrive in time, and have increasing times of the bench clock."""
     with _Bench(subject) as bench:
         start, transport, samples = bench.clock.now(), bench.transport, bench.listener.samples
         expected = {name for name in subject.readable if transport.stale(name) > 0}
         if not expected and not transport.period:
-            raise _Skipped("all points are read when asked")
+            raise _Skipped("the transport reads all points on request only")
         bench.until(
             lambda: expected <= {name for _, _, points in samples for name in points},
-            f"news of {', '.join(sorted(expected))}",
+            f"reception of {', '.join(sorted(expected))}",
         )
         bench.wait(3 * transport.period)
         heard, end = list(samples), bench.clock.now()
@@ -217,23 +217,25 @@ def _what_comes(subject: Subject) -> None:
         # In virtual time the simulation runs first, and the clock follows.
         latest = now + _AHEAD if isinstance(bench.clock, RealClock) else end
         if type(time) is not int or not start - 10 * NS <= time <= latest:
-            raise Breach(f"the time {time!r} is none of the bench's clock, which says {now} ns")
+            raise Breach(f"the time {time!r} is not a time of the bench clock, which is at {now} ns")
         if time < last:
             raise Breach(f"the times go back: {time} ns after {last} ns")
         last = time
         for name, value in points.items():
             transport.require(name)
             if type(value) is not float:
-                raise Breach(f"{name} = {value!r} is no float")
+                raise Breach(f"{name} = {value!r} is not a float")
     for name in expected:
         times = [time for time, _, points in heard if name in points]
         widest = max((b - a for a, b in itertools.pairwise(times)), default=0) / NS
         if widest > transport.stale(name):
-            raise Breach(f"{name} stayed away for {widest:.3f} s, stale is {transport.stale(name):g} s")
+            raise Breach(
+                f"{name} was missing for {widest:.3f} s; it is stale after {transport.stale(name):g} s"
+            )
 
 
 def _reading(subject: Subject) -> None:
-    """Reading gives just the points asked for, in order, as numbers; what was heard is alive."""
+    """Read returns exactly the requested points, in order, as numbers; alive() is then small."""
     with _Bench(subject) as bench:
         names = list(subject.readable)
         bench.until(
@@ -245,13 +247,13 @@ def _reading(subject: Subject) -> None:
             if list(found) != asked:
                 raise Breach(f"read({asked}) gives {list(found)}")
             if wrong := {name: value for name, value in found.items() if type(value) is not float}:
-                raise Breach(f"read gives {wrong}, which are no floats")
+                raise Breach(f"read gives {wrong}, which are not floats")
         if not bench.transport.alive() <= subject.within:
             raise Breach(f"alive() = {bench.transport.alive():g} s right after an answer")
 
 
 def _round_trip(subject: Subject) -> None:
-    """What was written is read back."""
+    """Written values are read back."""
     if not subject.written:
         raise _Skipped("the subject has nothing `written`")
     with _Bench(subject) as bench:
@@ -259,7 +261,7 @@ def _round_trip(subject: Subject) -> None:
             bench.transport.write(dict.fromkeys(subject.written, value))
             for name, back in subject.written.items():
                 bench.until(
-                    partial(_reads, bench.transport, back, value), f"{back} = {value:g}, written to {name},"
+                    partial(_reads, bench.transport, back, value), f"{back} = {value:g}, written to {name}"
                 )
 
 
@@ -268,7 +270,7 @@ def _reads(transport: Transport, name: str, value: float) -> bool:
 
 
 def _streaming(subject: Subject) -> None:
-    """What is streamed arrives."""
+    """Streamed values arrive."""
     if not subject.streamed:
         raise _Skipped("the subject has nothing `streamed`")
     with _Bench(subject) as bench:
@@ -283,7 +285,7 @@ def _streaming(subject: Subject) -> None:
 
 
 def _empty_stream(subject: Subject) -> None:
-    """A cycle without points changes nothing and is no loss."""
+    """A cycle without points changes no value and causes no loss."""
     backs = sorted({*subject.written.values(), *subject.streamed.values()} or subject.readable)
     with _Bench(subject) as bench:
         bench.wait(2 * bench.transport.period)
@@ -293,21 +295,23 @@ def _empty_stream(subject: Subject) -> None:
             bench.wait(_POLL)
         after = bench.transport.read(backs)
         if bench.listener.lost:
-            raise Breach(f"the connection is lost by it: {bench.listener.lost[0]}")
+            raise Breach(f"the cycle without points lost the connection: {bench.listener.lost[0]}")
     for name in sorted({*subject.written.values(), *subject.streamed.values()}):
         if before[name] != after[name] and not math.isnan(before[name]):
-            raise Breach(f"{name} was {before[name]:g} and is {after[name]:g} after it")
+            raise Breach(
+                f"{name} was {before[name]:g} before the cycle without points and is {after[name]:g} after it"
+            )
 
 
 def _atomic_write(subject: Subject) -> None:
-    """Of points that are given together, one of which does not exist, none is sent."""
+    """If one of several points is unknown, none is sent."""
     if not subject.written:
         raise _Skipped("the subject has nothing `written`")
     old, new = subject.values
     with _Bench(subject) as bench:
         bench.transport.write(dict.fromkeys(subject.written, old))
         for name, back in subject.written.items():
-            bench.until(partial(_reads, bench.transport, back, old), f"{back} = {old:g}, written to {name},")
+            bench.until(partial(_reads, bench.transport, back, old), f"{back} = {old:g}, written to {name}")
         wrong = {**dict.fromkeys(subject.written, new), _UNKNOWN: 1.0}
         _expect(WiringError, "write with an unknown point", lambda: bench.transport.write(wrong))
         now = bench.clock.now()
@@ -320,7 +324,7 @@ def _atomic_write(subject: Subject) -> None:
 
 
 def _refusing(subject: Subject) -> None:
-    """What the rig does not take is Refused, in words, and no loss."""
+    """A value that the rig refuses raises Refused with a reason, and causes no loss."""
     if not subject.refused:
         raise _Skipped("the subject has nothing `refused`")
     with _Bench(subject) as bench:
@@ -333,7 +337,7 @@ def _refusing(subject: Subject) -> None:
 
 
 def _unavailable(subject: Subject) -> None:
-    """What the rig marks as not available is NaN."""
+    """A value that the rig marks as not available is NaN."""
     if not subject.unavailable:
         raise _Skipped("the subject has nothing `unavailable`")
     with _Bench(subject) as bench:
@@ -344,7 +348,7 @@ def _unavailable(subject: Subject) -> None:
 
 
 def _threads(subject: Subject) -> None:
-    """Several threads may use a transport at once; only one at a time calls the listener."""
+    """Several threads can use a transport at the same time; the listener gets one call at a time."""
     failures: list[str] = []
     with _Bench(subject, busy=_BUSY) as bench:
         bench.wait(2 * bench.transport.period)
@@ -366,7 +370,7 @@ def _threads(subject: Subject) -> None:
         for thread in threads:
             thread.join(10 * subject.within)
         if any(thread.is_alive() for thread in threads):
-            raise Breach(f"{_THREADS} threads do not come to an end: they wait for each other")
+            raise Breach(f"{_THREADS} threads do not end: they block each other")
         if failures:
             raise Breach(failures[0])
         if bench.listener.overlaps:
@@ -374,7 +378,7 @@ def _threads(subject: Subject) -> None:
 
 
 def _closing(subject: Subject) -> None:
-    """After close nothing is heard and nothing can be read; closing again does no harm."""
+    """After close, nothing is received or read; a second close has no effect."""
     with _Bench(subject) as bench:
         bench.wait(2 * bench.transport.period)
         bench.transport.close()
@@ -389,7 +393,7 @@ def _closing(subject: Subject) -> None:
 
 
 def _losing(subject: Subject) -> None:
-    """A lost connection is reported once, in words, and reading says the same in time."""
+    """A lost connection is reported once, with a reason; reading then raises LinkLost in time."""
     if subject.cut is None:
         raise _Skipped("the subject has no `cut`")
     with _Bench(subject) as bench:
@@ -406,7 +410,7 @@ def _losing(subject: Subject) -> None:
         start = bench.clock.now()
         _expect(LinkLost, "read after the loss", lambda: bench.transport.read(reads))
         if (bench.clock.now() - start) / NS > subject.within:
-            raise Breach(f"reading took more than {subject.within:g} s to say that the connection is lost")
+            raise Breach(f"reading took more than {subject.within:g} s to report the lost connection")
         bench.wait(3 * bench.transport.period + 5 * _POLL)
         if len(bench.listener.lost) != 1:
             raise Breach(f"the loss was reported {len(bench.listener.lost)} times")

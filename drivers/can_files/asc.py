@@ -65,7 +65,7 @@ def read_asc(path: Path, account: Account) -> Frames:
         elif found := _BASE.fullmatch(line.text):
             if log.base:
                 raise CanLogError(
-                    f"{path}: a second log begins in {line.shown}; a file for each would be right"
+                    f"{path}: a second log begins in {line.shown}; save each log in its own file"
                 )
             log.base = 16 if found[1].lower() == "hex" else 10
             log.relative = (found[2] or "").lower() == "relative"

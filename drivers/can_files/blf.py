@@ -150,7 +150,7 @@ def read_blf(path: Path, account: Account) -> Frames:
         raise CanLogError(f"{path} {error}") from None
     except Exception:  # python-can raises its own exceptions, and struct others
         raise CanLogError(
-            f"{path} is damaged behind frame {len(frames)}; the program that wrote it may repair it"
+            f"{path} is damaged after frame {len(frames)}; the program that wrote it may repair it"
         ) from None
     return frames
 

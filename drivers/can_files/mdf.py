@@ -75,9 +75,7 @@ def _check_groups(path: Path, mdf: Any, account: Account) -> None:
         if not names & set(_FRAMES):
             account.leave_out("group(s) without CAN frames", at=f"group {number}")
         elif not group.channel_group.flags & _BUS_EVENTS or not _is_can(group.channel_group.acq_source):
-            raise CanLogError(
-                f"{path}: group {number} holds frames, but does not say that they are of a CAN bus"
-            )
+            raise CanLogError(f"{path}: group {number} has frames, but its source is not marked as a CAN bus")
         elif _DATA in names and _EXTENDED not in names:
             raise CanLogError(f"{path}: group {number} does not mark identifiers of 29 bits ({_EXTENDED})")
 

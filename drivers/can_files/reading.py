@@ -116,8 +116,8 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
         worst, longest = int(np.argmin(steps)), int(np.argmax(steps))
         if steps[worst] < -_DISORDER:
             raise CanLogError(
-                f"{path}: in {at(worst)} the clock goes back from {shown(worst)} to {shown(worst + 1)}; what lies "
-                "before and behind would be mixed up, and a file for each would be right"
+                f"{path}: in {at(worst)} the clock goes back from {shown(worst)} to {shown(worst + 1)}; "
+                "split the file there, and read each part alone"
             )
         if steps[longest] > _LEAP:
             leap = timedelta(microseconds=int(steps[longest]) // 1000)

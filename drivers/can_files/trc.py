@@ -56,7 +56,7 @@ def _head(log: _Log, line: Line, key: str, value: str) -> None:
     if key == "FILEVERSION":
         if log.version:
             raise CanLogError(
-                f"{log.path}: a second log begins in {line.shown}; a file for each would be right"
+                f"{log.path}: a second log begins in {line.shown}; save each log in its own file"
             )
         if value not in _VERSIONS:
             raise CanLogError(f"{log.path} is of version {value}; read are {', '.join(_VERSIONS)}")

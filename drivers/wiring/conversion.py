@@ -180,7 +180,7 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
     else:
         added = offset * after.factor
     if not math.isfinite(added):
-        raise WiringError(f"{where}.calibration.offset = {offset!r} is no number to add")
+        raise WiringError(f"{where}.calibration.offset = {offset!r} is not a finite number")
     return Linear(sign * gain * after.factor, sign * (added + after.zero))
 
 
@@ -204,7 +204,7 @@ def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
         value = math.nan
     if not math.isfinite(value) or value == 0.0 or bool(units) != bool(into):
         raise WiringError(
-            f'{where}.calibration.gain = {gain!r} is no gain; right would be such as 1.002 or "9.80665 N/kg"'
+            f'{where}.calibration.gain = {gain!r} is not a gain; use a number such as 1.002 or "9.80665 N/kg"'
         )
     return value, of, into
 
@@ -214,16 +214,14 @@ def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibr
         raise WiringError(f"{where}.calibration: a table replaces gain and offset; remove them")
     numbers, meanings = zip(*((float(a), float(b)) for a, b in calibration.table), strict=True)
     if not all(map(math.isfinite, (*numbers, *meanings))):
-        raise WiringError(f"{where}.calibration.table: inf and nan are no rows to draw lines between")
+        raise WiringError(f"{where}.calibration.table: inf and nan are not allowed; use finite numbers")
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         raise WiringError(
             f"{where}.calibration.table: the rig's numbers, which come first, must rise over two or more rows"
         )
     steps = [b - a for a, b in pairwise(meanings)]
     if not (all(step > 0 for step in steps) or all(step < 0 for step in steps)):
-        raise WiringError(
-            f"{where}.calibration.table: what the numbers mean must rise, or fall, from row to row"
-        )
+        raise WiringError(f"{where}.calibration.table: the second column must rise, or fall, from row to row")
     found = unit_of(f"{where}.calibration.unit", calibration.unit or unit or "1", signal.si)
     return Curve(numbers, meanings, Linear(sign * found.factor, sign * found.zero))
 

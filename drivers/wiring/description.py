@@ -255,7 +255,9 @@ class _Reader:
         combine: Combine | None = None
         if entry.value:
             if not isinstance(entry.value, str):
-                raise WiringError(f"{where}.value = {entry.value!r} is no expression over the points of from")
+                raise WiringError(
+                    f"{where}.value = {entry.value!r} is not an expression of the points in from"
+                )
             names = [point.rpartition(".")[2] for point in points]
             if len(set(names)) < len(names):
                 raise WiringError(
@@ -309,9 +311,7 @@ class _Reader:
         self._point(f"{where}.to", point, written=True)
         other = self._written.setdefault(point, signal.name)
         if other != signal.name and not shared:
-            raise WiringError(
-                f"{where}.to = {point!r} is written by {other} already; two would overwrite each other"
-            )
+            raise WiringError(f"{where}.to = {point!r} is already written by {other}; use another point")
         return point
 
     def _point(self, key: str, point: str, *, written: bool) -> None:

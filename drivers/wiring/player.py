@@ -247,7 +247,7 @@ class Player:
             )
         mode = CONTROL_MODES[round(number)]
         if mode == "off":
-            raise _refused(verb, f"{axis} cannot move so: {control} is {mode}")
+            raise _refused(verb, f"{axis} cannot do this motion: {control} is {mode}")
         kind = "roll_amplitude" if axis.endswith("roll") else "amplitude"
         height = settings[f"generator.{'force_amplitude' if mode == 'force' else kind}"]
         if axis == "roll" and mode == "displacement":

@@ -100,7 +100,7 @@ class PointSettings:
                     f"{number:g}, which is none of its choices" if math.isnan(found) else signal.show(found)
                 )
                 raise Refused(
-                    f"{self._rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still says "
+                    f"{self._rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still reads "
                     f"{says} after {setting.within:g} s",
                     DEVICE_FAILURE,
                 )

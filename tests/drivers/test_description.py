@@ -190,13 +190,13 @@ height = { from = "plc.h", unit = "mm" }
 -> signals."left.height": sign = 2;
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 0 } }
--> calibration.gain = 0 is no gain; right would be such as 1.002
+-> calibration.gain = 0 is not a gain; use a number such as 1.002
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { offset = nan } }
--> calibration.offset = nan is no number to add
+-> calibration.offset = nan is not a finite number
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[nan, 0], [1, 2]] } }
--> calibration.table: inf and nan are no rows
+-> calibration.table: inf and nan are not allowed
 
 "control.enable" = { to = "plc.h", choices = { on = 1 } }
 -> "control.enable".choices lacks off: nothing would be sent for it
@@ -208,7 +208,7 @@ height = { from = "plc.h", unit = "mm" }
 -> must rise over two or more rows
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[0, 0], [1, 2], [2, 1]] } }
--> what the numbers mean must rise, or fall, from row to row
+-> the second column must rise, or fall, from row to row
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 2, table = [[0, 0], [1, 2]] } }
 -> a table replaces gain and offset
@@ -242,7 +242,7 @@ height = { from = "plc.h", unit = "mm" }
 
 "lateral.force_setpoint" = { to = "plc.f", unit = "kN" }
 "lateral.displacement_setpoint" = { to = "plc.f", unit = "mm" }
--> is written by lateral.force_setpoint already
+-> is already written by lateral.force_setpoint
 
 "rig.state" = { from = "plc.state" }
 -> choices is missing: which number of the rig is OFF | BOOT

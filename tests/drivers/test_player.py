@@ -144,8 +144,8 @@ def test_a_bench_that_is_not_active_any_more_has_no_program():
 @pytest.mark.parametrize(
     ("settings", "mode", "message"),
     [
-        ({}, "off", "vertical cannot move so: vertical.control is off"),
-        ({"generator.axis": 1}, "off", "roll cannot move so: vertical.control is off"),
+        ({}, "off", "vertical cannot do this motion: vertical.control is off"),
+        ({"generator.axis": 1}, "off", "roll cannot do this motion: vertical.control is off"),
         ({"generator.amplitude": 90 * mm, "generator.frequency": 2}, "displacement",
          "displacement_setpoint would reach 1.13 m/s in this sine, and the wiring"),
         ({"generator.frequency": 12, "generator.amplitude": 0}, "displacement", "12 Hz is too fast for 50"),

@@ -201,7 +201,8 @@ def _check_points(
             said = [key for key in sorted(DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
             if said:
                 raise WiringError(
-                    f"{where}.points: {message}.{signal}: {said[0].removeprefix('is_')} is said by the DBC already"
+                    f"{where}.points: {message}.{signal}: {said[0].removeprefix('is_')} is already in "
+                    "the DBC; remove it here"
                 )
 
 

@@ -88,4 +88,4 @@ def test_raw_bus_logging_in_any_form_and_changed(tmp_path: Path, seed: int) -> N
 def test_frames_of_another_bus_are_never_passed_over(tmp_path: Path, kind: str) -> None:
     pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
     content = mdf(random.Random(3), recording(), kind=kind)
-    refused(tmp_path, "a.mf4", content, r"group 0 holds frames, but does not say that they are of a CAN bus")
+    refused(tmp_path, "a.mf4", content, r"group 0 has frames, but its source is not marked as a CAN bus")

@@ -387,7 +387,7 @@ def test_stamps_below_zero_and_lengths_in_asc(tmp_path) -> None:
 def test_what_is_no_blf(tmp_path) -> None:
     content = by_python_can(recording(), ".blf")
     refused(tmp_path, "a.blf", b"rubbish", "does not begin with LOGG")
-    refused(tmp_path, "a.blf", content[:20], "is damaged behind frame 0|holds no data frame")
+    refused(tmp_path, "a.blf", content[:20], "is damaged after frame 0|holds no data frame")
     place = content.index(b"LOBJ") + 16
     changed = content[:place] + b"\x07" + content[place + 1 :]
     refused(tmp_path, "a.blf", changed, "is packed by a method 7")
