@@ -102,7 +102,7 @@ class Door:
                     raise ValueError("this run gets its answers from another source")
                 self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
-                raise ValueError(f"{do!r} is no order; look, hold, resume, stop, safe, answer are")
+                raise ValueError(f"{do!r} is not an order; use look, hold, resume, stop, safe or answer")
         return {"done": do}
 
     def _interrupt(self) -> None:

@@ -125,7 +125,7 @@ class Patience:
         wait = max((due[name] - now) / NS - period * free for name, (period, free) in names)
         if wait > _LONGEST:
             raise NotAllowed(
-                f"too many tries with a wrong token; in {_LONGEST:g} s there is room for one", 429
+                f"too many tries with a wrong token; in {_LONGEST:g} s one more try is possible", 429
             )
         self._due |= due
         return max(wait, 0.0)

@@ -211,7 +211,7 @@ class Kept:
         if run not in known:
             raise CannotDo(f"{self._folder} holds no run {run!r}")
         if known[run].verdict == Unfinished.RUNNING:
-            raise CannotDo(f"{run} goes on: wait for its end")
+            raise CannotDo(f"{run} is still running: wait for its end")
         old = self._folder / run
         if to == IN_ARCHIVE:
             new = self._folder / ARCHIVE / run

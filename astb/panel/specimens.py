@@ -97,9 +97,7 @@ class Specimens:
                 raise CannotDo(str(error).replace(str(path), name)) from None
         place = self._folder / name
         if place.exists() and place.read_text(encoding="utf-8") != text and not instead:
-            raise CannotDo(
-                f"{name} lies here already and says something else: another name, or put it in its place"
-            )
+            raise CannotDo(f"{name} exists already with other contents: choose another name, or replace it")
         try:
             with kept(place):
                 self._folder.mkdir(parents=True, exist_ok=True)

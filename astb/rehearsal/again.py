@@ -127,7 +127,7 @@ def plan_of(record: Record) -> "Plan":
     meta = record.meta
     name = meta.get("plan", "")
     if meta.get("sealed_effects"):
-        raise RecordError(f"{record.path}: the effects of its rig are sealed, so it is not made again")
+        raise RecordError(f"{record.path}: the effects of its rig are sealed, so the run cannot be repeated")
     if not meta.get("simulated") or meta.get("time") != "virtual":
         raise RecordError(
             f"{record.path} is not of a simulated rig in virtual time, and what its rubber, gas and controls had gone "

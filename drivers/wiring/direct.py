@@ -117,7 +117,7 @@ class NullTransport:
         raise NotAvailable(f"{self._rig} is not known to notice that its commander is silent")
 
     def read_file(self, file: int, record: int, count: int) -> NoReturn:
-        raise NotAvailable(f"{self._rig} is not known to keep files")
+        raise NotAvailable(f"{self._rig}: its wiring has no access to files of the rig")
 
     def identity(self) -> str:
         return ""
