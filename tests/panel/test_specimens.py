@@ -79,7 +79,7 @@ def test_a_file_is_put_in_the_place_of_another_only_on_request(page, parts):
         return page.post("/api/specimens/add", json={"name": "mine.toml", "text": text, **more})
 
     assert add(OURS).status_code == add(OURS).status_code == 200, "the same twice is the same"
-    assert "lies here already" in add(LIGHT).json()["error"]
+    assert "exists already with other contents" in add(LIGHT).json()["error"]
     kept = parts.out / FOLDER / "mine.toml"
     assert kept.read_text() == OURS
     assert add(LIGHT, instead=True).status_code == 200

@@ -39,7 +39,7 @@ export function show(element, panel) {
       await told(added);
     } catch (error) {
       wrong.textContent = error.message;
-      instead.hidden = !error.message.includes("lies here already");
+      instead.hidden = !error.message.includes("exists already with other contents");
     }
   }
 
