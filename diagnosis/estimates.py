@@ -29,6 +29,12 @@ def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
 
 
+def percent(part: float, digits: int = 2) -> str:
+    """A part of 1 as a percentage in so many significant digits, never as a power of ten."""
+    value = 100.0 * part
+    return "less than 0.01 %" if 0.0 < value < 0.01 else f"{float(f'{value:.{digits}g}'):.12g} %"
+
+
 def estimate(
     parameter: Parameter, value: float, sd: float, ends: tuple[float, float] | None = None
 ) -> Estimate:

@@ -18,6 +18,7 @@ from bench_records.kept_pages import comparison_row, trend_words, write_comparis
 from bench_records.layout import RecordError
 from bench_records.run_folder import Unfinished
 from bench_records.trend import trend_of
+from bench_records.typography import significant
 from bench_records.workbook import write_trends_book
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     for pair in found.curves:
         if pair.apart is not None:
             name = ": ".join(filter(None, (pair.group, pair.name)))
-            console.print(f"curve {name}: {100 * pair.apart:.2g} % apart (r.m.s.)")
+            console.print(f"curve {name}: {significant(100 * pair.apart, 2)} % apart (r.m.s.)")
     for lonely in found.lonely_curves:
         console.print(f"curve {lonely}")
     if page:

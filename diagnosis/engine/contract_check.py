@@ -36,6 +36,7 @@ from diagnosis.contracts import (
 )
 from diagnosis.engine.config import CHECKED_SAMPLES, CURVED, FAR, ROUNDING, STEPS_OF_SIZE
 from diagnosis.engine.simulation import described, simulate
+from diagnosis.estimates import percent
 
 
 def check_contract(simulator: Simulator, experiment: Experiment) -> None:
@@ -216,7 +217,7 @@ class _Trial:
 
 
 def _share(part: Array, whole: Array) -> str:
-    return f"{100.0 * float(np.max(part / np.maximum(whole, 1e-300))):.3g} %"
+    return percent(float(np.max(part / np.maximum(whole, 1e-300))), 3)
 
 
 def _size(parameter: Parameter) -> float:

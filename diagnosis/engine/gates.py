@@ -39,6 +39,7 @@ from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.engine.fitting.predict import Prediction
 from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.whitening import filters
+from diagnosis.estimates import percent
 
 
 def unfit(model: FittedModel, base: FittedModel) -> str:
@@ -123,7 +124,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it adds {100.0 * part:.2g} % to the explained misfit, which is within the error of the causes found before"
+    return f"it adds {percent(part)} to the explained misfit, which is within the error of the causes found before"
 
 
 def explains_too_little(
@@ -154,7 +155,7 @@ def explains_too_little(
     if gained >= config.gain:
         return ""
     name = replay.simulator.channels[channel].name
-    part = f"only {100.0 * gained:.2g} %" if gained > 0.0 else "nothing"
+    part = f"only {percent(gained)}" if gained > 0.0 else "nothing"
     return f"it explains {part} of the misfit in {name}, the channel that it affects most"
 
 

@@ -14,7 +14,7 @@ from diagnosis.contracts import Hypothesis, Role
 from diagnosis.engine.config import GAINS_LITTLE
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
-from diagnosis.estimates import decimals
+from diagnosis.estimates import decimals, percent
 from diagnosis.finding import (
     NAMED,
     SUSPECTED,
@@ -252,7 +252,7 @@ def _worth(one: Cause) -> str:
         return ""
     if one.gained <= 0.0:
         return f"{_begun(one.title)} does not improve the prediction of unseen runs."
-    return f"{_begun(one.title)} explains only {100.0 * one.gained:.2g} % of the error on unseen runs."
+    return f"{_begun(one.title)} explains only {percent(one.gained)} of the error on unseen runs."
 
 
 def _error(left: Remainder, found: Finding) -> str:

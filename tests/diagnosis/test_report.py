@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from astb_studies.oscillator import REACH, UNIT_SPEED
+from diagnosis import estimates
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Finding, Suspect, Verdict
 from diagnosis.report.page import HEADLINES, TONES, first_screen, render, write_report
@@ -202,3 +203,15 @@ def test_the_surface_of_a_speed_has_its_own_unit(force_surface):
     speeds = sorted({speed for _, speed in force_surface.centres})
     assert speeds[0] == -speeds[-1]
     assert np.arcsinh(speeds[-1] / UNIT_SPEED) == pytest.approx(REACH[1])
+
+
+@pytest.mark.parametrize("digits", [2, 3])
+def test_a_percentage_is_never_a_power_of_ten(digits: int) -> None:
+    """Whatever its size: it is the number to its digits, or the bound below 0.01 %."""
+    for power in range(-12, 5):
+        for mantissa in (1.0, 1.14, 9.949, 9.96):
+            part = mantissa * 10.0**power
+            number, sign = estimates.percent(part, digits).removeprefix("less than ").split(" ")
+            assert sign == "%" and "e" not in number
+            assert float(number) == pytest.approx(max(100.0 * part, 0.01), rel=0.5 * 10.0 ** (1 - digits))
+    assert estimates.percent(0.0) == "0 %"
