@@ -89,9 +89,9 @@ def rehearse_command(
 ) -> None:
     """Simulate test plans, and print their margins to limits.
 
-    A real rig neither moves nor receives anything: a simulated rig takes its place. It has the limits of the rig file,
-    and assumed limits where the file has none. --model takes the extended model of a diagnosis. Each plan gets a folder
-    OUT/PLAN-rehearsal with rehearsal.html, rehearsal.json and the record.
+    The plan runs on a simulated rig, and no command is sent to a real rig. The simulated rig has the limits of the rig
+    file, and assumed limits where the file has none. --model takes the extended model of a diagnosis. Each plan gets a
+    folder OUT/PLAN-rehearsal with rehearsal.html, rehearsal.json and the record.
 
     --from repeats a recorded virtual run, with the same --rig and --model. It checks that the repeated run is identical
     up to the given time. From there it continues with --fault, --effect or --change, and prints both courses.

@@ -100,7 +100,7 @@ def kept_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--virtual",
     is_flag=True,
-    help="Simulate the rig in virtual time, without sockets; the results are the same.",
+    help="Simulate the rig in virtual time, without sockets; the verdicts are the same.",
 )
 @SEED_OPTION
 @simulation_options

@@ -255,7 +255,7 @@ def _results(checks: list[CheckPair]) -> Any:
 @click.option("--rig", help="Only runs on this rig.")
 @click.option(
     "--circumstances",
-    help='Only runs in these circumstances: "SIMULATED" for simulated rigs, "" for real ones.',
+    help='Only runs with exactly these circumstances: "SIMULATED", "SIMULATED · VIRTUAL TIME", or "" for a real rig.',
 )
 @click.option(
     "--set",
@@ -289,7 +289,7 @@ def trend_command(
 
     It prints the values of a check with scatter and drift. CHECK is the name of a check, or a pattern such as
     "left vertical K' at *" for all frequencies. Only results of the same plan, phase, rig, circumstances and parameters
-    are compared. If there are several of them, they are printed as options, and you choose one.
+    are compared. If there are several kinds of results, the command prints the options that select each kind.
     """
     if table and table.suffix.lower() != ".xlsx":
         misuse(f"--table {table}: the name of a workbook ends in .xlsx, such as {table.with_suffix('.xlsx')}")

@@ -31,9 +31,9 @@ _WIDE: Final = 120
 def check_command(target: str, as_json: bool, allow_motion: bool) -> None:
     """Check the signals of a rig before plans run on it.
 
-    For each signal it prints source, rate, value and whether the value is plausible. TARGET is a rig file, or a name of
-    `astb list rigs`. Without --allow-motion it only reads: nothing moves, and another program can command the rig
-    meanwhile.
+    For each signal it prints source, rate, value and whether the value is plausible. TARGET is the folder or
+    file of a rig, or a name of `astb list rigs`. Without --allow-motion it only reads: nothing moves, and another
+    program can command the rig meanwhile.
 
     \b
     Exit codes:

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 def conform_command(target: str, other: Path | None, json_path: Path | None, allow_motion: bool) -> None:
     """Test the messages and registers of a rig against the protocol.
 
-    It tests timing, states, refused commands, limits and Modbus exceptions. TARGET is a rig file, or a name of
-    `astb list rigs`. Nothing moves without --allow-motion.
+    It tests timing, states, refused commands, limits and Modbus exceptions. TARGET is the folder or
+    file of a rig, or a name of `astb list rigs`. Nothing moves without --allow-motion.
 
     Exit codes: 0 if all is right and equal to the other rig, 1 if not, 2 for wrong usage, 3 if no rig answers.
     """
