@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
-from drivers.errors import BenchError, RigFault
-
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
     from bench_records.result import Result
@@ -120,6 +118,7 @@ class _NoLog:
 
 def _make_safe(bench: "Bench") -> None:
     from bench_protocol.words import FAULT_STATES, LIVE_STATES
+    from drivers.errors import BenchError, RigFault
     from test_plans.air_left import air_at_risk
     from test_plans.run import Run
     from test_plans.steps import make_safe
@@ -162,6 +161,7 @@ def _is_misuse(error: BaseException) -> bool:
 
 
 def _whose_fault(error: BaseException) -> str:
+    from drivers.errors import BenchError
     from test_plans.execution import WHOSE
 
     if isinstance(error, BenchError):

@@ -175,7 +175,10 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
         r"its score is (\d+), that of the orifice (\d+)",
         lambda r: (_score(r["again"], "leak_laminar.left"), _score(r["again"], "leak.left")),
     ),
-    (r"kept the error falls from ([\d.]+) to ([\d.]+) times", lambda r: _noise_ratios(r["again"])),
+    (
+        r"the unseen stretch the error falls from ([\d.]+) to ([\d.]+) times",
+        lambda r: _noise_ratios(r["again"]),
+    ),
 ]
 
 

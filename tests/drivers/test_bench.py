@@ -127,9 +127,9 @@ def test_waiting_takes_as_long_as_it_says(bench, duration):
 
 @pytest.mark.parametrize("duration", [-1, math.nan, math.inf, 1e9])
 def test_waits_are_bounded(bench, duration):
-    with refuses(ValueError, "time"):
+    with refuses(ValueError, "duration 86400"):
         bench.wait(duration)
-    with refuses(ValueError, "time"):
+    with refuses(ValueError, "within 86400"):
         bench.wait_for(lambda: True, within=duration)
 
 

@@ -166,7 +166,7 @@ BAD_FILES = {
     'name = "x"\ntime = "virtual"': "time = virtual needs a [simulation] table",
     'name = "x"': "it has no [simulation] table, which virtual time needs",
     'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1; a whole number >= 0 would be right",
-    'name = "x"\n[simulation]\nseed = 99999999999999999999': "simulation.seed = a whole number of more than 64",
+    'name = "x"\n[simulation]\nseed = 99999999999999999999': "simulation.seed with an integer of more than 64 bits",
     'name = "x"\n[simulation]\nlate_ticks = "drop"': 'drop\'; "catch_up" or "skip" or "fault" would',
     'name = "x"\n[simulation]\nfaults = [{ name = "a", values = { b = [1] } }]': "values.b = [1]; a number or a text",
     'name = "x"\n[simulation]\nparameters = "atsb"': "no parameter set 'atsb'",
