@@ -73,8 +73,8 @@ def free_ports(count: int) -> list[int]:
 class PanelProcess:
     """``astb panel`` in a separate process, which can be killed and started again."""
 
-    def __init__(self, folder: Path, rig_file: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, rig_file: Path | None = None, *options: str) -> None:
+        self.folder, self.options = folder, options
         can, modbus, self.port = free_ports(3)
         self.rig_file, self.out = rig_file or folder / "rig.toml", folder / "runs"
         if rig_file is None:
@@ -94,17 +94,17 @@ class PanelProcess:
         paths = os.pathsep.join(filter(None, (str(self.folder / "plans"), os.environ.get("PYTHONPATH"))))
         command = [sys.executable, "-m", "astb", "panel", "--rig", str(self.rig_file), "--out", str(self.out)]
         self.process = subprocess.Popen(
-            [*command, "--port", str(self.port), "--opcua", "0"],
+            [*command, "--port", str(self.port), *self.options],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env=os.environ | {"PYTHONPATH": paths},
         )
         self.said = b""
-        self.opcua = self._printed("OPC UA:")
-        self.address = self._printed("to command:")
+        self.address = self.printed("to command:")
 
-    def _printed(self, what: str) -> str:
+    def printed(self, what: str) -> str:
+        """Return the word that it prints behind ``what``."""
         out = self.process.stdout
         assert out is not None
         deadline = time.monotonic() + 200

@@ -13,7 +13,7 @@ from astb.panel.opcua_server import PERIOD, STATUS, OpcUaServer
 from astb.panel.watch import Watch
 from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Sample
-from tests.panel.conftest import RIG
+from tests.panel.conftest import RIG, PanelProcess
 from tests.refusals import refuses
 
 #: One signal of each quality: value and unit in SI, and as served.
@@ -148,7 +148,7 @@ def test_a_port_in_use_is_refused_with_its_number(served, watch):
 
 @pytest.mark.slow
 @pytest.mark.real_time
-def test_the_panel_serves_the_readings_of_its_rig(bench_panel):
+def test_the_panel_serves_the_readings_of_its_rig(tmp_path):
     """Through wires, panel and OPC UA: the gas has the temperature of the simulated hall."""
 
     async def ask(client):
@@ -159,4 +159,8 @@ def test_the_panel_serves_the_readings_of_its_rig(bench_panel):
             await asyncio.sleep(0.2)
         raise AssertionError(data)
 
-    assert 10.0 < answered(bench_panel.opcua, ask) < 30.0
+    panel = PanelProcess(tmp_path, None, "--opcua", "0")
+    try:
+        assert 10.0 < answered(panel.printed("OPC UA:"), ask) < 30.0
+    finally:
+        panel.stop()
