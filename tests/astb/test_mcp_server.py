@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,12 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
+def in_a_thread(work):
+    """Return what a coroutine returns; a browser of other tests has an event loop in this thread."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, work).result()
+
+
 def asked(folder, tool, **arguments):
     """Return the answer of a tool to a client of the official library."""
 
@@ -43,7 +50,7 @@ def asked(folder, tool, **arguments):
         async with mcp.Client(mcp_server(folder)) as client:
             return await client.call_tool(tool, arguments)
 
-    answer = asyncio.run(ask())
+    answer = in_a_thread(ask())
     if answer.is_error:
         return answer.content[0].text
     found = answer.structured_content
@@ -110,7 +117,7 @@ def test_no_tool_opens_a_socket_or_changes_a_run(folder, tmp_path, monkeypatch):
             found = await client.call_tool("rehearse_plan", {"plan": "leak_down", "rig": str(rig)})
             return tools, found
 
-    tools, found = asyncio.run(all_tools())
+    tools, found = in_a_thread(all_tools())
     assert all(tool.annotations.read_only_hint for tool in tools)
     assert not found.is_error, found.content
     assert found.structured_content["limits"]
@@ -129,5 +136,5 @@ def test_the_command_serves_on_standard_input_and_output(folder):
         async with mcp.Client(command) as client:
             return await client.call_tool("list_runs", {})
 
-    (run,) = asyncio.run(ask()).structured_content["result"]
+    (run,) = in_a_thread(ask()).structured_content["result"]
     assert run["plan"] == "still"

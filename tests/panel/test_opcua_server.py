@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
@@ -59,7 +60,8 @@ def answered(url: str, ask: Callable[[Client], Coroutine[Any, Any, Any]], user: 
         async with client:
             return await ask(client)
 
-    return asyncio.run(whole())
+    with ThreadPoolExecutor(1) as pool:  # a browser of other tests has an event loop in this thread
+        return pool.submit(asyncio.run, whole()).result()
 
 
 async def comes_good(one: Node) -> bool:
