@@ -15,6 +15,7 @@ from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp_types import ToolAnnotations
 
+from astb.diagnose import FINDING
 from astb.rehearsal.rehearsing import rehearse
 from astb.rig_file import ORDINARY, find_rig
 from bench_records.index import RunIndex
@@ -24,7 +25,6 @@ from bench_records.run_folder import open_run
 from drivers.errors import BenchError
 from test_plans.discovery import plans, unknown
 
-FINDING: Final = "finding.json"
 #: Rows of one table: an assistant reads text, and asks again for another part.
 ROWS: Final = 2000
 
@@ -76,7 +76,7 @@ class RunReader:
         self, plan: str, parameters: dict[str, str] | None = None, rig: str = ORDINARY
     ) -> dict[str, Any]:
         """Simulate a plan in virtual time, and return its margins to the limits of the rig. The rig does not move."""
-        if plan not in plans():
+        if plan not in plans():  # by name only: a path would run any Python file
             raise RecordError(unknown(plan))
         file, path = find_rig(rig)
         with TemporaryDirectory() as out:
@@ -85,7 +85,7 @@ class RunReader:
 
     def _place(self, run: str) -> Path:
         """Return the folder of a run; RecordError for any other name, so that nothing else can be read."""
-        if run not in {one.directory for one in self._index.runs()}:
+        if not self._index.runs(directory=run):
             raise RecordError(f"no run {run!r} in {self._folder}; list_runs returns the directories")
         return self._folder / run
 

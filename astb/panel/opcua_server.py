@@ -82,8 +82,7 @@ class OpcUaServer:
             samples = {}
         for one in self._watch.shown:
             sample = samples.get(one.name, NO_SAMPLE)
-            data = _data(Sample(one.of(sample.value), sample.age, sample.quality))
-            await server.write_attribute_value(nodes[one.name].nodeid, data)
+            await server.write_attribute_value(nodes[one.name].nodeid, _data(one.of(sample.value), sample))
 
     async def _update(self) -> None:
         while True:
@@ -91,10 +90,10 @@ class OpcUaServer:
             await self._write(self._server, self._nodes)
 
 
-def _data(sample: Sample) -> ua.DataValue:
-    """Return a sample with its status code and the time at which it was measured."""
+def _data(value: float, sample: Sample) -> ua.DataValue:
+    """Return the ``value`` of a sample in its unit, with status code and time of measurement."""
     return ua.DataValue(
-        ua.Variant(sample.value, ua.VariantType.Double),
+        ua.Variant(value, ua.VariantType.Double),
         StatusCode=ua.StatusCode(getattr(ua.StatusCodes, STATUS[sample.quality])),
         SourceTimestamp=datetime.now(UTC) - timedelta(seconds=sample.age) if isfinite(sample.age) else None,
     )
