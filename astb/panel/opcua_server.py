@@ -14,6 +14,7 @@ from drivers.errors import BenchError
 from drivers.reading import Quality, Sample
 from drivers.wiring.event_loop import EventLoop
 
+_LOG: Final = logging.getLogger(__name__)
 NAMESPACE: Final = "urn:astb:readings"
 PERIOD: Final = 100 * ms
 #: Loading the standard address space takes a second.
@@ -78,7 +79,9 @@ class OpcUaServer:
     async def _write(self, server: Server, nodes: dict[str, Node]) -> None:
         try:
             samples = self._watch.samples()
-        except BenchError:
+        except Exception as error:  # whatever it was: the last values would keep their status
+            if not isinstance(error, BenchError):
+                _LOG.exception("the readings of %s could not be read", self._watch.rig.name)
             samples = {}
         for one in self._watch.shown:
             sample = samples.get(one.name, NO_SAMPLE)

@@ -29,11 +29,11 @@ SAMPLES = {
 class StubWatch(Watch):
     """A panel's watch that is connected to nothing and has these samples."""
 
-    lost = False
+    lost: Exception | None = None
 
     def samples(self) -> dict[str, Sample]:
-        if self.lost:
-            raise LinkLost("silent")
+        if self.lost is not None:
+            raise self.lost
         return {name: sample for name, (sample, *_) in SAMPLES.items()}
 
 
@@ -125,18 +125,20 @@ def test_no_client_writes(served, user):
     assert answered(served.url, ask, user) == pytest.approx(12.5)
 
 
-def test_a_lost_rig_takes_the_quality_of_its_readings(served, watch, monkeypatch):
-    """No reading stays good when the panel no longer hears the rig."""
+@pytest.mark.parametrize("error", [LinkLost("silent"), KeyError("a fault of our own")])
+def test_a_lost_rig_takes_the_quality_of_its_readings(served, watch, monkeypatch, error):
+    """No reading stays good when it can no longer be read, and all are good again afterwards."""
 
     async def ask(client):
         one = node(client, "left.height")
         assert await comes_good(one)
-        monkeypatch.setattr(watch, "lost", True)
+        monkeypatch.setattr(watch, "lost", error)
         for _ in range(50):
             await asyncio.sleep(PERIOD)
             data = await one.read_data_value(raise_on_bad_status=False)
             if not data.StatusCode.is_good():
-                return True
+                monkeypatch.setattr(watch, "lost", None)
+                return await comes_good(one)
         return False
 
     assert answered(served.url, ask)
