@@ -58,11 +58,11 @@ def filled_in(text: str) -> dict:
 def test_the_page_leads_from_the_list_to_the_wiring_that_the_tests_run(tmp_path):
     text = skeleton(None, LIST, tmp_path)
     content = filled_in(text)
-    told = [
+    found, all_signals = (
         sum("absent" not in one for one in file["signals"].values())
         for file in (tomllib.loads(text), content)
-    ]
-    assert "{} of the {} signals".format(*told) in PAGE.read_text()
+    )
+    assert re.search(rf"\b{found}\b[^.]*\b{all_signals}\b[^.]*\bsignals\b", PAGE.read_text())
     assert content == tomllib.loads((HERE / "yard_c" / "wiring.toml").read_text())
 
 
