@@ -40,7 +40,7 @@ def broken_files(directory: Path) -> list[str]:
     ]
     for name, digest in wanted.items():
         if not (directory / name).is_file():
-            broken.append(f"{name} is gone")
+            broken.append(f"{name} is missing")
         elif sha256_of(directory / name) != digest:
             broken.append(f"{name} was changed")
     return broken

@@ -42,17 +42,17 @@ class Curve(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if len(self.xs) != len(self.ys):
             raise ValueError(
-                f"curve {self.name!r} has {len(self.xs)} x and {len(self.ys)} y; it needs as many of each"
+                f"curve {self.name!r} has {len(self.xs)} x and {len(self.ys)} y; the numbers must be equal"
             )
         if not {len(self.lows), len(self.highs)} <= {0, len(self.xs)}:
             raise ValueError(
                 f"curve {self.name!r} has {len(self.lows)} low and {len(self.highs)} high limits for {len(self.xs)} "
-                "points; each point has one, or none has"
+                "points; give one for each point, or none at all"
             )
         if len(self.expanded) not in {0, len(self.xs)}:
             raise ValueError(
-                f"curve {self.name!r} has {len(self.expanded)} uncertainties for {len(self.xs)} points; each point "
-                "has one, which may be None, or none has"
+                f"curve {self.name!r} has {len(self.expanded)} uncertainties for {len(self.xs)} points; give one for "
+                "each point (None if unknown), or none at all"
             )
 
 

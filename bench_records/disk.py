@@ -16,11 +16,11 @@ REFUSALS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
     errno.EFBIG: "the file would be larger than the system allows",
-    errno.EROFS: "the file system can only be read",
-    errno.EIO: "the disk fails",
-    errno.ESTALE: "the file system is gone",
-    errno.ENODEV: "the disk is gone",
-    errno.ENXIO: "the disk is gone",
+    errno.EROFS: "the file system is read-only",
+    errno.EIO: "the disk reports an input/output error",
+    errno.ESTALE: "the network file system is no longer available",
+    errno.ENODEV: "the disk was removed",
+    errno.ENXIO: "the disk was removed",
     errno.ENOENT: "its folder was removed",
     errno.ENOTDIR: "its folder was removed",
 }
@@ -57,7 +57,7 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise NotKept(f"{what or path} cannot be kept: {why(error)}") from error
+        raise NotKept(f"{what or path} cannot be saved: {why(error)}") from error
 
 
 @contextmanager
@@ -82,8 +82,8 @@ def keep_room(directory: Path) -> None:
             return
         give_room(directory)
         raise NotKept(
-            f"{directory} has no room for the result of a run, {ROOM >> 20} MiB: {why(error)}; "
-            "make room, or name another folder"
+            f"{directory} has no space for the result of a run, {ROOM >> 20} MiB: {why(error)}; "
+            "free disk space, or use another folder"
         ) from error
 
 

@@ -54,7 +54,7 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals:
-            raise RecordError(f'--table {text}: KEY=VALUE would be right, such as "decimal=,"')
+            raise RecordError(f'--table {text}: write KEY=VALUE, such as "decimal=,"')
         name = key.strip().replace("-", "_")
         if name == "null" or key.startswith("null."):
             codes = [_code(one) for one in value.split(";") if one.strip()]
@@ -66,7 +66,7 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
     unknown = set(given) - set(ImportKeys.__struct_fields__)
     if unknown:
         known = ", ".join(ImportKeys.__struct_fields__)
-        raise RecordError(f"--table {unknown.pop()}: there is no such key; there are {known}")
+        raise RecordError(f"--table {unknown.pop()}: there is no such key; the keys are {known}")
     try:
         return msgspec.convert(given, ImportKeys, strict=False)
     except (msgspec.ValidationError, ValueError) as error:
@@ -118,7 +118,7 @@ def read_table(
         if twice:
             first = chosen[twice[0]][0] + 1
             raise RecordError(
-                f"{path}: the columns {first} and {index + 1} are both {signal.name}; leave one of them out of the file"
+                f"{path}: the columns {first} and {index + 1} are both {signal.name}; remove one of them from the file"
             )
         signals[column.name] = signal
         chosen[column.name] = (index, _source(index, signal.name, keys))
@@ -161,7 +161,8 @@ def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
         return TimeSource(column=place + 1, unit=keys.time_unit, decimal=decimal, date=keys.date)
     if keys.date is not None:
         raise RecordError(
-            f"--table date={keys.date} is a column of dates; --table time=COLUMN, of their times of day, is lacking"
+            f"--table date={keys.date} is a column of dates; also name the column of the times of day: "
+            "--table time=COLUMN"
         )
     if sheet.places(TIME):
         return TimeSource(column=sheet.place(TIME, f"{sheet.path}: time") + 1, unit=keys.time_unit)
@@ -177,8 +178,8 @@ def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
             return TimeSource(column=able[0] + 1, unit=unit or None, decimal=decimal)
     hint = f"--table time={sheet.columns[able[0]].name or able[0] + 1}" if able else "--table time=COLUMN"
     raise RecordError(
-        f"{sheet.path} has no column {TIME}; it has {', '.join(map(str, sheet.names))}; {hint}, and "
-        "--table time_unit=s (or ms, us, ns, d) for numbers, would name another one"
+        f"{sheet.path} has no column {TIME}, but {', '.join(map(str, sheet.names))}; name the clock with {hint}, and "
+        "its unit, if it has numbers, with --table time_unit=s (or ms, us, ns, d)"
     )
 
 
@@ -229,7 +230,7 @@ def read_mdf(
             found.append(_Found(signal, series, *si))  # an exported record is in SI
         if ours is None:
             if start := mdf_file.start_of(mdf):
-                account.take(f"the file says that it begins at {in_words(start, True)}")
+                account.take(f"the file begins at {in_words(start, True)}")
             return _write(into, found, meta, account, path, start or 0)
     names = {one.signal.name for one in found}
     silent = [one for one in ours.signals if one.name not in names]
@@ -241,7 +242,7 @@ def read_mdf(
 def _refuse_idle_keys(path: Path, keys: ImportKeys, idle: Iterable[str], of: str) -> None:
     for key in idle:
         if getattr(keys, key) != getattr(ImportKeys(), key):
-            raise RecordError(f"--table {key}={getattr(keys, key)} is for {of}, not for {path}")
+            raise RecordError(f"--table {key}={getattr(keys, key)} is only for {of}; omit it for {path}")
 
 
 def _own_comment(text: str) -> Comment | None:
@@ -260,15 +261,15 @@ def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo,
     signal = known(found["name"]) if found else None
     if found is None or signal is None:
         raise RecordError(
-            f"{path}: the column {name!r} is no signal of the bench; `astb rig signals` lists them"
+            f"{path}: the column {name!r} is not a signal of the bench; `astb rig signals` lists the signals"
         )
     told = found["unit"] or found["round"] or unit
     if told.strip() in ("", "-", "1") and signal.unit in ("", "1"):
         return signal, (signal.scale, 0.0)
     right = (
-        f"right would be {signal.unit}, or another unit of the same quantity"
+        f"use {signal.unit}, or another unit of the same quantity"
         if signal.unit
-        else "it has none"
+        else f"{signal.name} has no unit"
     )
     if not told:
         raise RecordError(f"{path}: the column {name!r} states no unit; {right}")
@@ -281,7 +282,9 @@ def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo,
             f"{path}: the column {name!r} is in {told}, which {signal.name} cannot have; {right}"
         )
     if read.reading == "absolute":
-        raise RecordError(f"{path}: the column {name!r} is in {told}; {signal.name} is a gauge pressure")
+        raise RecordError(
+            f"{path}: the column {name!r} is in {told}, but {signal.name} is a gauge pressure; convert the column"
+        )
     return signal, (read.unit.factor, read.unit.zero)
 
 

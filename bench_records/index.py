@@ -112,7 +112,7 @@ class RunIndex:
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
-            raise RecordError(f"{folder} is no folder with runs; `astb run --out FOLDER` makes one")
+            raise RecordError(f"{folder} is not a folder with runs; `astb run --out FOLDER` makes one")
         self.folder = folder
         #: Results that cannot be read, with the reason.
         self.unreadable: dict[str, str] = {}
@@ -174,9 +174,9 @@ class RunIndex:
         except sqlite3.Error as error:
             busy = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
             remedy = (
-                f"another program has had it for {WAIT:g} s: try again"
+                f"another program has locked this file for {WAIT:g} s; try again"
                 if busy
-                else "it holds nothing that the folders do not: remove it"
+                else "remove this file: it is made again from the folders of the runs"
             )
             raise RecordError(f"{path}: {error}; {remedy}") from None
 
@@ -320,7 +320,7 @@ def _where(chosen: dict[str, str | None], prefix: str = "") -> tuple[str, tuple[
     asked = {name: value for name, value in chosen.items() if value is not None}
     unknown = asked.keys() - set(_RUN)
     if unknown:
-        raise ValueError(f"a run has no {', '.join(unknown)}; it has {', '.join(_RUN)}")
+        raise ValueError(f"a run has no {', '.join(unknown)}; the columns of a run are {', '.join(_RUN)}")
     text = " and ".join(f"{prefix}{name} = ?" for name in asked)
     return (f"where {text}" if text else ""), tuple(asked.values())
 

@@ -60,10 +60,10 @@ class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise RecordError("a signal has an empty name; the record finds signals by name")
+            raise RecordError("a signal has an empty name; give each signal a name")
         if not (0.0 < self.scale < float("inf")):
             raise RecordError(
-                f"{self.name}: scale = {self.scale} is no size of a unit; it must be positive and finite"
+                f"{self.name}: scale = {self.scale}; the scale of the unit must be positive and finite"
             )
 
     @property

@@ -54,7 +54,7 @@ def _picture(path: Path, logo: str) -> str:
     kind = _KINDS.get(picture.suffix.lower())
     if kind is None:
         raise RecordError(
-            f"letterhead {path}: logo = {logo!r} is no picture: {', '.join(_KINDS)} would be right"
+            f"letterhead {path}: logo = {logo!r} is not a picture; use a file with the suffix {', '.join(_KINDS)}"
         )
     try:
         data = read_bounded(picture, LOGO_MAX)
@@ -63,5 +63,7 @@ def _picture(path: Path, logo: str) -> str:
     except Unfit as error:
         raise RecordError(f"letterhead {path}: logo {picture} {error}") from None
     if not data.startswith(_BEGINS.get(kind, b"")) or (kind == "image/svg+xml" and b"<svg" not in data):
-        raise RecordError(f"letterhead {path}: logo {picture} is not what its name says")
+        raise RecordError(
+            f"letterhead {path}: the content of logo {picture} is not a {picture.suffix} picture; use another file"
+        )
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"

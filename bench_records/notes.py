@@ -42,9 +42,11 @@ def add_note(
     RecordError without an author, or without a text and a file, or for a file that cannot be taken.
     """
     if not by.strip():
-        raise RecordError("a note has an author: --by NAME would be right, or the variable ASTB_OPERATOR")
+        raise RecordError(
+            "the author of the note is missing; give --by NAME, or set the variable ASTB_OPERATOR"
+        )
     if not text.strip() and file is None:
-        raise RecordError("a note has a text or a file; neither was given")
+        raise RecordError("the note is empty; give a text or a file")
     if file is not None and content is None:
         content = _content(file)
     folder = directory / NOTES

@@ -19,7 +19,7 @@ BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chro
 CHOSEN: Final = "ASTB_CHROMIUM"
 #: From this version on page numbers are printed.
 NUMBERS_PAGES: Final = 131
-MEND: Final = f"apt install chromium, or name one in the variable {CHOSEN}"
+MEND: Final = f"apt install chromium, or set the variable {CHOSEN} to the path of a browser"
 _WITHIN: Final = 120.0  # s
 
 
@@ -44,7 +44,7 @@ def write_pdf(page: Path) -> Path:
     program = browser()
     if program is None:
         looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)
-        raise RecordError(f"a PDF is printed by Chromium, and this machine has none ({looked_for}): {MEND}")
+        raise RecordError(f"a PDF needs Chromium, which was not found ({looked_for}): {MEND}")
     target = page.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="astb-print-") as home:
         new = Path(home) / target.name
@@ -65,7 +65,7 @@ def write_pdf(page: Path) -> Path:
                 command, check=False, capture_output=True, text=True, timeout=_WITHIN, errors="replace"
             )
         except subprocess.TimeoutExpired:
-            raise RecordError(f"{program} did not print {page} within {_WITHIN:.0f} s") from None
+            raise RecordError(f"{program} did not print {page} within {_WITHIN:.0f} s; try again") from None
         except OSError as error:
             raise RecordError(f"{program} cannot be started: {error.strerror}; {MEND}") from None
         if not new.is_file():

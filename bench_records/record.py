@@ -97,10 +97,10 @@ class Record:
         import pandas as pd
 
         if not (0.0 < rate < float("inf")):
-            raise RecordError(f"rate = {rate} Hz is no rate; it must be positive and finite")
+            raise RecordError(f"rate = {rate} Hz; the rate must be positive and finite")
         if self.duration * rate > ROW_LIMIT:
             raise RecordError(
-                f"rate = {rate} Hz over {self.duration:.0f} s makes more than {ROW_LIMIT} rows; choose a lower one"
+                f"rate = {rate} Hz over {self.duration:.0f} s makes more than {ROW_LIMIT} rows; choose a lower rate"
             )
         # The last instant is on the grid even where duration * rate falls a rounding short of whole.
         grid = np.arange(int(self.duration * rate + 1e-6) + 1) / rate
@@ -148,7 +148,7 @@ def read(directory: Path | str) -> Record:
     if path.with_name(STREAM).exists():
         return _read_cut_off(path.with_name(STREAM))
     if not path.is_file():
-        raise RecordError(f"{directory} holds no {PARQUET}: name the directory of one plan's run")
+        raise RecordError(f"{directory} holds no {PARQUET}; name the folder of a single run")
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             raw = file.metadata.metadata or {}
@@ -161,7 +161,7 @@ def read(directory: Path | str) -> Record:
                 raise RecordError(f"{path} is a Parquet file, but not a record of this bench ({FORMAT})")
             table = file.read(columns=["time_ns", "signal", "value"])
     except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} is damaged or no Parquet file: {error}") from error
+        raise RecordError(f"{path} is damaged, or is not a Parquet file: {error}") from error
     facts = {key.removeprefix(PREFIX): value for key, value in ours.items()}
     with metadata_errors(path):
         meta = {

@@ -49,7 +49,8 @@ EVENT_LIMIT = 100_000
 #: Name of the stream until its head is complete.
 _HEAD: Final = STREAM + ".part"
 _TAKEN: Final = (
-    "{} exists: another run is writing there, or one was killed and `astb report {}` saves what it left"
+    "{} exists: another run is writing there, or a run was killed; if it was killed, recover its data with "
+    "`astb report {}`"
 )
 
 
@@ -84,7 +85,7 @@ class Recorder:
         _refuse_doubles(self.signals)
         _refuse_reserved(meta or {})
         if limit < 1:
-            raise RecordError(f"limit = {limit} samples leaves no room for any; give at least 1")
+            raise RecordError(f"limit = {limit} samples; the limit must be at least 1")
         self._limit = limit
         self._events_kept = 0
         self._pending: list[tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]] = []
@@ -140,14 +141,15 @@ class Recorder:
         numbers = np.array(values, dtype=np.float64, ndmin=1)
         if not times.shape == index.shape == numbers.shape or times.ndim != 1:
             raise RecordError(
-                f"samples come as three arrays of one length, not {times.shape}, {index.shape} and {numbers.shape}"
+                "times, signals and values must be arrays of equal length, not of "
+                f"{times.shape}, {index.shape} and {numbers.shape}"
             )
         if not times.size:
             return
         if index.view(np.uint16).max() >= len(self.signals):  # a negative index is a large one here
             wrong = index[(index < 0) | (index >= len(self.signals))][0]
             raise RecordError(
-                f"signal index {wrong} is none of this record's, which are 0 to {len(self.signals) - 1}"
+                f"signal index {wrong} does not exist; this record has the indices 0 to {len(self.signals) - 1}"
             )
         with self._lock:
             self._refuse_if_unwritable()
@@ -176,7 +178,9 @@ class Recorder:
         try:
             encode(event)
         except (TypeError, ValueError) as error:
-            raise RecordError(f"event {kind} ({text}): its data do not fit into JSON: {error}") from error
+            raise RecordError(
+                f"event {kind} ({text}): its data cannot be written as JSON: {error}"
+            ) from error
         with self._lock:
             self._refuse_if_unwritable()
             if self._events_kept < EVENT_LIMIT:
@@ -248,7 +252,9 @@ class Recorder:
     def _refuse_if_unwritable(self) -> None:
         self._refuse_if_failed()
         if self._closed:
-            raise RecordError(f"the record in {self.directory} is closed; it takes no more samples or events")
+            raise RecordError(
+                f"the record in {self.directory} is closed; no more samples or events can be added"
+            )
 
     def _write_batches(self) -> None:
         while not self._closed:
@@ -373,11 +379,11 @@ def _refuse_doubles(signals: Sequence[SignalInfo]) -> None:
     seen: set[str] = set()
     for signal in signals:
         if signal.name in seen:
-            raise RecordError(f"signal {signal.name} is listed twice; each name needs its own series")
+            raise RecordError(f"signal {signal.name} is listed twice; rename one of the two")
         seen.add(signal.name)
 
 
 def _refuse_reserved(meta: dict[str, Any]) -> None:
     for key in meta:
         if key in RESERVED:
-            raise RecordError(f"meta key {key!r} belongs to the format itself; choose another name")
+            raise RecordError(f"meta key {key!r} is reserved for the file format; choose another name")

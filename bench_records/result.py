@@ -119,7 +119,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         judged = judge(self.number, self.low, self.high, self.margin, self.u, self.even)
         if self.verdict is not judged:
             raise ValueError(
-                f"check {self.name!r} says {self.verdict}, but its value and limits say {judged}"
+                f"check {self.name!r} has the verdict {self.verdict}, but its value and limits give {judged}"
             )
 
     @property
@@ -248,26 +248,26 @@ def _refuse_a_value(one: Check) -> None:
 def _refuse_a_bad_uncertainty(one: Check) -> None:
     if one.u is None or not (0.0 <= one.even <= one.u * (1 + 1e-9) < math.inf):
         raise ValueError(
-            f"check {one.name!r}: u = {one.u}, of which {one.even} is even, is no standard uncertainty"
+            f"check {one.name!r}: uncertainty u = {one.u}, its even part {one.even}; u must be finite, its part 0 to u"
         )
 
 
 def _refuse_bad_limits(one: Check) -> None:
     if not (0.0 < one.scale < math.inf):
-        raise ValueError(f"check {one.name!r}: scale = {one.scale} is no size of a unit; it must be positive")
+        raise ValueError(f"check {one.name!r}: scale = {one.scale}; the scale of the unit must be positive")
     if one.low is None and one.high is None:
         raise ValueError(f"check {one.name!r} has no limit and could never fail; give low, high or both")
     for limit in (one.low, one.high):
         if limit is not None and not math.isfinite(limit):
-            raise ValueError(f"check {one.name!r}: a limit of {limit} is none; leave it out instead")
+            raise ValueError(f"check {one.name!r}: a limit is {limit}; give a finite limit, or omit it")
     if one.low is not None and one.high is not None and one.low > one.high:
         raise ValueError(
-            f"check {one.name!r}: low = {_shown(one.low, one.scale, one.unit)} lies above "
-            f"high = {_shown(one.high, one.scale, one.unit)}; nothing could pass"
+            f"check {one.name!r}: low = {_shown(one.low, one.scale, one.unit)} is above "
+            f"high = {_shown(one.high, one.scale, one.unit)}; low must not be above high"
         )
     if not (0.0 <= one.margin <= 0.5):
         raise ValueError(
-            f"check {one.name!r}: margin = {one.margin} is no fraction of the band; it must be 0 to 0.5"
+            f"check {one.name!r}: margin = {one.margin}; the margin must be 0 to 0.5 of the band"
         )
 
 
@@ -296,10 +296,10 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.counts and len(self.counts) != len(self.edges) + 1:
             raise ValueError(
-                f"a histogram with {len(self.edges)} edges has {len(self.edges) + 1} counts, not {len(self.counts)}"
+                f"a histogram with {len(self.edges)} edges needs {len(self.edges) + 1} counts, not {len(self.counts)}"
             )
         if list(self.edges) != sorted(set(self.edges)):
-            raise ValueError("the edges of a histogram must rise")
+            raise ValueError("the edges of a histogram must increase")
 
 
 class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -340,7 +340,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         judged, _ = _outcome(self.checks, self.reason)
         if self.verdict is not judged:
-            raise ValueError(f"the result of {self.plan} says {self.verdict}, but its checks say {judged}")
+            raise ValueError(f"the result of {self.plan} is {self.verdict}, but its checks give {judged}")
 
     @property
     def duration(self) -> float:
@@ -361,7 +361,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         try:
             return msgspec.json.decode(data, type=Result)
         except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
-            raise RecordError(f"this is no result of a test plan: {str(error)[:200]}") from error
+            raise RecordError(f"this is not a result of a test plan: {str(error)[:200]}") from error
 
     def write(self, directory: Path | str) -> Path:
         """Write ``result.json`` into the directory."""
@@ -414,7 +414,7 @@ def read_result(directory: Path | str) -> Result:
     try:
         data = read_bounded(path, RESULT_BYTES)
     except OSError as error:
-        raise RecordError(f"{directory} holds no readable {RESULT}: {error.strerror}") from error
+        raise RecordError(f"{RESULT} in {directory} cannot be read: {error.strerror}") from error
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     try:

@@ -45,7 +45,9 @@ def open_run(directory: Path) -> RunFolder:
         return RunFolder(result, facts_of(directory), result.verdict.value)
     if is_held(directory):
         facts = _head_facts(directory)
-        return RunFolder(_unfinished(facts, "the run goes on", [], directory), facts, Unfinished.RUNNING)
+        return RunFolder(
+            _unfinished(facts, "the run is still active", [], directory), facts, Unfinished.RUNNING
+        )
     record = read(directory)
     facts = {name: value for name, value in record.meta.items() if name not in _BESIDE}
     return RunFolder(result_without(record), facts, Unfinished.INTERRUPTED)

@@ -45,7 +45,7 @@ class Recovery(msgspec.Struct, frozen=True):
         kept = f"{self.samples} samples and {self.events} events over {self.seconds:.3f} s were recovered"
         if self.complete:
             return f"{kept}; nothing was lost"
-        return f"{kept}; {self.unreadable_bytes} bytes were cut off; at most the last second before the end is lost"
+        return f"{kept}; {self.unreadable_bytes} bytes are unreadable; at most the last second before the end is lost"
 
 
 class Streamed(NamedTuple):
@@ -69,7 +69,7 @@ def is_held(directory: Path) -> bool:
 def refuse_held(directory: Path) -> None:
     """Raise ``RecordError`` if a run is writing into ``directory`` now."""
     if is_held(directory):
-        raise RecordError(f"{directory / STREAM} is being written: the run goes on; wait until it has ended")
+        raise RecordError(f"the run is still writing {directory / STREAM}; wait until it has ended")
 
 
 def read_head(stream: Path) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def _opened(source: Any, stream: Path) -> Any:
         return pa.ipc.open_stream(source)
     except (pa.ArrowException, OSError) as error:
         raise RecordError(
-            f"{stream} is cut off before its first sample, or no Arrow stream: {error}"
+            f"{stream} ends before its first sample, or is not an Arrow stream: {error}"
         ) from error
 
 
@@ -150,7 +150,7 @@ def metadata_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):
-        raise RecordError(f"{path} is damaged: what it says of its run cannot be read") from None
+        raise RecordError(f"{path} is damaged: the data of its run cannot be read") from None
 
 
 def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:

@@ -90,7 +90,7 @@ def write_run(record: Record, result: Result | None, path: Path, rate: float, na
     if len(frame) >= ROWS:
         fits = (ROWS - 1) / max(record.duration, 1.0)
         raise RecordError(
-            f"{len(frame)} rows are more than a sheet of Excel has ({ROWS}); a rate of {fits:.3g} Hz would fit"
+            f"the table has {len(frame)} rows, but a sheet of Excel has {ROWS}; use a rate of at most {fits:.3g} Hz"
         )
     with workbook(path) as book:
         if result is not None:

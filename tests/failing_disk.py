@@ -11,8 +11,8 @@ import pytest
 
 REFUSED = {
     errno.ENOSPC: "the disk is full",
-    errno.EROFS: "the file system can only be read",
-    errno.EIO: "the disk fails",
+    errno.EROFS: "the file system is read-only",
+    errno.EIO: "the disk reports an input/output error",
     errno.ENOENT: "its folder was removed",
 }
 

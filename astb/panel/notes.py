@@ -97,7 +97,7 @@ def _refuse(told: dict[str, str]) -> None:
         except UnicodeEncodeError:
             raise NotAllowed(f"{key} is no text", 400) from None
     if not told["by"].strip():
-        raise NotAllowed("a note has an author: the field for who says so is empty", 400)
+        raise NotAllowed("the author of the note is missing; fill in the field for the author", 400)
     if len(told["text"]) > _TEXT_MAX:
         raise NotAllowed(f"a note of {len(told['text'])} signs is too long; {_TEXT_MAX} fit", 413)
     if told["file"] and not _NAME.fullmatch(told["file"]):

@@ -59,7 +59,7 @@ def read_clock(
         return _from_spans(column, account)
     if column.kind == "other":
         raise RecordError(
-            f"{where}: the column holds {column.what}; numbers, dates or times of day would be right"
+            f"{where}: the column holds {column.what}; choose a column of numbers, dates or times of day"
         )
     if column.kind == "text" and looks_like_a_stamp(column.example):
         return _from_text(sheet, index, keys, account, where)
@@ -71,8 +71,8 @@ def read_clock(
         source.unit and column.unit and not _of_time(column.unit, f"{where}: the unit in the head").same(unit)
     ):
         raise RecordError(
-            f'{where}: the file says that the column is in {column.unit}; time.unit = "{source.unit}" says another '
-            "one; if the head is wrong, ignore_head_unit = true lets time.unit count"
+            f'{where}: the column is in {column.unit} by its head, but time.unit = "{source.unit}"; if the head is '
+            "wrong, give ignore_head_unit = true"
         )
     values = _exact(sheet, index, source, point, where)
     return _from_numbers(values, unit.unit.factor, said, account, where, sheet)
@@ -83,11 +83,11 @@ def _of_time(text: str, where: str) -> ReadUnit:
         unit = read_unit(text)
     except UnknownUnit as error:
         raise RecordError(
-            f"{where}: {error}; right would be such as s, ms or min (of a head that is wrong: time.unit with "
+            f"{where}: {error}; use a unit of time, such as s, ms or min (if the head is wrong, give time.unit and "
             "ignore_head_unit = true)"
         ) from None
     if not unit.measures("s"):
-        raise RecordError(f'{where} = "{text}" is no unit of time; right would be such as s, ms or min')
+        raise RecordError(f'{where} = "{text}" is not a unit of time; use one such as s, ms or min')
     return unit
 
 
@@ -131,9 +131,9 @@ def _from_numbers(values: Any, factor: float, unit: str, account: Account, where
         check_times(seconds[known])
     except Unfit:
         better = [name for name in ("ms", "us", "ns") if 3.1e8 <= begin * UNITS[name].factor < 2.9e9]
-        hint = f'; with time.unit = "{better[0]}" they would be Unix times' if better else ""
+        hint = f'; if these are Unix times, give time.unit = "{better[0]}"' if better else ""
         raise RecordError(
-            f"{where}: {begin:.17g} {unit} in {sheet.at(int(known[0]))} is no time of a record{hint}"
+            f"{where}: {begin:.17g} {unit} in {sheet.at(int(known[0]))} is not a valid time of a record{hint}"
         ) from None
     return Clock(seconds)
 
@@ -154,9 +154,9 @@ def _from_text(sheet: Sheet, index: int, keys: FileKeys, account: Account, where
     except NotAStamp as error:
         hint = f": {error.hint}" if error.hint else ""
         raise RecordError(
-            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} is no time like those before it{hint}'
+            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} is not a time like those before it{hint}'
             if error.index
-            else f'{where}: "{cells[0]}" in {sheet.at(0)} is no time{hint}'
+            else f'{where}: "{cells[0]}" in {sheet.at(0)} is not a time{hint}'
         ) from None
     for sentence in found.told:
         account.take(sentence)
@@ -181,8 +181,8 @@ def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Acco
         return Clock(np.full(len(ns), np.nan))
     if not (ns[there] % DAY).any() and len(np.unique(ns[there])) < np.count_nonzero(there):
         raise RecordError(
-            f"{where}: the column holds dates without times of day, and many rows have the same one; the column with "
-            "the times of day would be right as the clock, and this one as its date (the key date)"
+            f"{where}: the column holds dates without times of day, and many rows have the same date; use the column "
+            "with the times of day as the clock, and this column as its date (the key date)"
         )
     if keys.zone is not None and not zoned:
         ns, zoned = _in_utc(ns, keys.zone, where), True
@@ -211,10 +211,10 @@ def _why_not(local: Any, zone: str) -> str:
     try:
         lost = local.tz_localize(zone, ambiguous=[True] * len(local), nonexistent="NaT").isna()
     except Exception:  # pandas and the zones of Python have many names for it
-        return 'is no zone; one such as "Europe/Berlin" would be right'
+        return 'is not a time zone; use one such as "Europe/Berlin"'
     return (
-        f"has no {local[lost][0]:%Y-%m-%d %H:%M:%S}: summer time skips that hour, so the clock was not set forward; a "
-        'zone without summer time, such as "Etc/GMT-1" for UTC+1, would be right'
+        f"has no {local[lost][0]:%Y-%m-%d %H:%M:%S}: summer time skips that hour, but the clock was not set forward; "
+        'use a zone without summer time, such as "Etc/GMT-1" for UTC+1'
     )
 
 
@@ -248,18 +248,20 @@ def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) ->
     if (steps < 0).any():
         at = int(np.argmax(steps < 0))
         raise RecordError(
-            f"{where}: {sheet.at(int(rows[at + 1]))} lies at {times[at + 1]:.9g} s, before it the clock was at "
-            f"{times[at]:.9g} s; times must not fall: if these are two recordings, cut the file there"
-            + (" (summer time ends? give file.zone)" if abs(steps[at] + 3600.0) < 60.0 else "")
+            f"{where}: the clock falls from {times[at]:.9g} s to {times[at + 1]:.9g} s in "
+            f"{sheet.at(int(rows[at + 1]))}; times must not fall; if these are two recordings, split the file there"
+            + ("; if summer time ends there, give file.zone" if abs(steps[at] + 3600.0) < 60.0 else "")
         )
     if (steps > _YEAR).any():
         at = int(np.argmax(steps > _YEAR))
         raise RecordError(
-            f"{where}: before {sheet.at(int(rows[at + 1]))} the clock leaps by {steps[at] / _YEAR:.3g} years; cut the "
-            "file where it was set"
+            f"{where}: before {sheet.at(int(rows[at + 1]))} the clock leaps by {steps[at] / _YEAR:.3g} years; if the "
+            "clock was set there, split the file at this line"
         )
     if steps.size and not steps.any():
-        raise RecordError(f"{where}: the clock stands at {times[0]:.9g} s in all rows")
+        raise RecordError(
+            f"{where}: the clock is at {times[0]:.9g} s in all rows; choose another column as the clock"
+        )
     stands = steps == 0
     if stands.any():
         at = int(rows[int(np.argmax(stands)) + 1])

@@ -28,7 +28,7 @@ def read_columnar(path: Path, parquet: bool) -> Sheet:
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     except (pa.ArrowException, OSError, ValueError, KeyError, struct.error):
-        raise RecordError(f"{path} is no whole {'Parquet' if parquet else 'Arrow'} file") from None
+        raise RecordError(f"{path} is not a complete {'Parquet' if parquet else 'Arrow'} file") from None
     try:
         columns = [_column(path, field, table.column(i)) for i, field in enumerate(table.schema)]
     except Unfit as error:
@@ -155,7 +155,7 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
             cells, there = _ns(data, pa.duration("ns"))
             return Column(field.name, "span", cells, there=there)
     except pa.ArrowException:
-        raise RecordError(f"{path}: the column {field.name} has a value that no record holds") from None
+        raise RecordError(f"{path}: the column {field.name} has a value that a record cannot hold") from None
     return Column(field.name, "other", None, what=f"values of the kind {kind}")
 
 

@@ -41,11 +41,14 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
     columns = sheet.columns[sheet.place(date, f"{where}: date")], sheet.columns[time]
     for column, holds in zip(columns, (_holds_dates, _holds_times), strict=True):
         if not holds(column):
-            raise RecordError(f'{where}: the column "{column.name}" is none of them; {_RIGHT}')
+            what = "dates" if column is columns[0] else "times of day"
+            raise RecordError(f'{where}: the column "{column.name}" does not hold {what}; {_RIGHT}')
     days = _of_text(sheet, columns[0], keys, where) if columns[0].kind == "text" else _of_type(columns[0])
     times = _of_text(sheet, columns[1], keys, where) if columns[1].kind == "text" else _of_type(columns[1])
     if (days.ns % DAY).any() or days.zoned:
-        raise RecordError(f'{where}: the column "{columns[0].name}" has its own times or zones; {_RIGHT}')
+        raise RecordError(
+            f'{where}: the column of dates "{columns[0].name}" has times of day or zones, too; {_RIGHT}'
+        )
     for sentence in days.told:
         account.take(sentence)
     account.take(f"the columns {columns[0].name} and {columns[1].name} are one clock")
@@ -66,8 +69,8 @@ def refuse_halves(sheet: Sheet, clock: int, where: str) -> None:
     for other in sheet.columns:
         if other.kind == "text" and re.fullmatch(r"[ap]\.?\s?m\.?", other.example, re.IGNORECASE):
             raise RecordError(
-                f'{where}: the column "{other.name}" says a.m. and p.m. of the times; behind each of them, '
-                "in one column, it would be right"
+                f'{where}: a.m. and p.m. are in a separate column, "{other.name}"; write them behind the times in '
+                "the same column"
             )
 
 

@@ -27,11 +27,11 @@ class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0.0 < self.rate <= 1e9:
-            raise ValueError(f"rate = {self.rate:g} Hz; more than 0, up to 1e9, would be right")
+            raise ValueError(f"rate = {self.rate:g} Hz; the rate must be more than 0 Hz and at most 1e9 Hz")
         if self.delimiter is not None and len(self.delimiter) != 1:
-            raise ValueError(f'delimiter = "{self.delimiter}"; one character would be right')
+            raise ValueError(f'delimiter = "{self.delimiter}"; the delimiter must be one character')
         if self.skip_rows is not None and self.skip_rows < 0:
-            raise ValueError(f"skip_rows = {self.skip_rows}; 0 or more would be right")
+            raise ValueError(f"skip_rows = {self.skip_rows}; the number must be 0 or more")
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

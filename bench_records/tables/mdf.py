@@ -59,7 +59,7 @@ def opened(path: Path) -> Iterator[Any]:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
     if mdf is None:
-        raise RecordError(f"{path} is a damaged MDF file, or of a kind that asammdf does not read")
+        raise RecordError(f"{path} is damaged, or asammdf cannot read this kind of MDF file")
     with mdf:
         try:
             check_mdf(path, mdf.groups)
@@ -103,7 +103,9 @@ def holds_frames(group: Any) -> bool:
 def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None, where: str) -> ChannelPlace:
     """Return the one channel of a name. RecordError, with the groups, if there are several or none."""
     if isinstance(column, int):
-        raise RecordError(f"{where} = {column}: the channels of an MDF file go by name")
+        raise RecordError(
+            f"{where} = {column}: name the channel of an MDF file, because channels have no numbers"
+        )
     named = [one for one in known if one.name == column]
     chosen = [one for one in named if group is None or group in (one.group, one.called)]
     if len(chosen) == 1:
@@ -112,13 +114,13 @@ def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None
         groups = ", ".join(one.title for one in chosen)
         raise RecordError(
             f'{where} = "{column}": there are {len(chosen)} such channels, in {groups}; '
-            f"group = {chosen[0].group} of this column would choose one"
+            f"choose one by group, such as group = {chosen[0].group}"
         )
     if named:
         groups = ", ".join(one.title for one in named)
         raise RecordError(f'{where} = "{column}" is not in group {group!r}, but in {groups}')
     names = ", ".join(sorted({one.name for one in known})) or "none"
-    raise RecordError(f'{where} = "{column}": the file has the channels {names}')
+    raise RecordError(f'{where} = "{column}": there is no such channel; the file has the channels {names}')
 
 
 def samples(
@@ -141,7 +143,7 @@ def samples(
     if master is None or getattr(group.channels[master], "sync_type", 1) not in _TIME:
         raise RecordError(f"{where} has no clock in seconds")
     if getattr(group.channels[place.index], "channel_type", 0) == _OF_ANY_LENGTH:
-        raise RecordError(f"{where} has texts or bytes of any length; a channel of numbers would be right")
+        raise RecordError(f"{where} has texts or bytes of variable length; choose a channel of numbers")
     try:
         signal = mdf.get(group=place.group, index=place.index, raw=raw)
     except Exception:  # asammdf has its own exception and raises others, too
@@ -150,7 +152,7 @@ def samples(
     lost = int(group.channel_group.cycles_nr) - len(times)
     account.leave_out("sample(s) that the file itself calls invalid", lost, f"{place.name}, {place.title}")
     if values.ndim != 1 or values.dtype.names:
-        raise RecordError(f"{where} has more than one number a sample")
+        raise RecordError(f"{where} has more than one number per sample; choose a channel of single numbers")
     if values.dtype.kind in "iufb":
         return times, values.astype(np.float64), str(signal.unit or "")
     words = [_word(one) for one in values]
@@ -158,7 +160,7 @@ def samples(
         return times, np.array([texts[one] for one in words], np.float64), ""
     some = ", ".join(f'"{one}"' for one in sorted(set(words))[:3])
     raise RecordError(
-        f"{where} has texts, such as {some}; raw = true of this column takes the numbers behind them"
+        f"{where} has texts, such as {some}; to read the raw numbers, give raw = true for this column"
     )
 
 

@@ -115,9 +115,9 @@ def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) ->
     keys = (
         "file.delimiter, file.decimal or thousands may be wrong"
         if sheet.delimiter
-        else "it is a column of text"
+        else "this is a column of text; choose a column of numbers"
     )
-    return f'{where}: "{cell}" in {sheet.at(at)} is no number; {keys}'
+    return f'{where}: "{cell}" in {sheet.at(at)} is not a number; {keys}'
 
 
 def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
@@ -156,8 +156,8 @@ def in_plain_digits(
         bad = pc.and_(pc.is_valid(cells), pc.invert(pc.match_substring_regex(cells, fits)))
         if (at := first(pc.fill_null(bad, False))) >= 0:
             raise RecordError(
-                f'{where}: "{cells[at]}" in {sheet.at(at)} is no number with "{between}" between thousands and '
-                f'"{point}" before decimals'
+                f'{where}: "{cells[at]}" in {sheet.at(at)} is not a number with "{between}" between thousands and '
+                f'"{point}" before decimals; correct thousands or decimal'
             )
         cells = pc.replace_substring(cells, between, "")
     return cells if point == "." else pc.replace_substring(cells, point, ".")
@@ -173,22 +173,24 @@ def _separators(
     found = evidence(cells)
     if source.decimal is None and len(found.certain) == 2:
         one, other = (f'"{cells[at]}" in {sheet.at(at)}' for at in sorted(found.certain.values()))
-        raise RecordError(f"{where}: {one} and {other} cannot be numbers of one kind")
+        raise RecordError(
+            f"{where}: {one} and {other} have different decimal separators; use only one in a column"
+        )
     point: str = source.decimal or "".join(found.certain)[:1] or decimal.point
     if not point:
         if found.open:
             at = min(found.open.values())
             raise RecordError(
                 f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals; '
-                'file.decimal = "." or "," would say it'
+                'give file.decimal = "." or ","'
             )
         point = "."
     other = "," if point == "." else "."
     if other in found.certain:
         at = found.certain[other]
         raise RecordError(
-            f'{where}: "{cells[at]}" in {sheet.at(at)} does not have decimal = "{point}"; decimal = "{other}" would '
-            "be right for it"
+            f'{where}: "{cells[at]}" in {sheet.at(at)} does not fit to decimal = "{point}"; for this column, give '
+            f'decimal = "{other}"'
         )
     # Three digits after the other separator are thousands if the column or a key defines the decimal separator.
     thousands = other in found.between or (
@@ -197,8 +199,8 @@ def _separators(
     if other in found.open and not thousands:
         at = found.open[other]
         raise RecordError(
-            f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals, and the column does '
-            f'not decide it; state thousands = "{other}" or decimal = "{other}" for this column'
+            f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals; give '
+            f'thousands = "{other}" or decimal = "{other}" for this column'
         )
     return point, other if thousands else ""
 

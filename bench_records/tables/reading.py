@@ -56,8 +56,10 @@ def format_of(path: Path, keys: FileKeys) -> FileForm:
         known = ", ".join(f'"{one.name}"' for one in FORMS if one.read is not None or one is MDF)
         said = f'file.format = "{keys.format}"' if keys.format else f'the suffix "{path.suffix}"'
         if not keys.format and (how := export_of(path)):
-            raise RecordError(f"{path} is not read in this form; {how} makes a table of it")
-        raise RecordError(f"{path}: {said} says no format that is read; give file.format = one of {known}")
+            raise RecordError(
+                f"{path}: files of this format are not read; convert the file to a table with: {how}"
+            )
+        raise RecordError(f"{path}: {said} is not a known format; give file.format = one of {known}")
     return form
 
 
@@ -65,7 +67,9 @@ def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account
     """Return the sheet of a file that is no MDF file."""
     form = format_of(path, keys)
     if form.read is None:
-        raise RecordError(f"{path} is an MDF file; a table as CSV, Parquet or Arrow would be right")
+        raise RecordError(
+            f"{path} is an MDF file, but a table is needed; convert it to CSV, Parquet or Arrow"
+        )
     sheet: Sheet = form.read(path, keys, wanted, account)
     if keys.rate is not None:
         _add_clock(sheet, keys.rate)
@@ -164,7 +168,9 @@ def _from_one_start(sheet: Sheet, clocks: Mapping[int, Clock]) -> dict[int, Cloc
     if not starts:
         return dict(clocks)
     if len(starts) < len(clocks) or len({clock.zoned for clock in clocks.values()}) > 1:
-        raise RecordError(f"{sheet.path}: one clock has dates, or a zone, and another has none")
+        raise RecordError(
+            f"{sheet.path}: one clock has dates or a zone, and another has none; use clocks of the same form"
+        )
     first = min(starts)
     return {
         index: clock._replace(seconds=clock.seconds + ((clock.start or first) - first) / SECOND, start=first)
@@ -197,11 +203,11 @@ def _series(
             values = np.where(infinite, np.nan, values)
     else:
         what = column.what or "times"
-        raise RecordError(f'{where}: the column "{column.name}" holds {what}; numbers would be right')
+        raise RecordError(f'{where}: the column "{column.name}" holds {what}; choose a column of numbers')
     known = np.isfinite(clock.seconds)
     lost = ~known & np.isfinite(values)
     if lost.any():
-        raise RecordError(f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has no time")
+        raise RecordError(f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has a value, but no time")
     return Series(
         column.name,
         clock.seconds[known],
@@ -236,6 +242,6 @@ def refuse_falling(path: Path, times: Numbers, what: str) -> None:
     if falls.size:
         at = int(falls[0])
         raise RecordError(
-            f"{path}: {what}: sample {at + 2} lies at {times[at + 1]:.9g} s, the one before at {times[at]:.9g} s; "
-            "times must not fall: if these are two recordings, cut the file there"
+            f"{path}: {what}: the clock falls from {times[at]:.9g} s to {times[at + 1]:.9g} s in sample {at + 2}; "
+            "times must not fall; if these are two recordings, split the file there"
         )

@@ -77,9 +77,11 @@ class Sheet:
         if found:
             numbers = " and ".join(str(index + 1) for index in found)
             raise RecordError(
-                f"{told}: the columns {numbers} are called so; give the number of the one that is meant, "
+                f"{told}: the columns {numbers} have this name; give the number of the right column, "
                 f"such as {found[0] + 1}"
             )
         if isinstance(wanted, int):
-            raise RecordError(f"{told}: the file has the columns 1 to {len(self.columns)}")
-        raise RecordError(f"{told}: the file has the columns {', '.join(self.names) or 'none'}")
+            raise RecordError(
+                f"{told}: there is no such column; the file has the columns 1 to {len(self.columns)}"
+            )
+        raise RecordError(f"{told}: there is no such column; the file has {', '.join(self.names) or 'none'}")

@@ -97,7 +97,7 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
         ns, told = _whole_milliseconds(ns, there, parts)
         if first["s"] is None:
             ns, there = over_midnight(ns, there, _HOUR)
-            told.append("the times are minutes and seconds, and go on after each hour")
+            told.append("the times are minutes and seconds, and continue after each hour")
         return Stamps(*over_midnight(ns, there), dated=False, zoned=False, told=told)
     days = _Days(cells, dates)
     zones = set()
@@ -109,13 +109,13 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
             raise NotAStamp(index)
         of_day = _time(found, index) if found["h"] else 0
         if of_day > DAY or (found["h"] and not found["s"] and (found["f"] or found["ms"])):
-            raise NotAStamp(index, "hh:mm:ss would be right")
+            raise NotAStamp(index, "write times as hh:mm:ss")
         offset = _zone(found["zone"])
         zones.add(offset is None)
         parts[index] = _digits(found)
         ns[index] = days.of(found, index) * DAY + of_day - (offset or 0) * 60 * SECOND
     if len(zones) == 2:
-        raise NotAStamp(0, "some stamps name a zone and some do not")
+        raise NotAStamp(0, "some times have a zone and some have none; write all of them in the same form")
     ns, told = _whole_milliseconds(ns, there, parts)
     return Stamps(ns, there, dated=days.known, zoned=zones == {False}, told=[*days.told, *told])
 
@@ -124,7 +124,7 @@ def _span(cell: str, index: int) -> int:
     """Nanoseconds of a duration as ISO 8601 writes it, such as PT1M2.5S."""
     found = _SPAN.fullmatch(cell)
     if found is None:
-        raise NotAStamp(index, "PT1.5S would be right")
+        raise NotAStamp(index, "write durations as PT1.5S")
     days, hours, minutes, seconds = (int(one or 0) for one in found.groups()[:4])
     whole = ((days * 24 + hours) * 60 + minutes) * 60 + seconds
     return whole * SECOND + int((found[5] or "").ljust(9, "0"))
@@ -164,7 +164,9 @@ def _of_day(cell: str, index: int) -> int:
     if found is None:
         raise NotAStamp(index)
     if found["s"] is None and not (found["f"] or found["ms"]):
-        raise NotAStamp(index, "it may be hours and minutes, or minutes and seconds; hh:mm:ss would be right")
+        raise NotAStamp(
+            index, "this may be hours and minutes, or minutes and seconds; write times as hh:mm:ss"
+        )
     return int(found["days"] or 0) * DAY + _time(found, index)
 
 
@@ -176,10 +178,10 @@ def _time(found: re.Match[str], index: int) -> int:
         hours, minutes, seconds = 0, hours, minutes
     if half := found["half"]:
         if not 1 <= hours <= 12:
-            raise NotAStamp(index, "with a.m. and p.m. there are the hours 1 to 12")
+            raise NotAStamp(index, "with a.m. and p.m., the hour must be 1 to 12")
         hours = hours % 12 + (12 if half in "Pp" else 0)
     if minutes > 59 or seconds > 60:
-        raise NotAStamp(index, "there are 60 minutes, and 60 seconds")
+        raise NotAStamp(index, "the minutes must be 0 to 59, and the seconds 0 to 60")
     return (hours * 3600 + minutes * 60 + seconds) * SECOND + int(fraction.ljust(9, "0") or 0)
 
 
@@ -210,25 +212,25 @@ class _Days:
             if len(open_) > 1:
                 raise NotAStamp(
                     next(iter(open_.values())),
-                    'day or month may come first; dates = "dmy" or "mdy" would say it',
+                    'day or month may come first; give dates = "dmy" or "mdy"',
                 )
             self.known, self._order = False, "dmy"
             (text,) = open_
             self.told.append(
-                f"the times begin at their first row: whether {text} begins with the day or the month is open "
-                '(dates = "dmy" or "mdy")'
+                f"{text} may begin with the day or the month, so the record has no date and begins at the first row; "
+                'for the date, give dates = "dmy" or "mdy"'
             )
 
     def of(self, found: re.Match[str], index: int) -> int:
         """Days since 1970 of the date in a cell."""
         if found["open"] and self._order is None:
-            raise NotAStamp(index, "dates of two kinds")
+            raise NotAStamp(index, "the column has dates of two forms; use one form")
         text = next(one for one in (found[kind] for kind in ("iso", "dots", "open", "day", "month")) if one)
         if text not in self._known:
             try:
                 self._known[text] = self._days(found, text)
             except (ValueError, KeyError):
-                raise NotAStamp(index, "there is no such day") from None
+                raise NotAStamp(index, "there is no such day in the calendar") from None
         return self._known[text]
 
     def _days(self, found: re.Match[str], text: str) -> int:
@@ -254,7 +256,9 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
         firsts.append(one)
         seconds.append(other)
     if max(firsts, default=0) > 12 and max(seconds, default=0) > 12:
-        raise NotAStamp(next(iter(texts.values())), "dates of two kinds")
+        raise NotAStamp(
+            next(iter(texts.values())), "some dates begin with the day, others with the month; use one form"
+        )
     if max(firsts, default=0) > 12:
         return "dmy"
     return "mdy" if max(seconds, default=0) > 12 else None

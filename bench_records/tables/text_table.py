@@ -68,8 +68,8 @@ def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
     ends = [number for number, line in enumerate(lines, 1) if line.startswith("***End_of_Header***")]
     if len(ends) > 2:  # the first one is that of the file
         raise RecordError(
-            f"{path}: a second segment begins before line {ends[2]} (***End_of_Header***); one clock and one head "
-            "are read, so cut the file there"
+            f"{path}: a second segment begins before line {ends[2]} (***End_of_Header***); only one clock and one "
+            "head can be read: split the file there"
         )
 
 
@@ -88,11 +88,13 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
     if name == WINDOWS and not encoding:
-        account.take('the text is no UTF-8 and is taken as cp1252 (encoding = "cp1252")')
+        account.take('the text is not UTF-8 and is read as cp1252 (encoding = "cp1252")')
     elif name != UTF_8 and not encoding:
         account.take(f"the text is in {name}")
     if not text.strip("\x1a\r\n\t ,;"):
-        raise RecordError(f"{path} is empty: a head with names, and rows below it, would be a table")
+        raise RecordError(
+            f"{path} is empty; a table needs a head with the names of the columns, and rows below it"
+        )
     return io.StringIO(text.rstrip("\x1a"), newline=None).read().split("\n")
 
 
@@ -221,7 +223,9 @@ class _Rows:
                         self.numbers.append(self.start + number)
                 self._keep(good)
         except csv.Error:
-            raise RecordError(f"{self.path}: after line {number} quotation marks do not close") from None
+            raise RecordError(
+                f"{self.path}: a quotation mark after line {number} is not closed; close or remove it"
+            ) from None
 
     def _is_row(self, line: int, row: list[str]) -> bool:
         filled = sum(bool(cell.strip()) for cell in row)
@@ -247,7 +251,10 @@ class _Rows:
             return True
         (self.below if self.numbers else self.above).append((line, row))
         if len(self.above) > _LOOKED_AT:
-            raise RecordError(f"{self.path}: there are no values below line {self.start}")
+            raise RecordError(
+                f"{self.path}: there are no rows of numbers below line {self.start}; file.delimiter or file.skip_rows "
+                "may be wrong"
+            )
         return False
 
     def _is_units(self, row: list[str]) -> bool:
@@ -263,14 +270,19 @@ class _Rows:
         text = f"{self.path}: line {line} has {len(row)} cells and the head {self.width}"
         if not self.head:
             text = f"{self.path}: line {line} has {len(row)} cells and those before it {self.width}"
-        return f'{text}; the delimiter is "{self.delimiter}" (file.delimiter), which no number may hold'
+        return (
+            f'{text}; the delimiter is "{self.delimiter}" (file.delimiter) and must not occur within a number'
+        )
 
     def _text_between(self) -> str:
         line, row = self.below[0]
         if [cell.strip() for cell in row][: self.width] == self.head[: self.width] and self.head:
-            return f"{self.path}: line {line} is the head again: these are two tables; cut the file there"
+            return f"{self.path}: line {line} is the head again: these are two tables; split the file there"
         text = self.delimiter.join(row)[:40]
-        return f'{self.path}: line {line}, "{text}", is no row of values, and more rows follow'
+        return (
+            f'{self.path}: line {line}, "{text}", is text between rows of values; remove the line, or split the file '
+            "there"
+        )
 
     def _keep(self, rows: list[list[str]]) -> None:
         import pyarrow as pa
@@ -304,7 +316,7 @@ class _Rows:
             if self._is_units(row) or _mostly_units([cell.strip() for cell in row if cell.strip()]):
                 units = [cell.strip() or named for cell, named in zip_longest(row, units, fillvalue="")]
                 self.above.remove((line, row))
-                account.take(f"line {line} is taken as units: {', '.join(units)[:120]}")
+                account.take(f"line {line} is read as units: {', '.join(units)[:120]}")
                 break
         return units
 
@@ -317,7 +329,7 @@ class _Rows:
         if self.cut:
             account.leave_out("row within which the file ends", 1, f"line {self.cut}")
         if self.trailing:
-            account.take("an empty field at the end of rows is no column")
+            account.take("an empty field at the end of rows is ignored")
 
 
 def _mostly_units(cells: Sequence[str]) -> bool:

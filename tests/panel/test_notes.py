@@ -50,7 +50,7 @@ def test_a_note_with_a_photo_is_stored_with_the_run_and_shown(kept):
 @pytest.mark.parametrize(
     ("words", "status", "why"),
     [
-        ({"by": " "}, 400, "has an author"),
+        ({"by": " "}, 400, "author of the note is missing"),
         ({"text": ""}, 409, "a text or a file"),
         ({"text": "x" * 4001}, 413, "too long"),
         ({"file": "../out.png"}, 400, "no name for a file"),

@@ -150,4 +150,4 @@ def test_on_a_full_disk_result_and_list_of_runs_are_there(tmp_path):
 def test_a_disk_without_room_for_a_result_begins_no_run(tmp_path):
     done = in_a_tiny_file_system(tmp_path, 1000)
     assert "ended with 3" in done.stdout and "Traceback" not in done.stderr + done.stdout
-    assert "no room for the result of a run, 2 MiB: the disk is full" in done.stderr
+    assert "no space for the result of a run, 2 MiB: the disk is full" in done.stderr

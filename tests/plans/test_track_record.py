@@ -95,7 +95,7 @@ def test_columns_of_parquet_and_a_record_by_time(tmp_path):
         (("gauge [mm]", "time [s]"), "both of the columns distance and time"),
         (("gauge [mm]", "roll [mrad]"), "cant and roll, which say the same"),
         (("0.75,0,", "0.75,,"), "vertical has no number in line 5; fill the gap"),
-        (("0.75,0,", "0.75,up,"), '"up" in line 5 is no number'),
+        (("0.75,0,", "0.75,up,"), '"up" in line 5 is not a number'),
         (("0.75,0,", "0.25,0,"), "distance falls from 0.5 to 0.25 m in line 5; it has to rise"),
         (("0.75,0,", "0.5,0,"), "distance stands still at 0.5 m in line 5"),
         (

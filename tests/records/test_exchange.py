@@ -134,22 +134,22 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("a.csv", "time_s,left.hight [mm]\n0,1\n", "'left.hight [mm]' is no signal of the bench"),
+        ("a.csv", "time_s,left.hight [mm]\n0,1\n", "'left.hight [mm]' is not a signal of the bench"),
         (
             "a.csv",
             "time_s,left.height [N]\n0,1\n",
-            "is in N, which left.height cannot have; right would be mm",
+            "is in N, which left.height cannot have; use mm",
         ),
         ("a.csv", "time_s,left.height [furlong]\n0,1\n", '"furlong" is no known unit'),
         ("a.csv", "time_s,left.bellows_pressure [bar(a)]\n0,1\n", "is a gauge pressure"),
         (
             "a.csv",
             "time_s,left.height [mm]\n0,1\n1,much\n",
-            'left.height [mm]: "much" in line 3 is no number',
+            'left.height [mm]: "much" in line 3 is not a number',
         ),
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
-        ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has no time"),
-        ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has no time"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has a value, but no time"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has a value, but no time"),
         ("a.blf", "rubbish", "is not a file of CAN frames"),
         ("a.log", "", "holds no data frame"),
         ("a.xls", "", "ssconvert a.xls a.csv"),
@@ -218,7 +218,7 @@ def test_checksums_equal_sha256sum_and_show_changes(run: Path, tmp_path) -> None
     assert broken_files(copy) == []
     (copy / "result.json").write_text("{}")
     (copy / "meta.json").unlink()
-    assert broken_files(copy) == ["meta.json is gone", "result.json was changed"]
+    assert broken_files(copy) == ["meta.json is missing", "result.json was changed"]
 
 
 def test_frames_of_any_kind_survive_every_format(tmp_path) -> None:

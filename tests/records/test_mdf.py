@@ -102,7 +102,7 @@ def test_texts_with_numbers_are_states_and_others_refused_or_raw(tmp_path) -> No
     np.testing.assert_array_equal(read(tmp_path / "o").series("rig.state")[1], values)
     source = {"force": Source(column="rig.state")}
     with pytest.raises(
-        RecordError, match=r'rig.state of group 0.* has texts, such as "off", "ok"; raw = true'
+        RecordError, match=r'rig.state of group 0.* has texts, such as "off", "ok"; .* raw = true'
     ):
         read_series(path, FileKeys(), TimeSource(), source, Account())
     raw = {"force": Source(column="rig.state", raw=True)}
@@ -114,14 +114,14 @@ def test_texts_with_numbers_are_states_and_others_refused_or_raw(tmp_path) -> No
 def test_what_is_no_mdf_file_or_falls_is_refused_in_words(tmp_path) -> None:
     (tmp_path / "a.mf4").write_bytes(b"rubbish" * 100)
     (tmp_path / "b.mf4").write_bytes(b"MDF     4.10    " + b"\xff" * 400)
-    for name, said in (("a", "does not begin with MDF"), ("b", "is a damaged MDF file")):
+    for name, said in (("a", "does not begin with MDF"), ("b", "is damaged, or asammdf cannot")):
         with pytest.raises(RecordError, match=rf"{name}\.mf4 is .*{said}|{said}"):
             read_series(
                 tmp_path / f"{name}.mf4", FileKeys(), TimeSource(), {"x": Source(column="x")}, Account()
             )
     path = write(tmp_path / "c.mf4", [signal("x", X, np.where(TIME < 2.0, TIME, TIME - 1.5))])
     with pytest.raises(
-        RecordError, match=r"x, group 0.*: sample 201 lies at 0.5 s, the one before at 1.99 s"
+        RecordError, match=r"x, group 0.*: the clock falls from 1.99 s to 0.5 s in sample 201"
     ):
         read_series(path, FileKeys(), TimeSource(), {"x": Source(column="x")}, Account())
 

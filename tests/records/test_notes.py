@@ -109,9 +109,9 @@ def test_a_letterhead_stands_above_the_report(signed: Path, tmp_path: Path, monk
     [
         ("custmer = 'x'", "custmer is no key here; did you mean 'customer'"),
         ("order = 4500", "order = 4500; a text would be right"),
-        ("logo = 'head.toml'", "is no picture: .png"),
+        ("logo = 'head.toml'", "is not a picture; use a file with the suffix .png"),
         ("logo = 'none.png'", "none.png cannot be read"),
-        ("logo = 'fake.png'", "is not what its name says"),
+        ("logo = 'fake.png'", "is not a .png picture"),
         ("order = ", "TOML"),
     ],
 )

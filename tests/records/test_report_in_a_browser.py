@@ -139,7 +139,7 @@ def test_without_a_browser_the_error_says_what_would_help(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(CHOSEN, str(tmp_path / "nothing"))
-    with pytest.raises(RecordError, match=f"this machine has none .*apt install chromium, or .*{CHOSEN}"):
+    with pytest.raises(RecordError, match=f"was not found .*apt install chromium, or .*{CHOSEN}"):
         write_pdf(tmp_path / "report.html")
 
 

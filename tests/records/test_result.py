@@ -210,7 +210,7 @@ def test_foreign_results(tmp_path, content: bytes) -> None:
 
 
 def test_missing_result(tmp_path) -> None:
-    with refuses(RecordError, "readable"):
+    with refuses(RecordError, "result.json cannot be read"):
         read_result(tmp_path)
 
 
