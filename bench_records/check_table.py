@@ -145,7 +145,7 @@ def certainty(one: Check) -> str:
     if not one.u or one.conformity is None or not math.isfinite(one.number):
         return ""
     told = f"conforms with {percent(one.conformity)} probability (k = {one.k:.3g})"
-    return f"{told}; uncertainty: {causes}" if (causes := _causes(one.parts, one.u)) else told
+    return f"{told}; uncertainty {causes}" if (causes := _causes(one.parts, one.u)) else told
 
 
 def _causes(parts: Mapping[str, float], u: float) -> str:
@@ -155,11 +155,11 @@ def _causes(parts: Mapping[str, float], u: float) -> str:
         return ""
     (first, most), *others = shares
     if first > ALMOST_ALL:
-        return f"almost all {most}"
+        return f"almost only from {most}"
     if first > MOSTLY:
-        return f"mostly {most}" + (f", then {others[0][1]}" if others else "")
+        return f"mainly from {most}" + (f", then {others[0][1]}" if others else "")
     named = [most, *(cause for _, cause in others[:1])]
-    return " and ".join(named) if len(others) < 2 else f"{', '.join(named)} and others"
+    return f"from {' and '.join(named)}" if len(others) < 2 else f"from {', '.join(named)} and others"
 
 
 def range_bar(one: Check) -> Bar:

@@ -54,7 +54,7 @@ def first_trip(record: Record) -> dict[str, Any] | None:
         sentences.append(f"Then {told}{more}.")
     else:
         sentences.append(
-            f"Nothing else tripped or changed state in the {AROUND_TRIP_S:.0f}{THIN_SPACE}s after it."
+            f"No other limit tripped and no state changed in the next {AROUND_TRIP_S:.0f}{THIN_SPACE}s."
         )
     name = first.data.get("signal")
     drawing = ""

@@ -228,4 +228,6 @@ def headline(result: Result) -> str:
         lacking = result.count(CheckVerdict.NOT_AVAILABLE)
         return f"{lacking} of {total} {noun} not available on this rig; the others within the limits"
     marginal = result.count(CheckVerdict.MARGINAL)
-    return f"{total} {noun} within the limits" + (f", {marginal} of them close to one" if marginal else "")
+    return f"{total} {noun} within the limits" + (
+        f", {marginal} of them close to a limit" if marginal else ""
+    )

@@ -17,7 +17,7 @@ from bench_records.typography import THIN_SPACE, plain, seconds
 ROLES: Final = ("tested by", "checked by", "approved by")
 #: The last day that there is: who writes it as when an instrument is due means that it never is.
 NO_DAY: Final = date.max.isoformat()
-NEVER: Final = "does not run out"
+NEVER: Final = "no due date"
 #: Number of characters of the record's checksum in the footer of every page.
 SHORT: Final = 12
 
@@ -45,7 +45,7 @@ def identification(record: Record, result: Result, duration: float) -> list[Entr
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [
-        Entry("date", "virtual time, without a date" if virtual else _date(str(meta.get("date", "")))),
+        Entry("date", "none (virtual time)" if virtual else _date(str(meta.get("date", "")))),
         Entry("operator", str(meta.get("operator", ""))),
         Entry("specimen", specimen.type if specimen else ""),
         Entry("serial number", specimen.serial_number if specimen else ""),

@@ -20,7 +20,7 @@ from test_plans.run import Run
 LEFT, RIGHT = "left.bellows_pressure", "right.bellows_pressure"
 EQUAL = CheckName(
     "pressure, left less right",
-    "How much less air one spring needs for the same load: they differ, or one of them does not stand straight.",
+    "Pressure difference under the same load: if it is large, the springs differ, or one of them is tilted.",
 )
 
 
@@ -28,8 +28,8 @@ EQUAL = CheckName(
 def {name}(run: Run) -> None:
     """{Title}: under the same load, both springs rest at the same pressure.
 
-    Both springs carry the empty car, {{AW0.preload}} each, on their leveling valves until the gas has cooled. Good are
-    pressures that differ by less than 70 mbar: the transducers are good for 25 mbar each.
+    Both springs carry the empty car, {{AW0.preload}} each, on their leveling valves until the gas has cooled. The
+    pressures may differ by less than 70 mbar, because each transducer may have an error of 25 mbar.
     """
     with run.phase("at rest"):
         mean = run.bench.averages(LEFT, RIGHT, over=2 * s)

@@ -25,7 +25,7 @@ SUPPLY_WITHIN: Final = 5 * s
 HEADROOM: Final = 1 * bar
 #: Temperatures of the hall for which the limits of a specimen hold, because rubber and gas depend on temperature.
 HALL: Final = (ICE + 10 * K, ICE + 35 * K)
-NO_DAY: Final = "virtual time has no date, so no due date is judged"
+NO_DAY: Final = "a run in virtual time has no date, so due dates are not checked"
 COME_BACK: Final = 1 * minutes
 COLD_FROM_BEFORE: Final = (
     "gas that an earlier run let out is cold and needs some 5 min to warm up: wait, and start again"
@@ -153,7 +153,7 @@ def not_overdue() -> Precondition:
         if day is None:
             return ConditionResult(None, NO_DAY)
         over = [piece.trouble(day) for piece in pieces if piece.overdue(day)]
-        found = "; ".join(over) + "; a new calibration would be right" if over else "none is overdue"
+        found = "; ".join(over) + "; calibrate again" if over else "none is overdue"
         return ConditionResult(not over, found)
 
     return Precondition("no instrument is overdue for calibration", look, strict=False)
@@ -197,7 +197,9 @@ def confirmed(text: str) -> Precondition:
 
     def look(run: Run) -> ConditionResult:
         answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
-        return ConditionResult(answer == YES, f"the operator says {answer}" if answer else "nobody says so")
+        return ConditionResult(
+            answer == YES, f"the operator answered {answer}" if answer else "the operator did not answer"
+        )
 
     return Precondition(text, look)
 

@@ -53,15 +53,16 @@ STAIR_WAIT: Final = 3 * s
 def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Axial stiffness of each spring, in the three ways of EN 13597.
 
-    The springs carry the `load` on their leveling valves at design height.
+    The springs carry the `load` on their leveling valves at design height. Then the bench measures the stiffness in
+    three ways:
 
-    * Isobaric: the bolster goes up and down in steps of 10 mm to 20 mm, at each of which the pressure is brought back
-      to its first value. The stiffness comes from the change of the area with height, and from the rubber.
-    * Closed: the auxiliary volumes are shut off, a slow triangle of 5 mm to either side compresses the bellows alone.
-    * Open: the same triangle with all the volume of the spring.
+    * Isobaric: the bolster moves up and down by 20 mm in steps of 10 mm. At each step, the pressure is brought back to
+      its first value. This stiffness comes from the change of the area with height, and from the rubber.
+    * Closed: the auxiliary volumes are shut off. A slow triangle of ± 5 mm compresses only the bellows.
+    * Open: the same triangle compresses the whole volume of the spring.
 
-    Good is what the specimen's file says of each. A bellows of wrong volume shows closed, a wrong auxiliary volume
-    open, a wrong contour isobaric.
+    A spring passes if each stiffness is within the limits of the specimen's file. A wrong volume of the bellows changes
+    the closed stiffness, a wrong auxiliary volume the open one, and a wrong contour the isobaric one.
     """
     case = run.specimen.load(load)
     isobaric = case.limits.band("vertical_isobaric")

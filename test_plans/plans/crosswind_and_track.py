@@ -106,7 +106,7 @@ STIFF: Final = CheckName(
 )
 DAMPED: Final = CheckName(
     "lateral damping c",
-    "What takes the energy out of the sway: with too little of it the car goes on swinging after a gust.",
+    "Lateral damping under wind, track and roll: with too little damping, the car continues to swing after a gust.",
 )
 ROLLED: Final = CheckName(
     "roll torque over roll",
@@ -267,21 +267,25 @@ def _crosswind_and_track(
 ) -> None:
     """Crosswind and track at once, {car} car: stiffness, damping and roll torque of the springs.
 
-    The springs carry {preload} each, or as much as `pressure` times their pressure needs; their valves are shut, the
-    differential pressure valve connects them, and the bolster is free in all directions under the preload. One side is
-    loaded more and the other less, until the bolster leans by `roll`; a positive one leans into the wind. A `wind`,
-    steady, with the gust of EN 14067-6, or stochastic with von Kármán's spectrum, rises within 4 s: the lateral
-    actuator pushes with the share of one bogie, and the vertical ones add its moment. While it blows, the platform
-    follows a unilateral cosine of `amplitude` and `frequency`, up and sideways together. All five axes follow one time
-    base: the host streams them, or, `by` the rig, a steady wind and the track are one program of its function
-    generator.
+    The springs carry {preload} each, or the preload that belongs to `pressure` times their pressure. Their valves are
+    shut, the differential pressure valve connects them, and the bolster is free in all directions under the preload. An
+    unequal preload rolls the bolster by `roll`; with a positive `roll`, it leans into the wind.
 
-    Before the start the largest way of the bolster is computed from the limits of the specimen. If it reaches the bump
-    stop, the run is refused, and the strongest wind that the bench can hold is named.
+    The `wind` is steady, has the gust of EN 14067-6, or is stochastic with von Kármán's spectrum. It rises within 4 s.
+    The lateral actuator applies the share of one bogie, and the vertical actuators apply its moment. During the wind,
+    the platform follows a unilateral cosine of `amplitude` and `frequency`, vertically and laterally together. All five
+    axes use one time base. The host streams the motion. With `by` = rig, the function generator of the rig makes a
+    steady wind and the track in one program.
 
-    Good is what the specimen's file says of the way to the bump stop, of the lateral stiffness, over the way by which
-    the springs are sheared and corrected for the pressure, of the lateral damping, and of the roll torque of the
-    springs over the roll that the wind makes.
+    Before the start, the plan computes the largest travel of the bolster from the limits of the specimen. If it reaches
+    the bump stop, the run is refused, and the message states the strongest wind that the bench can hold.
+
+    The specimen's file has the limits for four results:
+
+    * the travel toward the bump stop;
+    * the lateral stiffness, over the measured shear of the springs and corrected for the pressure;
+    * the lateral damping;
+    * the roll torque of the springs over the roll that the wind causes.
     """
     if by == "rig":
         waves = programme(run.rig, wind, amplitude, frequency)

@@ -183,16 +183,23 @@ def crosswind_gust(
     """Crosswind gust: displacement, roll and stiffness of the springs in one gust.
 
     The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
-    free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes over the
-    car, in the shape of EN 14067-6, up to `wind`, which is 1.7 times the mean. Then the mean wind blows on for 4 s and
-    fades. The share of one bogie pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
-    difference of the vertical ones follow a waveform that the host streams.
+    free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes the car. It
+    has the shape of EN 14067-6 and a maximum of `wind`, which is 1.7 times the mean. Then the mean wind continues for 4
+    s and fades. The share of one bogie pushes the bolster sideways, and its moment rolls it. The lateral actuator and
+    the difference of the vertical actuators follow a waveform that the host streams.
 
-    Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
-    the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
-    time until the bolster is at rest again, and of the displacement that remains after the wind. The file states roll
-    and remaining displacement for a gust of 10 m/s at 100 km/h: in a stronger or faster one they are not judged. The
-    time to settle is stated for that speed, too; a slower train is longer in the gust, and may take as much longer.
+    The specimen's file has the limits for these results:
+
+    * the largest displacement and roll;
+    * the lateral stiffness and the roll stiffness under the gust;
+    * the pressure difference, which must not open the valve between the springs;
+    * the share of the moment that the air carries;
+    * the time until the bolster is at rest again;
+    * the displacement and the pressure difference that remain after the wind.
+
+    The limits of roll and remaining displacement hold for a gust of 10 m/s at 100 km/h. They are not applied to a
+    stronger or faster gust. The limit of the settle time holds for 100 km/h, too. At a lower speed, the gust takes
+    longer, and the limit is extended by that time.
     """
     times, force = blow(wind, train_speed)
     with run.phase("gust"):

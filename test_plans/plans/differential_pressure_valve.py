@@ -55,14 +55,15 @@ def differential_pressure_valve(
 ) -> None:
     """Differential pressure valve: opening, reclosing and tightness, to both sides.
 
-    Both springs carry the full car, all valves are shut but the differential pressure valve between them, which is
-    connected. The bolster is rolled slowly, which squeezes one spring and relieves the other, until the valve must have
-    opened several times: the largest difference is where it opens, the smallest after that where it closes again. On
-    the way, at a difference at which the valve has to be shut, the air of both springs is weighed before and after a
-    time `hold`. All of it to one side and then to the other.
+    Both springs carry the full car. All valves are shut except the differential pressure valve, which connects the
+    springs. A slow roll of the bolster compresses one spring and relieves the other, until the valve must have opened
+    several times. The valve opens at the largest pressure difference, and closes at the smallest difference after that.
+    Before the valve opens, the roll stops at a difference at which a sound valve is shut. There the air of both springs
+    is weighed before and after a time `hold`. The same sequence follows to the other side.
 
-    Good is a valve that opens and closes where the specimen's file says. One that is stuck open keeps no difference,
-    one that is stuck shut exceeds it, and one that leaks takes air from one spring to the other.
+    The valve passes if it opens and closes within the limits of the specimen's file, and if the air loss is within its
+    limit. A valve that is stuck open holds no pressure difference. A valve that is stuck shut exceeds the opening
+    pressure. A leaking valve lets air pass from one spring to the other.
     """
     load, limits = run.specimen.load(AW3), run.specimen.limits
     opening, reclosing = limits.band("dpv_opening"), limits.band("dpv_reclosing")

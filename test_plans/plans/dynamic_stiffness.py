@@ -58,13 +58,13 @@ ANGLE: Final = ("loss angle", "deg")
 def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Dynamic stiffness: storage K', loss K'' and loss angle, per spring, first harmonic.
 
-    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. The vertical
-    actuators move the bolster in sines of 5 mm at each frequency of the specimen's file, then of 1 Hz with each
-    amplitude that it states. What the orifice does depends on both: its damping has a peak over frequency and over
+    The springs carry the `load` on their leveling valves at design height. Then all valves are shut. The vertical
+    actuators move the bolster in sines of 5 mm at each frequency of the specimen's file, then in sines of 1 Hz with
+    each amplitude of the file. The damping of the orifice depends on both: it has a peak over frequency and a peak over
     amplitude.
 
-    Good is what the specimen's file says: stiffness, damping c = K''/ω and loss angle over frequency, stiffness and
-    damping over amplitude.
+    The specimen's file has the limits: over frequency for stiffness, damping c = K''/ω and loss angle; over amplitude
+    for stiffness and damping.
     """
     case = run.specimen.load(load)
     limits = case.limits

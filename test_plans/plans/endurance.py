@@ -205,18 +205,19 @@ def endurance(
 ) -> None:
     """Endurance: how stiffness, damping, height and tightness change over many cycles.
 
-    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. They are run
-    in for a minute, until the gas is as warm as it will be, or for one interval if that is shorter. Then come the
-    `cycles` along one `axis`, in some `intervals`. Before them and after each interval the bench rests for half a
-    minute and looks: stiffness and damping (5 mm, 1 Hz), the height at which each spring carries its load, and the mass
-    of its air.
+    The springs carry the `load` on their leveling valves at design height. Then all valves are shut. The springs are
+    run in for one minute, until the gas temperature is steady, or for one interval if that is shorter. Then follow the
+    `cycles` along one `axis`, divided into `intervals`. Before the first interval and after each interval, the bench
+    rests for half a minute. Then it measures stiffness and damping (5 mm, 1 Hz), the height at which each spring
+    carries its load, and its mass of air.
 
-    Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
-    air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third
-    of a per cent in 1000. A run that is stopped keeps and judges what it has seen.
+    The specimen's file has the limits of the change in 1000 cycles, which is the slope of a line through all
+    measurements, and of the air loss per minute. With more cycles, the scatter of a measurement matters less: 0.1 %
+    over 300 cycles becomes a third of a per cent in 1000 cycles. If a run is stopped early, it keeps and judges the
+    results so far.
 
-    Where a twin watches the run (`astb run --watch`), the `parting` of rig and model *ends* the cycles: there is one
-    more look, and the run states since when they deviate, and why perhaps. Springs that break do so after that.
+    With a twin (`astb run --watch`) and `parting` = ends, a deviation of the rig from its model ends the cycles. The
+    bench then measures once more, and the report states the start of the deviation and its possible causes.
     """
     if parting == "ends" and not run.twin.watching:
         run.warn(NOBODY_WATCHES)

@@ -61,11 +61,12 @@ def lateral_stiffness(
     """Lateral stiffness and damping of the springs, of any amplitude about any offset.
 
     The springs carry the `load` on their leveling valves; then height and pressure are held. Bolster and platform shear
-    the springs to the `offset`, tilted together where the bump stop would be in the way, and the lateral actuator moves
-    them about it by the `amplitude`: a sine of 0.5 Hz, first harmonic, half of the pair's.
+    the springs to the `offset`. Where the bump stop would limit the shear, both are tilted together. About this offset,
+    the lateral actuator moves the springs by the `amplitude` in a sine of 0.5 Hz. Stiffness and damping are those of
+    the first harmonic, half of the values of the pair.
 
-    Good is what the specimen's file says of stiffness and damping at this amplitude, times the factor that it states
-    for this offset. The plan interpolates between the values of the file; beyond them it does not judge.
+    The specimen's file has the limits of stiffness and damping over amplitude, and a factor for the stiffness over
+    offset. The plan interpolates between the values of the file, but does not judge beyond them.
     """
     limits = run.specimen.load(load).limits
     left = limits.curve_at("lateral_left_at_offset", abs(offset))

@@ -116,15 +116,17 @@ def leveling(
 ) -> None:
     """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
 
-    The actuators hold the height, the leveling valves are connected. First the bolster moves in steps of half a
-    millimetre, up and then down, until the pressure of each spring changes: there the valve opens. What lies between is
-    its dead band, which a wrongly set rod shifts but does not widen. Then it goes down by
-    `step`, where the valve is wide open, and stays until both springs have the pressure of the full car; then up by as
-    much, until they have that of the empty car again. The delay is how much later the air flows than it would through a
-    valve that opens at once: the line of the wide open valve, drawn back to the pressure before.
+    The actuators hold the height, and the leveling valves are connected. First the bolster moves up and then down in
+    steps of half a millimetre, until the pressure of each spring changes. The valve opens at this height. The dead band
+    is the distance between both heights; a wrong setting of the rod shifts it but does not change its width. Then the
+    bolster goes down by `step`, which opens the valve fully, and stays there until both springs have the pressure of
+    the full car. Then it goes up by the same distance, until both springs have the pressure of the empty car again.
 
-    Good is what the specimen's file says of each, for each side. A valve that does not open by the last step, or
-    does not reach its pressure within the time, fails.
+    The delay is the time by which the air flow starts later than through a valve that opens at once. It is the time at
+    which the pressure line of the fully open valve, extended backward, meets the first pressure.
+
+    A valve passes if each result is within the limits of the specimen's file, on each side. A valve fails if it does
+    not open by the last step, or if the spring does not reach its pressure within the time.
     """
     limits = run.specimen.limits
     dead_band = limits.band("leveling.dead_band", "mm")

@@ -218,26 +218,29 @@ def measuring_chain(
 ) -> None:
     """Measuring chain: zeros, known weights and forces, and the stiffness of a dummy.
 
-    The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
-    the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
-    whose mass the dimensions of the rig state. If there is a known `mass`, the operator puts it on the bolster and
-    takes it off again: only this shows a scale error that cells and actuators share.
+    The springs are without air and the actuators without force. In this state, every pressure, force and acceleration
+    must be zero, the thermometers must agree, and lasers and pistons must be at one height. The four load cells carry
+    only the bolster, whose mass the dimensions of the rig state. If there is a known `mass`, the operator puts it on
+    the bolster and takes it off again. Only this test detects a scale error that cells and actuators have in common.
 
-    Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: with equal
-    forces, cells or lasers that are connected crosswise would not be noticed. The vertical cells must read these
-    forces, and the lateral cells nothing of them; the lasers show how far the dummy is compressed, the further
-    travel of the pistons is that of the frame. At last the lateral actuator pushes to both sides, and the lateral cells
-    must read it.
+    Then the vertical actuators press in steps up to 60 kN on the left, with a fifth less on the right, and back. Equal
+    forces would hide cells or lasers that are connected crosswise. The vertical cells must read these forces, and the
+    lateral cells must not. The lasers show the compression of the dummy, and the further travel of the pistons is that
+    of the frame. At last the lateral actuator pushes to both sides, and the lateral cells must read this force.
 
-    The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
-    steel blocks that a user has put in the springs' place. Their compression is too small to be measured:
-    the stiffness that is read with them is that of the measuring chain.
+    The `dummy` is the support of the bolster: the stops of the springs, whose stiffness the specimen's file states, or
+    steel blocks in place of the springs. The compression of blocks is too small to be measured, so the measured
+    stiffness is that of the measuring chain.
 
-    Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
-    within 1 % (2 % laterally) on a line that is straight within 0.5 %, lateral cells that read less than 0.2 % of a
-    vertical force, a frame as stiff as the dimensions of the rig state within 10 %, and blocks that are stiffer than
-    200 MN/m. Lengthwise the forces act within 5 mm of the middle (10 mm for the small ones sideways), and no cell bears
-    more than 0.5 % of them against the others.
+    The run passes with these results:
+
+    * zeros within the data sheets of the transducers;
+    * a weighed mass within 1 %;
+    * forces that agree within 1 % (2 % laterally), with a linearity error below 0.5 %;
+    * lateral cells that read less than 0.2 % of a vertical force;
+    * a frame stiffness within 10 % of the dimensions of the rig, and blocks with more than 200 MN/m;
+    * forces that act lengthwise within 5 mm of the middle (10 mm for the small lateral forces);
+    * less than 0.5 % of the force as internal force between the cells.
     """
     stop = run.specimen.limits.band("measuring_chain.stop_stiffness", "MN/m")
     with run.phase("zero"):

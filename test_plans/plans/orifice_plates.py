@@ -47,13 +47,13 @@ def leave_as_found(run: Run) -> None:
 def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Orifice plates: vertical stiffness and damping of each spring with each pair of plates.
 
-    For each pair of plates that the specimen's file names, the springs are vented and the plates are fitted. If the
-    bench cannot change them itself, the operator is asked to. Then the springs carry the `load` on their leveling
-    valves at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near the peak of damping
-    of the ordinary plate.
+    For each pair of plates in the specimen's file, the springs are vented and the plates are fitted. If the bench
+    cannot change the plates itself, it asks the operator. Then the springs carry the `load` on their leveling valves at
+    design height, and all valves are shut. The bolster moves by 5 mm at 1.2 Hz, near the peak of damping of the
+    ordinary plate.
 
-    Good is what the specimen's file says of each plate. A plate that no one fits is not judged. The ordinary plates of
-    13 mm are fitted at the end.
+    A spring passes if stiffness and damping with each plate are within the limits of the specimen's file. A plate that
+    was not fitted is not judged. The ordinary plates of 13 mm are fitted at the end.
     """
     limits = run.specimen.load(load).limits
     stiffness, damping = (

@@ -67,15 +67,17 @@ def roll_coupling(
 ) -> None:
     """Roll and coupling: roll stiffness, and what a roll does sideways.
 
-    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut, the
-    differential pressure valve is isolated. First the vertical actuators roll the bolster by 10 mrad to either side, a
-    sine of 0.3 Hz, while it is free sideways: the moment in the load cells over the angle between the lasers. Then the
-    springs stand 20 mm to the left, level, rolled half way and by the whole `roll`, to either side, and the lateral
-    actuator moves them by 5 mm at 1 Hz. The difference of the mean force between the rolls is the coupling: it changes
-    sign with the roll, which friction and offsets do not. The first harmonic reports the lateral stiffness, rolled over
-    level.
+    The springs carry the `load` on their leveling valves at design height. Then all valves are shut, and the
+    differential pressure valve is isolated. First the vertical actuators roll the bolster by ± 10 mrad in a sine of 0.3
+    Hz, while it is free sideways. The roll stiffness is the moment in the load cells over the angle between the lasers.
 
-    Good is what the specimen's file says of each; the force of the coupling is there over the roll.
+    Then the springs are sheared by 20 mm to the left. They are level, rolled by half of the `roll`, and by the whole
+    `roll`, to either side. At each angle, the lateral actuator moves them by 5 mm at 1 Hz. The coupling is half of the
+    difference of the mean forces at opposite rolls. It changes sign with the roll, but friction and offsets do not. The
+    first harmonic gives the lateral stiffness, as the ratio rolled over level.
+
+    A spring passes if each result is within the limits of the specimen's file. The limits of the coupling force depend
+    on the `roll`.
     """
     limits = run.specimen.load(load).limits
     stiffness = limits.band("roll_stiffness")

@@ -37,15 +37,15 @@ SHEAR: Final = 5 * mm
 COOLED: Final = "gas that cools between the motions"
 BY_ROLL: Final = CheckName(
     "lateral force of a spring per radian of roll, K_yφ",
-    "The lateral force that a roll alone causes: a leaning car steers its bogie by it.",
+    "The lateral force that a roll alone causes: a leaning car steers its bogie by this force.",
 )
 BY_SHEAR: Final = CheckName(
     "roll torque of a spring per metre of shear, K_φy",
-    "The roll torque that a lateral displacement alone causes: the wind rolls the car by it, too.",
+    "The roll torque that a lateral displacement alone causes: a crosswind rolls the car by this torque, too.",
 )
 RECIPROCAL: Final = CheckName(
     "K_yφ over K_φy",
-    "Whether force by roll and torque by shear are one coupling: a spring that only stores energy has them alike.",
+    "Ratio of force by roll and torque by shear: both are equal in a spring without energy loss.",
 )
 TORSION: Final = CheckName(
     "torsional stiffness of one diaphragm, K_φ",
@@ -102,14 +102,20 @@ def roll_torque(
 ) -> None:
     """Roll torque: coupling of shear and roll, and the torsional stiffness of one diaphragm.
 
-    The springs carry the `load` and stand at design height, all valves shut, the differential pressure valve isolated.
-    Slow motions follow, sines of 0.3 Hz in which vertical and lateral actuators move together: up and down by as much
-    as the roll moves a spring; a `roll` to either side about the middle between the top plates, so that nothing is
-    sheared; a shear of 5 mm without roll; and up and down again. Force and torque in the load cells over shear and roll
-    are the stiffnesses of the paper's equations (11) and (12), per spring; what the springs' heights make of the torque
-    is the mean of the first and the last motion, and the rest is the torsional stiffness of the diaphragms, (13).
+    The springs carry the `load` at design height. All valves are shut, and the differential pressure valve is isolated.
+    Four slow motions follow. Each is a sine of 0.3 Hz, in which vertical and lateral actuators move together:
 
-    Good is what the specimen's file says of the coupling both ways, which must be one, and of the torsional stiffness.
+    * up and down, by the height that the roll gives a spring;
+    * a `roll` to either side about the middle between the top plates, without shear;
+    * a shear of 5 mm without roll;
+    * up and down again.
+
+    Force and torque in the load cells over shear and roll are the stiffnesses of the paper's equations (11) and (12),
+    per spring. The heights of the springs cause a part of the torque, which is the mean of the first and the last
+    motion. The rest is the torsional stiffness of the diaphragms, equation (13).
+
+    The specimen's file has the limits of the coupling in both directions, of the ratio of both, which must be near 1,
+    and of the torsional stiffness.
     """
     limits = run.specimen.load(load).limits
     go_home(run)

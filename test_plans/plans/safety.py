@@ -115,17 +115,28 @@ def switch_off(run: Run) -> None:
 def safety(run: Run) -> None:
     """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
 
-    Before each the springs are filled to the pressure of the empty car, under a bolster that the actuators hold at
-    design height: the bolster must not be thrown up. Then, one after the other: the set-points stop, as if
-    their wire broke or the commander died; nothing is written to the PLC any more; the supply of air is shut; the
-    emergency stop is pressed. The operator is asked to do the last two; a simulated rig does them by itself.
-    At last the bench is switched off.
+    Before each test, the springs are filled to the pressure of the empty car. The actuators hold the bolster at design
+    height, because it must not be thrown up. Then four events follow:
 
-    Good is what the bench promises, whatever specimen is on it: it holds 100 ms after the last set-point and disables
-    itself after 500 ms; it holds a second after the last message to the PLC; springs keep their air without a supply;
-    the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without pressure and
-    the actuators are released within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
-    pressure. What cannot be provoked is reported as not available.
+    * The set-points stop, as with a broken wire or a failed commander.
+    * No message is written to the PLC any more.
+    * The air supply is shut.
+    * The emergency stop is pressed.
+
+    The bench asks the operator to do the last two; a simulated rig does them by itself. At last the bench is switched
+    off.
+
+    The limits are those of the bench, for any specimen:
+
+    * It holds 100 ms after the last set-point and disables itself after 500 ms.
+    * It holds one second after the last message to the PLC.
+    * Springs keep their air without a supply.
+    * The emergency stop acts at once.
+    * Wherever the bench goes to its safe position, the springs are without pressure and the actuators are released
+      within 15 s, and the bolster rises by at most 8 mm.
+    * At the end, the bench is off and without pressure.
+
+    An event that cannot be provoked is reported as not available.
     """
     _lose_the_setpoints(run)
     _lose_the_settings(run)

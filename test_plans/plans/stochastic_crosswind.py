@@ -134,15 +134,19 @@ def stochastic_crosswind(
 ) -> None:
     """Stochastic crosswind: the springs in a gusty wind while the platform runs a track.
 
-    The springs carry the load, shut in at design height. The lateral actuator pushes with the share of one bogie of a
-    `wind` with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
-    irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5 Hz. The
-    vertical actuators hold the bolster where it is, as the inertia of a car does. The same number `draw` makes the same
-    wind and track.
+    The springs carry the load with shut valves at design height. The lateral actuator applies the share of one bogie of
+    a `wind` on a car at 100 km/h. The wind has von Kármán's spectrum and a turbulence of 15 % of the mean. The platform
+    follows the irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5
+    Hz. The vertical actuators hold the bolster in its place, as the inertia of a car does. The same number `draw` gives
+    the same wind and track.
 
-    Good is what the specimen's file says of the lateral displacement, its rms about its mean and what it exceeds in 1 %
-    of the time, of the pressures, of the stiffness in both directions from cross spectra between 0.5 and 2 Hz, whose
-    uncertainty from the coherence is next to it, and of the loss angle, which is the orifice's.
+    The specimen's file has the limits for these results:
+
+    * the lateral displacement: its rms about its mean, and the value that is exceeded in 1 % of the time;
+    * the rms of the pressures;
+    * the stiffness in both directions, from cross spectra between 0.5 and 2 Hz; its uncertainty comes from the
+      coherence;
+    * the vertical loss angle, which comes from the orifice.
     """
     limits = run.specimen.load(load).limits
     steps_in_all = round((duration + 2 * RISE) / STEP)

@@ -32,13 +32,14 @@ def lift(run: Run) -> None:
 def tightness(run: Run, *, hold: Annotated[float, Range(20 * s, 30 * minutes, "s")] = 30 * s) -> None:
     """Tightness: fill the springs to two pressures, shut every valve, and weigh the air before and after.
 
-    The bolster is held at design height. Both springs are filled to the pressure of the empty car, all valves are shut,
-    and the air is weighed, m = pV/(RT) summed over bellows and auxiliary chamber, before and after a time `hold`; then
-    the same at the pressure of the full car. What the pressure loses as the gas cools is no leak: the mass must stay.
-    A seat that closes under pressure leaks at the lower one, a crack that opens at the higher one.
+    The bolster is held at design height. Both springs are filled to the pressure of the empty car, and all valves are
+    shut. The air is weighed before and after a time `hold`: m = pV/(RT), summed over bellows and auxiliary chamber. The
+    same follows at the pressure of the full car. When the gas cools, the pressure falls without a leak; only a loss of
+    mass is a leak. A seat that closes under pressure leaks at the lower pressure; a crack that opens leaks at the
+    higher pressure.
 
-    Good is what the specimen's file allows to be lost in a minute, at either pressure. The longer the hold, the smaller
-    the leak that shows: over half a minute the bench resolves 0.05 % a minute.
+    A spring passes if the air loss per minute is within the limit of the specimen's file at both pressures. A longer
+    hold detects smaller leaks: in half a minute, the bench resolves 0.05 % per minute.
     """
     empty = run.specimen.load(AW0)
     for name in (AW0, AW3):

@@ -155,16 +155,18 @@ def track_record(
 ) -> None:
     """Track record: the springs on a track that a user measured, as a train of some speed meets it.
 
-    The springs carry the load, shut in at design height; the vertical actuators hold the bolster where it is, as the
-    inertia of a car does, and the lateral one pushes it with the share of one bogie of a steady `wind`, or releases it.
-    The platform runs the record in its three ways together, about its mean, from its beginning on: a record by distance
-    at `speed`, one by time as it is. All axes follow one time base, come and go within 4 s, and are streamed by the
-    host; a motion beyond the travel or speed of the platform is refused before anything moves. Instead of a file,
-    ERRI-low is the low level of ERRI B 176 between waves of 3 and 70 m.
+    The springs carry the load with shut valves at design height. The vertical actuators hold the bolster in its place,
+    as the inertia of a car does. The lateral actuator applies the share of one bogie of a steady `wind`, or releases
+    the bolster.
 
-    Good is a platform that goes where the record has it, and a bolster that stays clear of its bump stop. The vertical
-    stiffness of the springs over frequency is kept, and not judged: limits hold for the motion for which they were
-    stated.
+    The platform follows the record vertically, laterally and in roll, about its mean, from its beginning. A record over
+    distance is run at `speed`, a record over time as it is. All axes use one time base; the host streams the motion,
+    which rises and fades within 4 s. A motion beyond the travel or speed of the platform is refused before anything
+    moves. Instead of a file, ERRI-low is the low level of ERRI B 176 between waves of 3 and 70 m.
+
+    The run passes if the platform follows the record, and if the bolster stays clear of its bump stop. The vertical
+    stiffness of the springs over frequency is recorded but not judged, because limits hold only for the motion for
+    which they were stated.
     """
     times, moves = excitation(read(track), speed, duration, wind)
     with run.phase("track"):

@@ -12,18 +12,20 @@ def _under_load(run: Run, load: str) -> None:
     """{load}: the {car} car, {preload} on each spring.
 
     The bolster is lifted, the springs are filled, and the leveling valves bring them to their design height under the
-    preload of the {car} car. When the gas temperature is steady, the bench measures:
+    preload of the {car} car. When the gas temperature is steady, the bench makes these measurements:
 
-    * load, height and pressure of each spring at rest on its leveling valve;
-    * with height and pressure held: lateral stiffness and damping of the pair, a slow triangle and sines of 0.5 to
-      3 Hz, 5 mm, first harmonic;
-    * with all valves shut and the height held: vertical stiffness and damping of each spring, the same waves;
-    * under constant preload: rolling by unequal preload on the two sides, too little to open the differential
-      pressure valve, and the answer to the track, a unilateral cosine of 5 mm;
-    * the air that the shut springs lost meanwhile.
+    * Each spring rests on its leveling valve: the bench measures load, height and pressure.
+    * Height and pressure are held: the bench measures lateral stiffness and damping of the pair. The motions are a slow
+      triangle and sines of 0.5 to 3 Hz with an amplitude of 5 mm. Stiffness and damping are those of the first
+      harmonic.
+    * All valves are shut and the height is held: the bench measures vertical stiffness and damping of each spring with
+      the same waves.
+    * The preload is constant: an unequal preload on the two sides rolls the bolster. The roll is too small to open the
+      differential pressure valve. Then the platform follows a unilateral cosine of 5 mm, as on a track.
+    * At the end the bench measures the mass of air that each spring has lost while the valves were shut.
 
-    Good is a spring that agrees with its drawing: stiffness, damping and pressure within the limits of the
-    specimen's file, and no leak. The springs are vented at the end in any case.
+    A spring passes if stiffness, damping, pressure and air loss are within the limits of the specimen's file. The
+    springs are vented at the end in any case.
     """
     stated = run.specimen.load(load)
     steps.check_air(run, stated)

@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 
 ACROSS: Final = CheckName(
     "{cell} over vertical force",
-    "What a lateral cell reads of a vertical force: it looks like a lateral force whenever the load changes.",
+    "The reading of a lateral cell under a vertical force: with every load change, it looks like a lateral force.",
 )
 AHEAD: Final = {
     "force upward": CheckName(
         "force upward, ahead of the middle",
-        "How far ahead of the middle the springs press, by all cells: a seat that is off there loads the cells before "
-        "and behind unequally, and tilts what it presses on.",
+        "Distance of the springs' force ahead of the middle, from all cells: a displaced seat loads the front and rear "
+        "cells unequally, and tilts the platform.",
     ),
     "force sideways": CheckName(
         "force sideways, ahead of the middle",
-        "How far ahead of the middle the force sideways acts, by all cells: an actuator or a seat that is off there "
+        "Distance of the lateral force ahead of the middle, from all cells: a displaced actuator or seat "
         "turns the bolster.",
     ),
 }
 AGAINST: Final = CheckName(
     "what the cells bear against each other",
-    "The largest share of the load that a cell bears and no force asks for: the support of a cell gives way.",
+    "The largest load of a cell that no external force causes, over the load: the support of a cell yields.",
 )
 #: What a cell across may read of a vertical force.
 CROSSTALK: Final = Band(-0.002, 0.002)

@@ -133,7 +133,7 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
     assert (times[0], times[-1], times.size) == (-10.0, 10.0, 4001)
     assert pressure[2000] > 2 * bar > 0.5 * bar > pressure[-1], "vented in the ten seconds after it"
     page = unescape(write_report(run.directory).read_text(encoding="utf-8"))
-    assert "What the black box kept" in page
+    assert "Black box of the rig" in page
     assert story.splitlines()[0] in page
     assert page.count("around the incident") == 1
 

@@ -139,6 +139,6 @@ def test_an_invalid_date_is_reported() -> None:
         "calibrated": "",
     }
     told = instruments_of({"instruments": {"pieces": [{**piece, "due": "9999-12-31"}]}})
-    assert [one.due for one in told] == ["does not run out"]
+    assert [one.due for one in told] == ["no due date"]
     told = instruments_of({"instruments": {"pieces": [{**piece, "due": "2027-02-03"}]}})
     assert [one.due for one in told] == ["2027-02-03"]

@@ -51,9 +51,7 @@ def test_a_note_changes_no_signed_file(signed: Path, tmp_path: Path) -> None:
     assert first.sha256 == hashlib.sha256(PNG).hexdigest() and len(first.at) == 20
     page = write_report(signed).read_text(encoding="utf-8")
     behind = page[page.index("<h2>Signatures</h2>") :]
-    assert (
-        "Added afterwards" in behind and "on the left bellows. &lt;b&gt;" in behind and first.sha256 in behind
-    )
+    assert "Later notes" in behind and "on the left bellows. &lt;b&gt;" in behind and first.sha256 in behind
     (signed / NOTES / first.file).write_bytes(b"another picture")
     assert not is_as_added(signed, first) and is_as_added(signed, notes_of(signed)[1])
 

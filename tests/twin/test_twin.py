@@ -177,7 +177,7 @@ def test_the_command_keeps_what_it_found_and_the_report_tells_it(tmp_path):
     story = read_twin(folder)
     assert story is not None and story.all_deviations[0].causes[0].name.startswith("leak")
     page = (folder / "report.html").read_text()
-    assert "Beside the model" in page and all(
+    assert "Comparison with the model" in page and all(
         getattr(story.all_deviations[0].summary, name) in page for name in PARTS
     )
     again = CliRunner().invoke(commands, ["watch", str(folder)])

@@ -32,12 +32,12 @@ def first_plate(run: Run) -> None:
 def damping_ratio(run: Run) -> None:
     """Damping against pressure ratio, for orifice plates of 10, 13, 16 and 18 mm.
 
-    For each pair of plates the springs carry the empty car; then all valves are shut and the bolster is shaken
-    vertically at 1.2 Hz by 1 to 25 mm. The larger the amplitude, the further apart are the pressures on both sides of
-    the plate: their ratio is the lowest of a cycle. Damping is c = K''/ω of the first harmonic, per spring.
+    For each pair of plates, the springs carry the empty car. Then all valves are shut, and the bolster moves
+    vertically at 1.2 Hz by 1 to 25 mm. A larger amplitude increases the pressure difference across the plate. The
+    pressure ratio is the lowest one of a cycle. Damping is c = K''/ω of the first harmonic, per spring.
 
-    Good is damping that grows as the pressures move apart, passes a maximum and falls again (10 and 13 mm), and that
-    falls from plate to plate at 5 mm. The plates of 13 mm are fitted again at the end.
+    With plates of 10 and 13 mm, the damping of a good spring rises with the pressure difference, passes a maximum and
+    falls again. At 5 mm, it falls from plate to plate. The plates of 13 mm are fitted again at the end.
     """
     load, found = run.specimen.load(AW0), {}
     for plate in PLATES:

@@ -24,13 +24,15 @@ def _roll_angle(run: Run, load: str) -> None:
 
     Both springs stand at design height, 20 mm to the left, all valves shut. The vertical actuators roll the bolster,
     and the platform rolls against it, so that the bolster stays clear of its bump stop. At each angle, first with the
-    left side up and then with the other, the lateral actuator moves by 5 mm at 1 Hz about the 20 mm: the mean force
-    gives the secant F/y, the motion the first harmonic, both per spring. All of it first with the differential pressure
-    valve isolated, then with it open; what parts the pressures is kept next to. The empty car is rolled by up to
-    0.08 rad, the full one by 0.06 rad: beyond it the lower spring would take more than its actuator can give.
+    left side up and then with the right side up, the lateral actuator moves by 5 mm at 1 Hz about the 20 mm. The mean
+    force gives the secant F/y, and the motion gives the first harmonic, both per spring. The sequence is run with the
+    differential pressure valve isolated, and then with the valve open. The pressure difference is recorded, too. The
+    empty car is rolled by up to 0.08 rad, the full car by up to 0.06 rad. Beyond this, the lower spring would need
+    more force than its actuator has.
 
-    Good is coupling as the sheared column predicts: the force at y = +20 mm grows with the left side up, by as much as
-    it falls with the other, and changes little beyond 0.05 rad; the first harmonic does not grow.
+    The coupling of a good spring agrees with the model of a sheared column: the force at y = +20 mm rises with the left
+    side up by as much as it falls with the right side up. It changes little beyond 0.05 rad, and the first harmonic
+    does not rise.
     """
     lateral_stiffness_over_roll(run, run.specimen.load(load), ANGLES[load])
 
