@@ -137,9 +137,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, company: Company
     elif smallest > most:
         sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
     elif not company.quiet:
-        sentence = (
-            "may be there: more than the noise remains, and no size is known from which it would be found"
-        )
+        sentence = "may be there: the remaining error exceeds the noise, so no detectable size is known"
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
         sentence = f"would have been found from a size of {smallest / amplitude.scale:.3g} {unit}".rstrip()

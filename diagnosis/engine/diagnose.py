@@ -367,7 +367,7 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
             "No run has the role 'select': no cause was tested on data that were not used to fit it."
         )
     if not data.of("report"):
-        sentences.append("No run has the role 'report': the gain on unseen data is not known.")
+        sentences.append("No run has the role 'report': the improvement on unseen data is not known.")
     return sentences
 
 

@@ -137,12 +137,13 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
         free = np.array([bool(c.owner) or c.parameter.name != name for c in base.point.coordinates])
         gap = _unexplained(base, footprint, free)
         if gap > WORTH_A_REFERENCE * now:
+            before = f"{now:.3g}" if now >= 0.01 else "below 0.01"
             how = known.get(name, f"measure {name} against a reference")
             found.append(
                 NextSensor(
                     name=name,
                     bic_gap=number(gap),
-                    sentence=f"{how}: the gap grows from {now:.3g} to {gap:.3g}",
+                    sentence=f"{how}: the expected BIC gap grows from {before} to {gap:.3g}",
                 )
             )
     return sorted(found, key=lambda sensor: -(sensor.bic_gap or 0.0))[:MOST_REFERENCES]

@@ -31,22 +31,22 @@ from diagnosis.finding import (
 _CAUSES: Final = "{causes}, which the model did not have{imitated}."
 WRONG: Final = MappingProxyType(
     {
-        Verdict.NO_EFFECT: "Nothing was found in these runs that contradicts the simulation.",
-        Verdict.DOUBTFUL: "The data are in doubt, so they do not show whether the simulation is right. In the rest of "
-        "them, no contradiction was found.",
+        Verdict.NO_EFFECT: "These runs do not contradict the simulation.",
+        Verdict.DOUBTFUL: "Some data are doubtful, so it is open whether the simulation is right. The other "
+        "data do not contradict it.",
         Verdict.NAMED: _CAUSES,
         Verdict.AMBIGUOUS: _CAUSES,
-        Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test.",
-        Verdict.UNKNOWN: "The simulation is wrong in a way that no known cause explains. {unknown}",
-        Verdict.REMAINDER: f"{_CAUSES} Something else is wrong as well and was not identified. {{unknown}}",
+        Verdict.UNRESOLVED: "The simulation has an error, but no cause passes every test.",
+        Verdict.UNKNOWN: "The simulation has an error that no known cause explains. {unknown}",
+        Verdict.REMAINDER: f"{_CAUSES} The simulation has another error, which was not identified. {{unknown}}",
     }
 )
 #: Certainty of a verdict without causes.
 CAUSELESS: Final = MappingProxyType(
     {
-        Verdict.NO_EFFECT: "An effect that is too small for these runs may still be there.",
-        Verdict.DOUBTFUL: "An effect may be hidden by the faults of the data.",
-        Verdict.UNKNOWN: "No cause is named: a fitted surface describes the error, in the stated range only.",
+        Verdict.NO_EFFECT: "An effect that is too small for these runs may still exist.",
+        Verdict.DOUBTFUL: "Faults of the data may hide an effect.",
+        Verdict.UNKNOWN: "A fitted surface describes the error, but only in the stated range. It names no cause.",
     }
 )
 #: What to inspect for a cause, by its family.
@@ -181,11 +181,11 @@ def _alternatives(found: Finding) -> str:
     laws = {(c.effect, law.effect) for c in found.causes for law in c.laws}
     rivals = [r for r in found.ambiguous_with if (r.instead_of, r.effect) not in laws]
     if not rivals:
-        return "" if laws else "No other cause that was looked for explains these runs as well."
+        return "" if laws else "No other tested cause explains these runs equally well."
     told = " or ".join(
         f"{_with_size(one)} instead of {titles.get(one.instead_of, one.instead_of)}" for one in rivals
     )
-    return f"{_begun(told)} would explain these runs as well."
+    return f"These runs can also be explained by {told}."
 
 
 def _suspected(found: Finding, left: Remainder) -> str:
@@ -197,11 +197,11 @@ def _suspected(found: Finding, left: Remainder) -> str:
         "It is" if len(found.causes) == 1 else f"{_begun(' and '.join(one.title for one in some))}: this is"
     )
     if left.role == "fit":
-        return f"{what} suspected and not named, because no run was kept back to test it."
-    text = f"{what} suspected and not named, because it improves the prediction of no unseen run noticeably."
+        return f"{what} suspected and not named, because no run was reserved to test it."
+    text = f"{what} suspected and not named, because it does not clearly improve the prediction of an unseen run."
     if found.imitations:
         name = found.imitations[0].name
-        text += f" The model without this cause can imitate it; only the expected value of {name} contradicts that."
+        text += f" The model can imitate this cause; only the expected value of {name} contradicts that."
     return text
 
 
@@ -226,8 +226,8 @@ def _late_together(causes: Sequence[Cause]) -> str:
         return ""
     late = f"{0.5 * (max(low) + min(high)):.{decimals(max(low), min(high))}f} {delays[0].unit}"
     return (
-        f"All of these are late by the same {late}. A common part may be late, such as their device or its "
-        "clock, or the inputs of the simulation may be early."
+        f"All of these are late by the same {late}. The reason may be a common part, such as their device or its "
+        "clock, or inputs of the simulation that are early."
     )
 
 
@@ -238,7 +238,7 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
         many = len(causes) > 1
         return (
             f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains: the "
-            f"cause may be an effect similar to {'these' if many else 'it'} that was not looked for."
+            f"cause may be an effect similar to {'these' if many else 'it'} that was not tested."
         )
     told = []
     for place, one in zip(chain(["best"], repeat("next")), suspects, strict=False):
@@ -278,7 +278,9 @@ def _shown_by(found: Finding) -> str:
         before, after, floor = (
             _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
-        return f"{one.channel} shows it best: its error is {before} before, {after} after, and its noise {floor}."
+        return (
+            f"{one.channel} shows it best: its error changes from {before} to {after}; its noise is {floor}."
+        )
     if not found.imitations:
         return ""
     number = found.imitations[0]
@@ -298,16 +300,16 @@ def _in_checks(found: Finding) -> str:
     extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
     seen = f"; {read} was measured in {one.run}" if one.measured is not None else ""
     return (
-        f"Of what plans measure, {one.name} shows it best: {extended} ± {half} {one.unit} with the cause, {tuned} "
-        f"without it, {stock} with the parameters as shipped{seen}."
+        f"Among the results of test plans, {one.name} shows it best: {extended} ± {half} {one.unit} with the cause, "
+        f"{tuned} without it, {stock} with the parameters as shipped{seen}."
     )
 
 
 def _next(found: Finding, beside: Conclusions) -> str:
     if found.verdict is Verdict.DOUBTFUL:
-        return "Correct the data that are in doubt, and diagnose them again."
+        return "Correct the doubtful data, and repeat the diagnosis."
     if found.verdict is Verdict.NO_EFFECT:
-        return "Nothing needs inspection. The report lists the smallest size of each effect that would have been seen."
+        return "No inspection is necessary. The report lists the smallest detectable size of each effect."
     names = [
         *(one.effect for one in beside.accepted),
         *(one.effect for one in found.ambiguous_with),
@@ -315,7 +317,7 @@ def _next(found: Finding, beside: Conclusions) -> str:
     ] or [unknown.nearest[0].effect for unknown in found.unknowns if unknown.nearest]
     effects = [beside.hypotheses[name] for name in names if name in beside.hypotheses]
     if not effects:
-        return "Extend the catalogue by the effect that you expect, and diagnose again."
+        return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
     places = dict.fromkeys(WHERE.get(one.family, f"what can cause this: {one.title}") for one in effects)
     parts = [f"Inspect {'; and '.join(places)}."]
     tests = [one.separated_by for one in effects if one.separated_by]

@@ -24,13 +24,13 @@ TONES: Final = {
     Verdict.DOUBTFUL: "open",
 }
 HEADLINES: Final = {
-    Verdict.NO_EFFECT: "No effect found that the model does not have",
+    Verdict.NO_EFFECT: "No error of the model was found",
     Verdict.NAMED: "The cause is found",
     Verdict.REMAINDER: "A cause is found, but it does not explain everything",
     Verdict.AMBIGUOUS: "More than one cause explains these runs",
-    Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
-    Verdict.UNKNOWN: "Something is wrong that no known cause explains",
-    Verdict.DOUBTFUL: "The data are in doubt, and no effect is found in the rest of them",
+    Verdict.UNRESOLVED: "The model has an error, but no cause passes every test",
+    Verdict.UNKNOWN: "The model has an error that no known cause explains",
+    Verdict.DOUBTFUL: "Some data are doubtful; the other data show no error of the model",
 }
 
 
@@ -207,9 +207,9 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     source = finding.provenance
     facts: dict[str, Any] = {
         "simulator": source.simulator,
-        "which one": source.identity,
+        "identity": source.identity,
         "fitted on": ", ".join(source.fit),
-        "chosen on": ", ".join(source.select),
+        "selected on": ", ".join(source.select),
         "reported on": ", ".join(source.report),
         "files": ", ".join(source.sources),
         "hash of the data": source.digest,

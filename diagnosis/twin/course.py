@@ -172,7 +172,7 @@ def described(
         f"{first and f' Possible cause: {first}.'}{_end(deviation)}"
     )
     evidence = (
-        f"At {_at(deviation.detected)}, when this was detected, {channel.name} was {measured} {unit}. "
+        f"It was detected at {_at(deviation.detected)}, when {channel.name} was {measured} {unit}. "
         f"The model expects {expected} ± {band} {unit} (k = 2)."
     )
     summary = Summary(wrong, others, evidence, _next(deviation, catalogue))
@@ -188,7 +188,7 @@ def _end(deviation: Deviation) -> str:
     if deviation.withdrawn:
         return f" Withdrawn at {_at(deviation.course[-1].at)}: later readings agree with the model."
     if deviation.over is not None:
-        return f" From {_at(deviation.over)} on at the latest the rig agrees with its model again."
+        return f" The rig agrees with its model again, at the latest from {_at(deviation.over)} on."
     return ""
 
 
@@ -206,13 +206,13 @@ def _causes(deviation: Deviation) -> tuple[str, str]:
     if deviation.causes:
         first, *others = map(_cause, deviation.causes)
         if others:
-            return first, f"It may also be: {'; or '.join(others)}."
+            return first, f"Other possible causes: {'; or '.join(others)}."
         return first, "No other single cause of the catalogue explains it."
     if deviation.pairs:
         first, *others = (
             " and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in deviation.pairs
         )
-        also = f" They may also be: {'; or '.join(others)}." if others else ""
+        also = f" Other possible pairs: {'; or '.join(others)}." if others else ""
         return first, f"No single cause of the catalogue explains it, but two together do.{also}"
     return "", "No single cause of the catalogue explains it."
 
@@ -220,7 +220,7 @@ def _causes(deviation: Deviation) -> tuple[str, str]:
 def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
     """Return what to inspect and what to run."""
     if not deviation.lasts:
-        return "Nothing needs inspection as long as the rig agrees with its model."
+        return "No inspection is necessary while the rig agrees with its model."
     names = [one.name for one in (*deviation.causes, *(one for pair in deviation.pairs for one in pair))]
     known = [catalogue[name] for name in names if name in catalogue]
     inspect = dict.fromkeys(WHERE.get(one.family, one.title) for one in known)

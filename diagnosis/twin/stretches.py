@@ -51,12 +51,12 @@ _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 AIR: Final = "the springs are being filled or vented, and the opening of the valves is not measured"
 LOST: Final = "the motion was not received"
 LEVELING: Final = (
-    "a leveling valve was connected, and what it lets in hangs on tenths of a millimetre of its lever"
+    "a leveling valve was connected; its air flow is unknown, because it depends on 0.1 mm of its lever"
 )
 STATE: Final = "the bench was not under pressure"
-MOVING: Final = "the bench did not rest, so the model did not know where to begin"
-NOTHING: Final = "nothing was received that the model could be held against"
-WARM: Final = "the gas was far from settled, so the model did not know where to begin"
+MOVING: Final = "the bench was not at rest, so the initial state of the model is unknown"
+NOTHING: Final = "no reading was received that the model predicts"
+WARM: Final = "the gas temperature was not steady, so the initial state of the model is unknown"
 
 
 class Stretch(NamedTuple):

@@ -36,7 +36,7 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     assert said.startswith(f"{told} (0.200 ± 0.020 mm2), ")
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
     asked = _sentence(Verdict.AMBIGUOUS, one, left, rival)
-    assert "Heat (0.200 ± 0.020 mm2) instead of dry friction" in asked
+    assert "explained by heat (0.200 ± 0.020 mm2) instead of dry friction" in asked
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def coherent(finding) -> bool:
     left = any("times the noise: not every cause" in one for one in finding.remains)
     return (
         bool(finding.causes) == (finding.verdict in NAMES)
-        and ("Nothing was found" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)
+        and ("do not contradict the simulation" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)
         and not (large and finding.verdict in {Verdict.NO_EFFECT, Verdict.NAMED})
         and (not large or f"{gain.noise_ratio:.3g} times the noise" in finding.sentence)
         and (not large or left)

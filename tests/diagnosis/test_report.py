@@ -92,10 +92,10 @@ def test_the_page_tells_the_finding(found):
     assert parts[-1] < statistics < min(text.index(one) for one in ("λ", "BIC", "osine", "Score"))
     for part in (
         "The cause",
-        "What it gains",
-        "What was looked for",
-        "What would have been seen",
-        "tell apart",
+        "Improvement on unseen runs",
+        "Tested effects",
+        "Smallest detectable effects",
+        "can distinguish",
     ):
         assert part in text
     for cause in found.causes:
@@ -108,7 +108,7 @@ def test_the_page_tells_the_finding(found):
 def test_a_page_without_finding_shows_the_detectable_sizes(no_finding):
     assert no_finding.verdict is Verdict.NO_EFFECT
     text = text_of(render(no_finding))
-    assert text.index("What would have been seen") < text.index("How well the model predicts")
+    assert text.index("Smallest detectable effects") < text.index("How well the model predicts")
     assert "The cause" not in text
 
 

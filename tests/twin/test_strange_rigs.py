@@ -36,7 +36,7 @@ def test_a_sound_rig_goes_along(made, tmp_path):
 def test_a_rig_that_never_rests_is_not_judged_with_a_reason(tmp_path):
     story = live_and_replayed(VirtualPlc(seed=3), tmp_path / "run")
     assert not story.all_deviations and not story.judged_for
-    assert "the bench did not rest, so the model did not know where to begin" in {
+    assert "the bench was not at rest, so the initial state of the model is unknown" in {
         one.why for one in story.judged
     }
 
