@@ -161,7 +161,7 @@ def broken(tree: Path) -> dict[tuple[str, str], set[str]]:
         input=json.dumps(acts),
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=240,
         check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr

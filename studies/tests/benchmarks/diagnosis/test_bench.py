@@ -52,7 +52,6 @@ def test_a_leak_is_found_on_its_side(judged):
     ("kind", "condition", "seed"),
     [
         ("null", "white", 1),
-        ("single", "white", 14),
         ("single", "AR 0.9", 9),
         ("single", "frames lost", 25),
         ("outside", "white", 2),
