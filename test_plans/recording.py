@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from contextlib import suppress
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from bench_protocol.arrays import Floats
 from bench_protocol.clock import VirtualClock
 from bench_protocol.signals import MEASURED, Kind
-from bench_protocol.units import FACTORS, NS, ms
+from bench_protocol.units import FACTORS
 from bench_protocol.wires import Table
 from bench_records.layout import RecordError, SignalInfo
 from bench_records.recorder import Recorder
@@ -26,10 +25,7 @@ if TYPE_CHECKING:
 
 Instants = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.int64]
-Samples = tuple[Instants, Rows, Floats]
 
-#: How long samples are held (ns): ten cycles, a fifth of what the record promises to lose at most.
-_HELD_FOR: Final = round(200 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
 _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
 
@@ -54,7 +50,6 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
 class Recording:
     """What a run gives to its record: every received sample, every change of the rig's state, and the run's events.
 
-    Samples are held for a few cycles and handed on together, but never behind an event that comes after them.
     Thread-safe: samples come from the receiver's thread, events from the plan's.
     """
 
@@ -67,48 +62,30 @@ class Recording:
         self._last = np.zeros(len(table.signals))
         self._watched = np.zeros(len(table.signals), np.bool_)
         self._watched[list(self._kinds)] = True
-        self._held: list[Samples] = []
-        self._held_since = 0
-        self._lock = threading.RLock()
+        self._lock = threading.Lock()
         self.failure = ""  #: why it was not kept whole, once it is closed
 
     def take(self, times: Instants, rows: Rows, values: Floats) -> None:
         """Take samples as they come (ns, table rows, SI). Raises RecordError for a disk that failed meanwhile."""
-        newest = int(times[-1])
+        column = self._column[rows]
+        reported = column >= 0  # with a lease, the rig's answer says again what the asker said
+        places = self._watched[rows].nonzero()[0]
         with self._lock:
-            if not self._held:
-                self._held_since = newest
-            self._held.append((times, rows, values))
-            if newest - self._held_since >= _HELD_FOR:
-                self._hand_on()
+            self._recorder.receive(times[reported], column[reported], values[reported])
+            if (values[places] != self._last[rows[places]]).any():
+                self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def event(self, time: int, kind: str, text: str, **data: Any) -> None:
         """Keep an event of the run, after the samples that came before it. Raises RecordError as `take` does."""
         with self._lock:
-            self._hand_on()
             self._recorder.event(time, kind, text, **data)
 
     def close(self) -> None:
         """End the record; ``failure`` says if the disk failed."""
-        with suppress(RecordError):  # the recorder says it again when it is closed
-            self._hand_on()
         try:
             self._recorder.close()
         except RecordError as error:
             self.failure = str(error)
-
-    def _hand_on(self) -> None:
-        with self._lock:
-            held, self._held = self._held, []
-            if not held:
-                return
-            times, rows, values = (np.concatenate(column) for column in zip(*held, strict=True))
-            column = self._column[rows]
-            reported = column >= 0  # with a lease, the rig's answer says again what the asker said
-            self._recorder.receive(times[reported], column[reported], values[reported])
-            places = self._watched[rows].nonzero()[0]
-            if (values[places] != self._last[rows[places]]).any():
-                self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
         """Report every change; the cause comes in the same frame as the state that it led to, and is reported first."""
