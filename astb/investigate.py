@@ -19,7 +19,7 @@ from bench_protocol.units import minutes, s
 from bench_records.layout import RecordError
 from bench_records.result import Outcome
 from bench_sim.parameters import load
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import read_value
 from diagnosis.engine.config import Config
 from diagnosis.finding import Finding, Verdict
 from diagnosis.report.page import InvestigationHistory, RunOfInvestigation, write_report

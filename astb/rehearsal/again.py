@@ -20,7 +20,7 @@ from bench_protocol.units import NS
 from bench_records.layout import RecordError
 from bench_records.record import Record, read
 from bench_records.result import Check, read_result
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import read_value
 from test_plans.discovery import plans, unknown
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import Any, ClassVar, Final, Protocol, Self, TypeVar
 from bench_protocol.suggestion import did_you_mean
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, EffectParameter
-from bench_sim.parameters.loading import Entry, ParameterError, check_range
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import Entry, ParameterError, check_range, read_value
 
 #: Values (SI) of effects by name and place, such as ``{"leak.left": {"area": 2e-7}}``.
 Effects = Mapping[str, Mapping[str, float]]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bench_protocol import entries, input_limits
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.written_values import NotAValue, read_written
 from bench_sim.model.quantities import Quantity
 
 LOAD: Final = "nominal_preload"
@@ -166,3 +167,11 @@ def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> No
 def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
     """Return the error message for an unknown name."""
     return f"{name} is no {what}; {did_you_mean(name, known)}"
+
+
+def read_value(what: str, text: Any, si: str) -> float:
+    """Return ``text``, such as ``0.2 mm2``, in the SI unit ``si``; `ParameterError`, which begins with ``what``."""
+    try:
+        return read_written(what, text, si)
+    except NotAValue as error:
+        raise ParameterError(str(error)) from None

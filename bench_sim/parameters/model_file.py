@@ -32,9 +32,8 @@ from bench_protocol.written_values import fitting_unit, write_value
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import QUANTITIES, SENSOR_QUANTITIES
 from bench_sim.parameters.effects import Effects, Set, find_effect, read_effect, with_effects
-from bench_sim.parameters.loading import ParameterError, read_toml, unknown
+from bench_sim.parameters.loading import ParameterError, read_toml, read_value, unknown
 from bench_sim.parameters.sensors import sensor_units
-from bench_sim.parameters.values import read_value
 
 #: Notes on the keys of a table, by its parameter, effect or surface.
 Notes = Mapping[str, Mapping[str, str]]

@@ -12,7 +12,7 @@ from bench_sim.model.layout import Input, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.effects import parse_effect, with_effects
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import read_value
 from tests.refusals import refuses
 
 BASE = load("astb")

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.effects.channels import (
+from bench_sim.model.layout import HISTORY, Input, Mode, Sensor, State
+from bench_sim.model.plant import Plant
+from bench_sim.model.wiring import (
     DISPLACEMENTS,
     FORCES,
     LATERAL_CELLS,
@@ -12,8 +14,6 @@ from bench_sim.model.effects.channels import (
     TRANSDUCERS,
     VERTICAL_CELLS,
 )
-from bench_sim.model.layout import HISTORY, Input, Mode, Sensor, State
-from bench_sim.model.plant import Plant
 from bench_sim.parameters.effects import with_effects
 
 LEFT = Sensor.LEFT_BELLOWS_PRESSURE

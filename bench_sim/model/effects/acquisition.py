@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.model.effects.effect import Effect, EffectParameter, adds
+from bench_sim.model.wiring import FORCES, PRESSURES
 
 
 def _sample_and_hold(par: Any, place: int | None, values: Mapping[str, float]) -> None:

@@ -6,7 +6,9 @@ Each comment has the equation of its effect in the notation of the model.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.channels import (
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, adds
+from bench_sim.model.layout import Sensor
+from bench_sim.model.wiring import (
     BELLOWS_BY_SIDE,
     CELLS,
     CELLS_BY_SIDE,
@@ -15,8 +17,6 @@ from bench_sim.model.effects.channels import (
     PRESSURES,
     VERTICAL_CELLS,
 )
-from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, adds
-from bench_sim.model.layout import Sensor
 
 
 def _sensor_offset_forces(par: Any, place: int | None, values: Mapping[str, float]) -> None:

@@ -8,8 +8,7 @@ from typing import Any, Final
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table import TABLE
 from bench_protocol.units import WRITTEN_UNITS
-from bench_sim.parameters.loading import ParameterError
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import ParameterError, read_value
 from bench_sim.rig.faults.insertion import InsertionPoints
 
 #: The unit of a number that is one of the reading of the fault's ``sensor``, and of one that is such for each second.

@@ -13,8 +13,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from bench_protocol.table_signals import MEASUREMENTS
-from bench_sim.parameters.loading import ParameterError
-from bench_sim.parameters.values import read_value
+from bench_sim.parameters.loading import ParameterError, read_value
 from bench_sim.rig.faults.catalogue import FAULTS
 from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultError, FaultNumber
 from bench_sim.rig.faults.panel import FaultPanel

@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_sim.model.effects.channels import FORCES, PRESSURES
+from bench_sim.model.wiring import FORCES, PRESSURES
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Channel
 from diagnosis.engine.noise import ChannelNoise, Noise
