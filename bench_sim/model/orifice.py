@@ -4,11 +4,8 @@ from math import pi, sqrt
 from typing import Final
 
 from bench_sim.model.compiled import compiled
+from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 
-#: The reference state of ISO 6358, to which sonic conductances refer: density in kg/m³ (humid air, 1 bar) and
-#: temperature in K.
-ISO_DENSITY: Final = 1.185
-ISO_TEMPERATURE: Final = 293.15
 #: Of air at 20 °C, in Pa s.
 AIR_VISCOSITY: Final = 1.81e-5
 

@@ -8,7 +8,7 @@ from math import sqrt
 from typing import Any, Final
 
 from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, adds, scales, springs
-from bench_sim.model.orifice import ISO_DENSITY, ISO_TEMPERATURE
+from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 
 #: ψ of a choked nozzle for κ = 1.4.
 CHOKED: Final = 0.6847

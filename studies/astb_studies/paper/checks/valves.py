@@ -11,8 +11,8 @@ from astb_studies.paper.subject import ISOTHERMAL, LOADS, Subject
 from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import impose
+from bench_sim.model.iso6358 import ISO_DENSITY
 from bench_sim.model.layout import Input
-from bench_sim.model.orifice import ISO_DENSITY
 from bench_sim.model.plant import Plant
 
 
