@@ -42,7 +42,9 @@ class MovingCar:
     wind: float = 0.0  #: force, N
     track: list[float] = field(default_factory=_still)  #: position of the bogie
     track_rate: list[float] = field(default_factory=_still)
-    springs: list[float] = field(default_factory=_still)  #: load of the springs on the car (`places.Springs`)
+    springs: list[float] = field(
+        default_factory=_still
+    )  #: load of the springs on the car (`geometry.Springs`)
     place: list[float] = field(default_factory=_still)  #: position of its centre of gravity
     speed: list[float] = field(default_factory=_still)
     acceleration: list[float] = field(default_factory=_still)
@@ -99,7 +101,7 @@ def move_car(car: Any, dt: float) -> None:
 
 
 def springs_ahead(car: Any, ahead: float, lateral: float, vertical: float, rolled: float) -> Any:
-    """Return the predicted pose of the springs of a `MovingCar` in ``ahead`` s (`places.Place`), as three numbers.
+    """Return the predicted pose of the springs of a `MovingCar` in ``ahead`` s (`SpringPose`), as three numbers.
 
     Assumes constant accelerations, and the track at ``lateral``, ``vertical`` and ``rolled``.
     """

@@ -58,7 +58,7 @@ FEEDS: Final = 29
 SUPPLY_TAKEN: Final = ALGEBRAICS
 
 
-class Place(IntEnum):
+class Slot(IntEnum):
     """Places in the numbers of `ExternalSprings`."""
 
     ON = 0  #: 1: there are springs from elsewhere
@@ -97,7 +97,7 @@ COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
 class ExternalSprings(NamedTuple):
     """Springs from elsewhere; with no one there all is 0. Inputs and outputs of all instances are in one row each."""
 
-    numbers: npt.NDArray[np.int64]  #: `Place`
+    numbers: npt.NDArray[np.int64]  #: `Slot`
     clock: npt.NDArray[np.float64]  #: s: where the present communication step begins, its length, scratch
     instances: npt.NDArray[
         np.int64
@@ -127,7 +127,7 @@ class ExternalSprings(NamedTuple):
 def layout(instances: int, inputs: int, outputs: int) -> tuple[tuple[tuple[int, ...], Any], ...]:
     """Return shape and type of each array of `ExternalSprings`."""
     return (
-        ((len(Place),), np.int64),
+        ((len(Slot),), np.int64),
         ((3,), np.float64),
         ((instances + 1, 7), np.int64),
         ((inputs,), np.uint32),
@@ -153,7 +153,7 @@ _VALVES: Final = Input.DPV_CONNECTED + 1
 @compiled
 def know_outputs(e: Any) -> None:
     """Convert the outputs to the known values at the end of the step."""
-    for k in range(e.numbers[Place.TAKES]):
+    for k in range(e.numbers[Slot.TAKES]):
         e.known[1, k] = e.take_scale[k, 0] * e.outputs[k] + e.take_scale[k, 1]
 
 
@@ -161,7 +161,7 @@ def know_outputs(e: Any) -> None:
 def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
     """Write what the springs do after a ``share`` of the communication step."""
     atmosphere = par.atmospheric_pressure
-    for k in range(e.numbers[Place.TAKES]):
+    for k in range(e.numbers[Slot.TAKES]):
         value = e.known[0, k] + share * (e.known[1, k] - e.known[0, k])
         place = e.taken[k]
         if place == SUPPLY_TAKEN:
@@ -240,8 +240,8 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     Who goes on with a speed alone is given its mean over the step.
     """
     T, n = e.clock[1], e.numbers
-    hold = 0.5 * n[Place.HOLD] * T
-    mean = n[Place.HOLD] == Hold.BEGIN and n[Place.BENDS] == 0
+    hold = 0.5 * n[Slot.HOLD] * T
+    mean = n[Slot.HOLD] == Hold.BEGIN and n[Slot.BENDS] == 0
     for row in range(2):
         after = hold if row == 0 else T
         write_feeds(e.feeds, after, 0.5 * T if mean and row == 0 else after, x, u, par, dx, out)
@@ -252,7 +252,7 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
 @compiled
 def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     """The air that the valves of the bench let in and out, which ``dx`` then holds for the auxiliary chambers."""
-    if e.numbers[Place.VALVES] == 0:
+    if e.numbers[Slot.VALVES] == 0:
         return
     for i in range(2):
         x[State.AUXILIARY_ENERGY + i] = energy_of(

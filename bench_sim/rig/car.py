@@ -7,7 +7,7 @@ import numpy as np
 
 from bench_protocol import car as law
 from bench_protocol.car import STOP_POINTS, WAYS, MovingCar
-from bench_protocol.places import Place, Springs, column_of, setpoints_of
+from bench_protocol.geometry import SpringPose, Springs, column_of, setpoints_of
 from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
@@ -144,8 +144,8 @@ class Couplings:
         self._gravity = dimensions["gravity"]
         unit = np.eye(WAYS).tolist()
         asked = [
-            *(setpoints_of(Place(*one), dimensions) for one in unit),
-            *(setpoints_of(Place(0.0, 0.0, 0.0), dimensions, Springs(*one)) for one in unit),
+            *(setpoints_of(SpringPose(*one), dimensions) for one in unit),
+            *(setpoints_of(SpringPose(0.0, 0.0, 0.0), dimensions, Springs(*one)) for one in unit),
         ]
         self._to_targets = np.zeros((TARGETS, 2 * WAYS))
         for target, name in enumerate(DISPLACEMENTS):

@@ -29,7 +29,7 @@ from bench_sim.model.external_springs import (
     SET,
     STEP,
     VERSION,
-    Place,
+    Slot,
     evaluate_around,
     feed_inputs,
     know_outputs,
@@ -81,15 +81,15 @@ def _fails(e: Any, status: int) -> bool:
     """Note how the call that was noted went; ok and warning are no failures."""
     if status == 0 or status == 1:
         return False
-    e.numbers[Place.FAILED] = Failure.STATUS.value
-    e.numbers[Place.STATUS] = status
+    e.numbers[Slot.FAILED] = Failure.STATUS.value
+    e.numbers[Slot.STATUS] = status
     return True
 
 
 @compiled
 def _note(e: Any, k: int, call: int) -> None:
-    e.numbers[Place.CALL] = call
-    e.numbers[Place.INSTANCE] = k
+    e.numbers[Slot.CALL] = call
+    e.numbers[Slot.INSTANCE] = k
 
 
 @compiled
@@ -98,15 +98,15 @@ def _do_step(e: Any, k: int) -> int:
     one, clock = e.instances, e.clock
     if one[k, VERSION] == 2:
         return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
-    e.numbers[Place.FLAGS] = 0  # bytes: end requested, early return, event
+    e.numbers[Slot.FLAGS] = 0  # bytes: end requested, early return, event
     clock[2] = clock[0] + clock[1]
-    flags = e.numbers.ctypes.data + 8 * Place.FLAGS
+    flags = e.numbers.ctypes.data + 8 * Slot.FLAGS
     last = clock.ctypes.data + 16
     status = _step_3(
         one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1, flags + 2, flags, flags + 1, last)
     )
     short = abs(clock[2] - clock[0] - clock[1]) > 1e-9
-    if status <= 1 and (e.numbers[Place.FLAGS] & 0xFFFF != 0 or short):
+    if status <= 1 and (e.numbers[Slot.FLAGS] & 0xFFFF != 0 or short):
         return -1
     return status
 
@@ -114,8 +114,8 @@ def _do_step(e: Any, k: int) -> int:
 @compiled_once
 def call_instances(e: Any) -> None:
     """One communication step of all instances: inputs, step, inputs at its end, outputs; notes a failure."""
-    e.numbers[Place.FAILED] = Failure.NONE.value
-    for k in range(e.numbers[Place.INSTANCES]):
+    e.numbers[Slot.FAILED] = Failure.NONE.value
+    for k in range(e.numbers[Slot.INSTANCES]):
         first, last = e.instances[k, INPUT], e.instances[k + 1, INPUT]
         count = last - first
         references = e.input_references.ctypes.data + 4 * first
@@ -127,7 +127,7 @@ def call_instances(e: Any) -> None:
         _note(e, k, Call.STEP.value)
         status = _do_step(e, k)
         if status == -1:
-            e.numbers[Place.FAILED] = Failure.ENDED.value
+            e.numbers[Slot.FAILED] = Failure.ENDED.value
             return
         if _fails(e, status):
             return
@@ -136,7 +136,7 @@ def call_instances(e: Any) -> None:
             return
         if not take_outputs(e, k):
             return
-    e.numbers[Place.CALL] = Call.NONE.value
+    e.numbers[Slot.CALL] = Call.NONE.value
 
 
 @compiled
@@ -150,8 +150,8 @@ def take_outputs(e: Any, k: int) -> bool:
         return False
     for place in range(first, last):
         if not abs(e.outputs[place]) < 1e300:
-            e.numbers[Place.FAILED] = Failure.NUMBER.value
-            e.numbers[Place.STATUS] = place
+            e.numbers[Slot.FAILED] = Failure.NUMBER.value
+            e.numbers[Slot.STATUS] = place
             return False
     return True
 
@@ -168,13 +168,13 @@ def begin_outputs(e: Any, k: int) -> bool:
 def _ask(e: Any) -> None:
     """Order the communication step from the library's process, and wait for it up to the time limit."""
     n = e.numbers
-    spare = n.ctypes.data + 8 * Place.SPARE
-    if not send_word(n[Place.ASK], spare):
-        n[Place.FAILED] = Failure.GONE.value
-    elif not readable(n[Place.ANSWER], n[Place.PATIENCE], Place.SPARE, n):
-        n[Place.FAILED] = Failure.SILENT.value
-    elif not receive_word(n[Place.ANSWER], spare):
-        n[Place.FAILED] = Failure.GONE.value
+    spare = n.ctypes.data + 8 * Slot.SPARE
+    if not send_word(n[Slot.ASK], spare):
+        n[Slot.FAILED] = Failure.GONE.value
+    elif not readable(n[Slot.ANSWER], n[Slot.PATIENCE], Slot.SPARE, n):
+        n[Slot.FAILED] = Failure.SILENT.value
+    elif not receive_word(n[Slot.ANSWER], spare):
+        n[Slot.FAILED] = Failure.GONE.value
 
 
 @compiled_entry
@@ -201,15 +201,15 @@ def serve(e: Any, asked: int, answers: int) -> None:
 def _exchange(e: Any) -> None:
     """Take one communication step, and note in SI what the springs do at its end."""
     n = e.numbers
-    e.clock[0] = n[Place.STEPS] * e.clock[1]
-    if n[Place.APART] != 0:
+    e.clock[0] = n[Slot.STEPS] * e.clock[1]
+    if n[Slot.APART] != 0:
         _ask(e)
     else:
         call_instances(e)
-    if n[Place.FAILED] != 0:
+    if n[Slot.FAILED] != 0:
         return
-    n[Place.STEPS] += 1
-    for k in range(n[Place.TAKES]):
+    n[Slot.STEPS] += 1
+    for k in range(n[Slot.TAKES]):
         e.known[0, k] = e.known[1, k]
     know_outputs(e)
 
@@ -220,25 +220,25 @@ def step_around(
 ) -> bool:
     """As `bench_sim.model.kernel.step` with springs from elsewhere; False once they are lost: all is at rest then."""
     n = e.numbers
-    if n[Place.FAILED] != 0:
+    if n[Slot.FAILED] != 0:
         mem.time += dt
         mem.step += 1
         return False
     command_actuators(x, mem, u, par, dt)
-    if n[Place.TICK] == n[Place.TICKS]:
+    if n[Slot.TICK] == n[Slot.TICKS]:
         evaluate_around(0.0, x, mem, u, par, (e, 1.0, 0.0), work[0], out)
         let_air_in(e, x, mem, u, par, work[0], out)
         feed_inputs(e, x, u, par, work[0], out)
         _exchange(e)
-        if n[Place.FAILED] != 0:
+        if n[Slot.FAILED] != 0:
             return False
-        n[Place.TICK] = 0
-    given = e, n[Place.TICK] / n[Place.TICKS], 1.0 / e.clock[1]
+        n[Slot.TICK] = 0
+    given = e, n[Slot.TICK] / n[Slot.TICKS], 1.0 / e.clock[1]
     evaluate_around(0.0, x, mem, u, par, given, work[0], out)
     true_values(x, mem, par, out, values)
     follow(mem, par, values, dt)
     integrate(evaluate_around, dt, (1, INTEGRATED), x, mem, u, par, given, work, out)
-    n[Place.TICK] += 1
+    n[Slot.TICK] += 1
     mem.step += 1
     return True
 
@@ -247,5 +247,5 @@ def step_around(
 def observe_around(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
     """As `bench_sim.model.kernel.observe`, with springs from elsewhere."""
     n = e.numbers
-    evaluate_around(0.0, x, mem, u, par, (e, n[Place.TICK] / n[Place.TICKS], 0.0), dx, out)
+    evaluate_around(0.0, x, mem, u, par, (e, n[Slot.TICK] / n[Slot.TICKS], 0.0), dx, out)
     true_values(x, mem, par, out, values)

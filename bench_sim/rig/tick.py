@@ -36,7 +36,7 @@ from bench_protocol.words import (
 )
 from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
-from bench_sim.model.external_springs import ExternalSprings, Place
+from bench_sim.model.external_springs import ExternalSprings, Slot
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
@@ -297,7 +297,7 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
     """Take a step; report failed external springs once, and each time the bench is armed without them."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
-    if plant.external_springs.numbers[Place.ON] == 0:
+    if plant.external_springs.numbers[Slot.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
         return Happened.NOTHING.value
     if step_around(plant.external_springs, x, mem, u, par, TICK, work, algebraic, ideal):
@@ -312,7 +312,7 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
     """Read the sensors; readings are NaN once external springs have failed."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
-    if plant.external_springs.numbers[Place.ON] == 0:
+    if plant.external_springs.numbers[Slot.ON] == 0:
         observe(x, mem, u, par, work[0], algebraic, ideal)
     else:
         observe_around(plant.external_springs, x, mem, u, par, work[0], algebraic, ideal)

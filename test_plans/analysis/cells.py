@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench_protocol import places
+from bench_protocol import geometry
 from bench_protocol.dimensions import LOAD_CELLS, direction, place
 from drivers.errors import NotAvailable
 from test_plans.analysis import SHEAR_CELLS, VERTICAL_CELLS, Samples
@@ -28,8 +28,8 @@ CELLS_ACROSS: Final = (
 )
 
 
-column_of = once_for_a_rig(places.column_of)
-pointing = once_for_a_rig(places.pointing)
+column_of = once_for_a_rig(geometry.column_of)
+pointing = once_for_a_rig(geometry.pointing)
 
 
 @once_for_a_rig

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.dimensions import across
-from bench_protocol.places import STOP_ROOM
+from bench_protocol.geometry import STOP_ROOM
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
 

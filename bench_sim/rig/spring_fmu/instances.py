@@ -24,7 +24,7 @@ from bench_sim.model.external_springs import (
     VERSION,
     ExternalSprings,
     Feed,
-    Place,
+    Slot,
     layout,
 )
 from bench_sim.rig.external_springs import Call, Failure, begin_outputs, timed_step
@@ -63,13 +63,13 @@ def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalS
 def _prepare(e: ExternalSprings, coupling: Coupling) -> None:
     fill(e._asdict(), coupling)
     n = e.numbers
-    n[Place.ON] = 1
-    n[Place.INSTANCES], _, n[Place.TAKES] = coupling.sizes
-    n[Place.TICKS] = n[Place.TICK] = coupling.ticks
+    n[Slot.ON] = 1
+    n[Slot.INSTANCES], _, n[Slot.TAKES] = coupling.sizes
+    n[Slot.TICKS] = n[Slot.TICK] = coupling.ticks
     accelerations = (Feed.HEIGHT_ACCELERATION, Feed.LATERAL_ACCELERATION, Feed.ROLL_ACCELERATION)
-    n[Place.BENDS] = bool(np.isin(e.fed, accelerations).any())
-    n[Place.VALVES], n[Place.HOLD] = coupling.valves, coupling.hold
-    n[Place.PATIENCE] = max(1, round(1e3 * coupling.timeout))
+    n[Slot.BENDS] = bool(np.isin(e.fed, accelerations).any())
+    n[Slot.VALVES], n[Slot.HOLD] = coupling.valves, coupling.hold
+    n[Slot.PATIENCE] = max(1, round(1e3 * coupling.timeout))
     e.clock[1] = coupling.ticks * TICK
     first_input = first_output = 0
     for k, one in enumerate(coupling.instances):
@@ -93,7 +93,7 @@ def initialize(
     version = coupling.fmu.version
     _feed(e, feeds, feeds)
     for k, one in enumerate(coupling.instances):
-        e.numbers[Place.INSTANCE] = k
+        e.numbers[Slot.INSTANCE] = k
         fmi: Any = load(coupling.fmu, unpacked, log)
         fmi.instantiate()
         if one.parameters:
@@ -112,7 +112,7 @@ def initialize(
         kept.append(fmi)
         if not begin_outputs(e, k):
             raise FmuError(failure_reason(e, coupling))
-    e.numbers[Place.CALL] = Call.NONE
+    e.numbers[Slot.CALL] = Call.NONE
     return kept
 
 
@@ -145,9 +145,9 @@ def time_steps(
             at.append(moved)
         _feed(e, *at)
         e.clock[0] = k * T
-        e.numbers[Place.STEPS] = k
+        e.numbers[Slot.STEPS] = k
         durations[k] = 1e-9 * timed_step(e, spec)
-        if e.numbers[Place.FAILED]:
+        if e.numbers[Slot.FAILED]:
             raise FmuError(failure_reason(e, coupling))
     return durations
 
@@ -163,23 +163,23 @@ _STATUS: Final = {2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 
 def where(e: ExternalSprings, coupling: Coupling) -> str:
     """Return the present or last call, its instance and its time, in words."""
-    k = e.numbers[Place.INSTANCE]
+    k = e.numbers[Slot.INSTANCE]
     which = f" of the {coupling.instances[k].name} spring" if len(coupling.instances) > 1 else ""
     if not e.instances[k, COMPONENT]:
         return f"during initialization{which}"
-    return f"{_CALLS[Call(e.numbers[Place.CALL])]}{which} at {e.clock[0]:.6g} s"
+    return f"{_CALLS[Call(e.numbers[Slot.CALL])]}{which} at {e.clock[0]:.6g} s"
 
 
 def failure_reason(e: ExternalSprings, coupling: Coupling) -> str:
     """Return in words why a call failed that returned."""
     n = e.numbers
-    match Failure(n[Place.FAILED]):
+    match Failure(n[Slot.FAILED]):
         case Failure.STATUS:
-            status = int(n[Place.STATUS])
+            status = int(n[Slot.STATUS])
             return f"it returned the status {_STATUS.get(status, str(status))}"
         case Failure.NUMBER:
             outputs = [link for one in coupling.instances for link in one.outputs]
-            return f"{outputs[n[Place.STATUS]].name} = {e.outputs[n[Place.STATUS]]:g} is not finite"
+            return f"{outputs[n[Slot.STATUS]].name} = {e.outputs[n[Slot.STATUS]]:g} is not finite"
         case Failure.ENDED:
             return "it ended the simulation by itself"
         case _:

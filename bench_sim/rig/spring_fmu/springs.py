@@ -13,7 +13,7 @@ from bench_protocol.rates import TICK
 from bench_sim.fmu.description import FmuError, read_fmu
 from bench_sim.fmu.process import FmuRunner, Worker, log_tail
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.external_springs import FEEDS, SUPPLY_TAKEN, ExternalSprings, Feed, Place
+from bench_sim.model.external_springs import FEEDS, SUPPLY_TAKEN, ExternalSprings, Feed, Slot
 from bench_sim.model.layout import SIDES, Input
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PLANT_QUANTITIES, Lanes
@@ -98,7 +98,7 @@ class SpringFmu:
         if self.coupling.apart:
             self._worker, self.arrays, _ = self._start("memory", self.coupling, feeds)
             n = self.arrays.numbers
-            n[Place.APART], (n[Place.ASK], n[Place.ANSWER]) = 1, self._worker.descriptors
+            n[Slot.APART], (n[Slot.ASK], n[Slot.ANSWER]) = 1, self._worker.descriptors
             return
         self.arrays = shared(self._runner.folder / "memory", self.coupling, create=True)
         try:
@@ -120,7 +120,7 @@ class SpringFmu:
     def owned(self) -> frozenset[str]:
         """Parameters of the bench's model that the FMU replaces."""
         e = self.arrays
-        bench = Lanes.FEEDS | Lanes.JOINS if e.numbers[Place.VALVES] else Lanes(0)
+        bench = Lanes.FEEDS | Lanes.JOINS if e.numbers[Slot.VALVES] else Lanes(0)
         supply = SUPPLY_TAKEN in e.taken
         return frozenset(
             one.name
@@ -139,15 +139,15 @@ class SpringFmu:
     def limit_timeout(self) -> None:
         """Limit the timeout of a step to what clients of a rig in real time allow."""
         n = self.arrays.numbers
-        n[Place.PATIENCE] = min(n[Place.PATIENCE], _STEP_TIMEOUT_MAX)
+        n[Slot.PATIENCE] = min(n[Slot.PATIENCE], _STEP_TIMEOUT_MAX)
 
     def failure(self) -> str:
         """Return in words why the springs are lost; kill a process that hangs."""
         e = self.arrays
-        failed, at = Failure(e.numbers[Place.FAILED]), where(e, self.coupling)
+        failed, at = Failure(e.numbers[Slot.FAILED]), where(e, self.coupling)
         if self._worker and failed in (Failure.SILENT, Failure.GONE):
             if failed is Failure.SILENT:
-                self._worker.kill(1e-3 * e.numbers[Place.PATIENCE])
+                self._worker.kill(1e-3 * e.numbers[Slot.PATIENCE])
             text = f"{self._name} {self._worker.ending()} {at}"
         else:
             text = f"{self._name} failed {at}: {failure_reason(e, self.coupling)}"

@@ -21,7 +21,7 @@ from astb_studies.paper.hybrid.loop import FREQUENCIES, Path, loci, margins
 from astb_studies.paper.hybrid.simulated_ride import NoModel, SimulatedSprings, simulate_ride
 from astb_studies.paper.plans.ride import CAR, longest_delay, margins_of
 from bench_protocol.car import move_car
-from bench_protocol.places import STILL, Place, Springs, setpoints_of
+from bench_protocol.geometry import STILL, SpringPose, Springs, setpoints_of
 from bench_protocol.units import mm, ms
 from bench_sim.model.bolster import bump_stop_force
 from bench_sim.model.car import RideChannel
@@ -148,7 +148,7 @@ def test_the_tick_has_more_gain_left():
 
 
 def test_springs_are_placed_as_in_the_car_with_their_readings():
-    place = Place(0.05, 4 * mm, -0.015)
+    place = SpringPose(0.05, 4 * mm, -0.015)
     at = setpoints_of(place, OURS)
     left, right = (at[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))
     bolster, platform = 0.5 * (left - right), at["platform.roll_setpoint"]
@@ -193,7 +193,7 @@ def test_readings_that_are_held_lie_on_lines_between():
     course = Course(0.0)
     t = HOST_STEP * np.arange(400)
     fast, slow = np.sin(7 * t), np.sin(7 * t)[np.arange(400) // 4 * 4]
-    course.asked = [Place(0.0, 0.0, 0.0)] * 400
+    course.asked = [SpringPose(0.0, 0.0, 0.0)] * 400
     course.read = [[0.0, 0.0, 0.0, one, 0.0] for one in slow.tolist()]
     _, moved = course.places(OURS, 0.0, 390 * HOST_STEP)
     lever = OURS["centre_height"] + OURS["lateral_actuator_height"] + OURS["column_height"]
@@ -205,7 +205,7 @@ def test_readings_that_are_held_lie_on_lines_between():
 def test_a_delay_is_found_of_how_the_springs_followed(late, sooner):
     """Springs rolled by bolster and platform, each late by its own time, come as late as their shares have it."""
     foreseen = Delay.foreseen(OURS)
-    at = setpoints_of(Place(0, 0, 1e-3), OURS)
+    at = setpoints_of(SpringPose(0, 0, 1e-3), OURS)
     bolster = at["vertical_left.displacement_setpoint"] / OURS["vertical_left across"]
     roll = (bolster * late - at["platform.roll_setpoint"] * (late - sooner)) / 1e-3
     found = foreseen.after(roll, late, HOST_STEP, OURS)
@@ -227,7 +227,7 @@ def test_a_longer_delay_is_refused_with_the_longest_one():
 def test_frames_give_way_to_the_springs_and_pistons_go_further():
     """As forces and moments about the bolster's centre have it: pistons oppose the springs, frames give by F/k."""
     F = Springs(-8e3, 3e3, 900.0)
-    still, loaded = (setpoints_of(Place(0, 0, 0), OURS, one) for one in (STILL, F))
+    still, loaded = (setpoints_of(SpringPose(0, 0, 0), OURS, one) for one in (STILL, F))
     more = {name: loaded[name] - still[name] for name in still}
     k, h = OURS["vertical_frame_stiffness"], OURS["lateral_actuator_height"]
     left, right = (k * more[f"vertical_{side}.displacement_setpoint"] for side in ("left", "right"))

@@ -13,7 +13,7 @@ import numpy as np
 from astb_studies.paper.hybrid.car import STEP, Ride
 from astb_studies.paper.hybrid.coupling import FORCES, HOST_STEP, Course, springs_of
 from bench_protocol.arrays import Floats
-from bench_protocol.places import Springs
+from bench_protocol.geometry import Springs
 from bench_protocol.units import ms
 from test_plans.analysis import HEIGHTS
 from test_plans.description import lag_of
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from test_plans.analysis.geometry import Rig
     from test_plans.instruments import Instruments
 
-#: The three directions of motion of the springs, in the order of a `Place`, with the readings of each.
+#: The three directions of motion of the springs, in the order of a `SpringPose`, with the readings of each.
 SIDEWAYS, UP, ROLLED = "sideways", "up and down", "in roll"
 WAYS: Final = {SIDEWAYS: ("lateral.displacement",), UP: HEIGHTS, ROLLED: HEIGHTS}
 #: Standard uncertainties of the lags, and of the sum of six load cells.

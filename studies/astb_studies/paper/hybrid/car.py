@@ -17,7 +17,7 @@ from bench_protocol.car import (
     track_slope,
     track_wave,
 )
-from bench_protocol.places import Place, Springs
+from bench_protocol.geometry import SpringPose, Springs
 from bench_protocol.units import FACTORS, kN, m, mm, s
 
 #: The step by which the car is integrated: 1/40 of what its fastest mode on the bump stop takes for a radian.
@@ -92,11 +92,11 @@ class Ride:
         move_car(now, dt)
         self.time += dt
 
-    def place_at(self, ahead: float) -> Place:
+    def place_at(self, ahead: float) -> SpringPose:
         """Return the place of the springs ``ahead`` s from now, at the present accelerations; the track is known."""
         car, then = self.car, self.time + ahead
         track = self.fade(then) * car.track(then)[0]
-        return Place(
+        return SpringPose(
             *springs_ahead(self.now, ahead, car.track_lateral * track, car.track_vertical * track, 0.0)
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 from astb_studies.paper.hybrid.car import STEP, Ride
 from astb_studies.paper.hybrid.loop import Path
 from bench_protocol.arrays import Floats
-from bench_protocol.places import STILL, Place, Springs, setpoints_of
+from bench_protocol.geometry import STILL, SpringPose, Springs, setpoints_of
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, TICK
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import SIDES
@@ -109,7 +109,7 @@ class Delay:
 
         A roll of the springs is the roll of the bolster less that of the platform, each by its share.
         """
-        at = setpoints_of(Place(0.0, 0.0, 1.0), rig)
+        at = setpoints_of(SpringPose(0.0, 0.0, 1.0), rig)
         share = -at["platform.roll_setpoint"]
         platform = (roll - (1.0 - share) * lift) / share
         return Delay(self.pistons + lift, self.platform + platform, hold, self.by)
@@ -143,7 +143,7 @@ def springs_of(read: Mapping[str, float], rig: Rig) -> Springs:
 class Motion(Protocol):
     """Source of the motion of the springs: a car on them, or a known motion."""
 
-    def place_at(self, ahead: float) -> Place:
+    def place_at(self, ahead: float) -> SpringPose:
         """Return the place of the springs ``ahead`` s from now."""
 
     def step(self, springs: Springs) -> None:
@@ -163,7 +163,7 @@ class Course:
     bump_stop: list[float] = field(default_factory=list)
     lateral: list[float] = field(default_factory=list)
     roll: list[float] = field(default_factory=list)
-    asked: list[Place] = field(
+    asked: list[SpringPose] = field(
         default_factory=list
     )  #: the commanded place of the springs in each step of the host
     read: list[list[float]] = field(
@@ -198,7 +198,7 @@ class Course:
 
 
 def standing(read: Mapping[str, Floats], rig: Rig) -> Floats:
-    """Return how the springs stand by `POSES` and the lateral force, all of them beyond rest: (n, 3) of `Place`."""
+    """Return the change of the spring pose since rest, of readings (n, 3): shear, height and roll (`SpringPose`)."""
     heights = [height_of_spring(read, rig, side) for side in SIDES]
     return np.column_stack([shear_of(read, rig), 0.5 * sum(heights), roll_of(read, rig)])
 

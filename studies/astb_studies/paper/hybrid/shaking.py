@@ -11,7 +11,7 @@ import numpy as np
 from astb_studies.paper.hybrid.agreement import ROLLED, UP, WAYS, followed
 from astb_studies.paper.hybrid.car import STEP
 from astb_studies.paper.hybrid.coupling import Delay, move_on
-from bench_protocol.places import Place, Springs
+from bench_protocol.geometry import SpringPose, Springs
 from bench_protocol.units import Hz, mm, mrad, s
 
 if TYPE_CHECKING:
@@ -33,11 +33,11 @@ class Shake:
 
     time: float = 0.0
 
-    def place_at(self, ahead: float) -> Place:
+    def place_at(self, ahead: float) -> SpringPose:
         """Return the place of the springs ``ahead`` s from now, predicted from speed and acceleration as for a car."""
         before, now, after = (np.array(self._place(self.time + way * STEP)) for way in (-1, 0, 1))
         speed, acceleration = (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
-        return Place(*(now + ahead * speed + 0.5 * ahead**2 * acceleration).tolist())
+        return SpringPose(*(now + ahead * speed + 0.5 * ahead**2 * acceleration).tolist())
 
     @staticmethod
     def _place(time: float) -> list[float]:

@@ -98,7 +98,7 @@ def car_mass(load: Load, rig: Rig) -> float:
 
 
 def springs_of_the_file(load: Load, rig: Rig, stiff: float, damped: float) -> tuple[Samples, Samples]:
-    """Return the permitted stiffness (N/m, N·m/rad) and damping of the springs over `Place`, as a diagonal each.
+    """Return the permitted stiffness (N/m, N·m/rad) and damping of the springs over `SpringPose`, as a diagonal each.
 
     ``stiff`` and ``damped`` are positions in the band of the limits: 0 is the lower end, 1 the upper. The values in
     roll follow from the vertical ones and the spacing of the springs.

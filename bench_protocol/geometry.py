@@ -23,7 +23,7 @@ class Springs(NamedTuple):
     moment: float
 
 
-class Place(NamedTuple):
+class SpringPose(NamedTuple):
     """The pose of the springs (m, m, rad): shear, change of height, roll."""
 
     shear: float
@@ -60,7 +60,7 @@ def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
     return d_x / size, d_y / size, d_z / size
 
 
-def setpoints_of(at: Place, rig: Rig, springs: Springs = STILL) -> dict[str, float]:
+def setpoints_of(at: SpringPose, rig: Rig, springs: Springs = STILL) -> dict[str, float]:
     """Return the set-points of bolster and platform for a pose of the springs, by their names.
 
     They are relative to the level position and linear in the pose. Frame and oil between piston and bolster are
