@@ -24,7 +24,9 @@ __all__ = ["analysis", "diagnose_record", "errors", "open_bench", "run_plan", "u
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'astb' has no attribute {name!r}; it offers {', '.join(__all__)}")
+        raise AttributeError(
+            f"module 'astb' has no attribute {name!r}; the attributes are {', '.join(__all__)}"
+        )
     home = _HOME[name]
     # The name is a module of a package, or a name inside a module.
     value = getattr(import_module(home), name) if "." in home else import_module(f"{home}.{name}")

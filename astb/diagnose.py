@@ -75,8 +75,8 @@ def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> F
             raise DiagnosisError(f"{path} does not exist")
     if request.simulator is not None and request.model != BENCH:
         raise DiagnosisError(
-            f"--model {request.model} is a model of the bench, and --simulator {request.simulator} another one; give "
-            "one of them"
+            f"--model {request.model} and --simulator {request.simulator} name two different models; give only one of "
+            "these options"
         )
     parameters = load(request.model)
     clear_results(out)
@@ -165,8 +165,7 @@ def read_data(
     for path in paths:
         if not path.is_dir():
             raise DiagnosisError(
-                f"{path} is not the folder of a run; files of other origin need --map FILE, which states "
-                "the meaning of their columns"
+                f"{path} is not the folder of a run; for other files, give --map FILE, which describes their columns"
             )
     records = [read(path) for path in paths]
     simulator = AirSpring(built_for(parameters, records), effects=CATALOGUE)
@@ -183,8 +182,8 @@ def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Paramet
         differ = [name for name in {**first[1], **stated} if first[1].get(name) != stated.get(name)]
         if differ:
             raise DiagnosisError(
-                f"{where} is of a rig that is built differently from that of {first[0]}: {', '.join(differ)}; diagnose "
-                "them one by one"
+                f"the rigs of {where} and {first[0]} have different dimensions: {', '.join(differ)}; diagnose these "
+                "runs one by one"
             )
     try:
         return built_as(parameters, first[1])
@@ -242,12 +241,11 @@ def chosen_effects(
         found = [one for one in simulator.catalogue if name in {one, one.partition(".")[0]}]
         if not found and (already := [one for one in held if name in {one, one.partition(".")[0]}]):
             raise DiagnosisError(
-                f"--effects: {already[0]} is in the model already and stays as it is there; only effects that the "
-                "model does not have are looked for"
+                f"--effects: the model contains {already[0]} already; name only effects that it does not contain"
             )
         if not found:
             right = did_you_mean(name, simulator.catalogue)
-            raise DiagnosisError(f"--effects: {name!r} is no effect of {simulator.name}; {right}")
+            raise DiagnosisError(f"--effects: {name!r} is not an effect of {simulator.name}; {right}")
         chosen |= dict.fromkeys(found)
     return tuple(chosen)
 

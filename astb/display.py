@@ -204,7 +204,9 @@ def drawn(seen: Snapshot) -> Text:
 def _time_left(seen: Snapshot) -> str:
     if seen.left is None:
         return (
-            "until this plan was run or rehearsed once" if not seen.outline else f"unlike in {seen.outline}"
+            "known after this plan was run or rehearsed once"
+            if not seen.outline
+            else f"the steps differ from {seen.outline}"
         )
     return f"{seen.left:.0f} s to go, as in {seen.outline}"
 

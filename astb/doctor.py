@@ -43,7 +43,7 @@ CONNECT: Final = 0.3 * s
 APT: Final = "apt install"
 #: Programs that a user may use next to the bench, the package they come in, and what for.
 TOOLS: Final = {
-    "mbpoll": ("mbpoll", "a Modbus client that owes nothing to us"),
+    "mbpoll": ("mbpoll", "an independent Modbus client"),
     "tshark": ("tshark", "live views of the bus, `astb rig --capture-port`"),
     "candump": ("can-utils", "SocketCAN tools: candump, cansend, canplayer"),
 }
@@ -128,7 +128,7 @@ def _packages() -> Iterator[MachineCheck]:
         if extra:
             lacking[extra] = f"{one.name} {version}".strip()
         else:
-            said = f"{one.name} {version or 'is missing'} ({one.specifier} would be right)"
+            said = f"{one.name} {version or 'is missing'} (required: {one.specifier})"
             wrong[said] = f"'{one.name}{one.specifier}'"
     yield MachineCheck(
         "packages",
@@ -256,7 +256,7 @@ def _punctuality() -> MachineCheck:
         "fine" if right else "missing",
         f"sleeps of 1 ms end {median / NS / us:.0f} us late, one in a hundred {high / NS / us:.0f} us",
         "runs in real time",
-        "" if right else "end what else computes here, or run in virtual time (--virtual)",
+        "" if right else "end other programs on this machine, or run in virtual time (--virtual)",
     )
 
 

@@ -39,13 +39,13 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
     form = _known_form(target, [one for one in FORMS if one.write is not None])
     if form in reading.FORMS:
         if names:
-            raise RecordError("frames are exported as they were on the bus: --signal is for CSV and MDF")
+            raise RecordError("CAN frames are exported completely; --signal is only for CSV and MDF")
         source = directory / FRAMES
         if not source.exists():
-            raise RecordError(f"{directory} kept no CAN frames; `astb run --keep-frames` does")
+            raise RecordError(f"{directory} has no CAN frames; record them with `astb run --keep-frames`")
         if target.exists() and target.samefile(source):
             raise RecordError(
-                f"{target} is what the run kept itself, and stays as it is; choose another file"
+                f"{target} is the file of the run itself and is not overwritten; choose another file"
             )
         return f"{write_frames(read_frames(source), target)} frames"
     assert form.write is not None
@@ -62,7 +62,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
     if not source.is_file():
-        raise RecordError(f"{source} is no file")
+        raise RecordError(f"{source}: there is no such file")
     keys = keys or LogKeys()
     as_table = any(text.partition("=")[0].strip() == "format" for text in table)
     frames = not as_table and reading.frames_form(source, keys.dbc is not None) is not None
@@ -70,7 +70,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     if not frames and not as_table and (what := reading.log_of_others(source)):
         raise RecordError(f"{source} is {what}, not a table of samples; {reading.OTHER_FORMS}")
     if directory.exists() and any(directory.iterdir()):
-        raise RecordError(f"{directory} is not empty; nothing there is overwritten")
+        raise RecordError(f"{directory} is not empty; choose a new or empty folder")
     account = Account()
     meta = {"imported": {"file": source.name, "sha256": sha256_of(source)}}
     try:
@@ -92,16 +92,16 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
     """RecordError for a key that says nothing of such a file: anyone who gave it meant something."""
     if frames:
         idle = {
-            "--table": (table, f"for tables and MDF files, not for the frames in {source}"),
-            "--charset": (keys.charset and keys.dbc is None, "of the DBC, and --dbc names none"),
+            "--table": (table, f"only for tables and MDF files, not for the frames in {source}"),
+            "--charset": (keys.charset and keys.dbc is None, "only for a DBC; give --dbc, too"),
             "--stamps": (
                 keys.stamps and ending_of(source) != ".log",
-                f"for logs of candump (.log); {source} says itself how its stamps are meant",
+                f"only for logs of candump (.log); {source} defines its time stamps itself",
             ),
         }
     else:
         known = ", ".join(endings([one for one in reading.FORMS if one.write is not None]))
-        where = f"for files of CAN frames ({known}, or .mf4 with --dbc), not for {source}"
+        where = f"only for files of CAN frames ({known}, or .mf4 with --dbc), not for {source}"
         idle = {f"--{one.name}": (getattr(keys, one.name) is not None, where) for one in fields(keys)}
     for option, (given, why) in idle.items():
         if given:
@@ -138,8 +138,12 @@ def _known_signals() -> dict[str, SignalInfo]:
 def _known_form(path: Path, forms: Sequence[FileForm]) -> FileForm:
     form = form_of(path, forms)
     if form is None and path.is_file() and (how := tables.export_of(path)):
-        raise RecordError(f"{path} is not read in this form; {how} makes a table of it")
+        raise RecordError(
+            f"{path}: files of this format are not read; convert the file to a table with: {how}"
+        )
     if form is None:
         known = ", ".join(endings(forms))
-        raise RecordError(f"{path} ends in {ending_of(path) or 'nothing'}; known are {known}")
+        raise RecordError(
+            f"{path} has the ending {ending_of(path) or '(none)'}; the known endings are {known}"
+        )
     return form

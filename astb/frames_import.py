@@ -96,7 +96,7 @@ def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
             found.add(time, Kind(kind.channel, message[0], True, False), message[1], 0)
     reassembly.end()
     if reassembly.whole:
-        account.take(f"{reassembly.whole} J1939 messages of several packets (TP) are put together")
+        account.take(f"{reassembly.whole} J1939 messages of several packets (TP) were reassembled")
     return found
 
 
@@ -108,7 +108,7 @@ def _on_channel(
     if channel is None:
         return dict(counts)
     if channel not in channels:
-        raise RecordError(f"--channel {channel}: {source} has {_listed(channels)}")
+        raise RecordError(f"--channel {channel}: there is no such channel; {source} has {_listed(channels)}")
     for kind, count in counts.items():
         account.leave_out("frame(s) on other channels", 0 if kind.channel == channel else count)
     return {kind: count for kind, count in counts.items() if kind.channel == channel}
@@ -123,7 +123,8 @@ def _refuse_several(source: Path, what: str, channels: set[str]) -> None:
     if len(channels) > 1:
         found = sorted(channels)
         raise RecordError(
-            f"{source}: {what} comes on {_listed(found)}, and may be two things; --channel {found[0]} takes one of them"
+            f"{source}: {what} is on {_listed(found)}, perhaps from different devices; choose one, such as "
+            f"--channel {found[0]}"
         )
 
 
@@ -145,7 +146,7 @@ def _by_our_table(
         _refuse_several(source, f"{identifier:#x} ({ours[identifier]})", found)
     if not wanted:
         raise RecordError(
-            f"no frame of {source} is one of the bench's own messages; --dbc names the messages of another rig"
+            f"{source} has no message of the bench; for the messages of another rig, give its DBC with --dbc"
         )
     known = recorded_signals(TABLE)
     column = np.full(len(TABLE.signals), -1, np.int16)
@@ -166,7 +167,7 @@ def _by_dbc(
 ) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
     names = _names(source, counts, dbc, account)
     if not names:
-        raise RecordError(f"no frame of {source} is one of {dbc.path}")
+        raise RecordError(f"{source} has no message that {dbc.path} describes")
     signals: list[SignalInfo] = []
     index: dict[tuple[str, str], int] = {}
     decodings: dict[str, Decoding] = {}
@@ -281,7 +282,7 @@ def columns_of_frames(
     if not path.is_file():
         raise DiagnosisError(f"{path}: no such file")
     if keys.charset is not None and keys.dbc is None:
-        raise DiagnosisError(f"frames.charset = {keys.charset!r} is of the DBC, and frames.dbc names none")
+        raise DiagnosisError(f"frames.charset = {keys.charset!r} is only for a DBC; give frames.dbc, too")
     dbc = None if keys.dbc is None else beside / keys.dbc
     try:
         log = read_frames_of(path, LogKeys(dbc, keys.charset, keys.channel, keys.stamps), account)
@@ -295,7 +296,8 @@ def columns_of_frames(
         place = index.get(str(source.column))
         if place is None:
             raise DiagnosisError(
-                f"{path}: {key}.column = {source.column!r}: the log has {', '.join(sorted(index))}"
+                f"{path}: {key}.column = {source.column!r}: there is no such signal; the log has "
+                f"{', '.join(sorted(index))}"
             )
         here, signal = rows == place, log.signals[place]
         seconds = (times[here] - log.start) / 1e9

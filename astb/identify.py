@@ -170,7 +170,7 @@ def _refuse_springs(request: IdentificationRequest, name: str) -> None:
     }
     if wrong := [option for option, value in given.items() if value is not None]:
         raise DiagnosisError(
-            f"{' and '.join(wrong)}: {name} is no model of the bench; leave out {' and '.join(wrong)}"
+            f"{' and '.join(wrong)}: {name} is not a model of the bench; omit {' and '.join(wrong)}"
         )
 
 
@@ -178,8 +178,8 @@ def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, 
     """Identify all numbers of the base of any simulator: it needs no catalogue."""
     if not simulator.nuisances:
         raise DiagnosisError(
-            f"{simulator.name} names no parameter to identify; right would be [fmu.base] in the map of an FMU, or "
-            "nuisances of a simulator"
+            f"{simulator.name} names no parameter to identify; state [fmu.base] in the map of an FMU, or nuisances in "
+            "a simulator"
         )
     found = identify(dataset, simulator, progress=progress)
     if out is not None:
@@ -221,7 +221,7 @@ def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Consol
 def _make_room(out: Path, model: str) -> None:
     """Create the folder of the model, and refuse an impossible output before the computation."""
     if out.exists() and Path(model).exists() and out.samefile(model):
-        raise DiagnosisError(f"--out {out} is the --model on which it would be based; give it another name")
+        raise DiagnosisError(f"--out {out} is the same file as --model; choose another file")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -249,9 +249,9 @@ def _further(found: Identification, untold: Sequence[Identified], parameters: "P
             "prior interval"
         )
         yield what + (
-            f"; after astb run {IDENTIFICATION.name} it would be {there.share:.1%}"
+            f"; after astb run {IDENTIFICATION.name}, {there.share:.1%} is expected"
             if there.determined
-            else f"; astb run {IDENTIFICATION.name} would not determine it either ({there.share:.0%})"
+            else f"; astb run {IDENTIFICATION.name} would not determine this parameter either ({there.share:.0%})"
         )
 
 
@@ -375,7 +375,7 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
             f"{row.value:.{digits}f}",
             f"{row.low:.{digits}f} to {row.high:.{digits}f}",
             row.unit.removesuffix("1") if row.unit == "1" else row.unit,
-            f"{row.left:.1%}" if row.told else f"{row.left:.0%}, not told",
+            f"{row.left:.1%}" if row.told else f"{row.left:.0%}, not determined",
             row.title,
         )
     console.print(table)

@@ -174,8 +174,8 @@ def choose(
         if ranked:
             best = ranked[0]
             why += (
-                f": the best, {best.plan}, promises {_gap(best)} in {best.minutes:.1f} of the {left:.1f} min that are "
-                f"left, and {LEAST_GAP:g} is needed"
+                f": for the best one, {best.plan}, {_gap(best)} is expected in {best.minutes:.1f} of the {left:.1f} "
+                f"min that are left, but {LEAST_GAP:g} is needed"
             )
         return None, why
     cheapest = min(alone, key=lambda offer: offer.minutes)
@@ -218,7 +218,7 @@ def investigate(
     needed = lasts(first) / minutes
     if needed > budget:
         raise RecordError(
-            f"budget = {budget:g} min: {first.name} alone takes {needed:.1f} min of the bench; give at least that"
+            f"budget = {budget:g} min, but {first.name} alone takes {needed:.1f} min of the bench; give a larger budget"
         )
     log = Investigation(rig=rig.name, budget=budget)
     log.write(out)

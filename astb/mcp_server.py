@@ -55,7 +55,8 @@ class RunReader:
         table = record.frame(signals, rate).loc[start:end]
         if len(table) > ROWS:
             raise RecordError(
-                f"{len(table)} rows are more than {ROWS}; give a lower rate, or start and end in s"
+                f"the table has {len(table)} rows, but at most {ROWS} are returned; "
+                "give a lower rate, or start and end in s"
             )
         scaled = table / [record.signals[name].scale for name in signals]
         return {str(name): _nullable(values) for name, values in scaled.reset_index().items()}
@@ -68,7 +69,7 @@ class RunReader:
         """Return a finding: verdict, causes with intervals, alternatives, goodness of fit. finding: a folder."""
         if finding not in self.list_findings():
             raise RecordError(
-                f"{finding!r} has no {FINDING} in {self._folder}; list_findings returns the folders that do"
+                f"{finding!r} in {self._folder} has no {FINDING}; list_findings returns the folders with findings"
             )
         return dict(msgspec.json.decode((self._folder / finding / FINDING).read_bytes()))
 

@@ -52,11 +52,15 @@ class Command:
                 [*self._words, text], input=content, capture_output=True, timeout=WITHIN, check=False
             )
         except subprocess.TimeoutExpired:
-            return f"it was not done within {WITHIN:g} s"
+            return f"the command did not end within {WITHIN:g} s"
         except OSError as error:
             return error.strerror or str(error)
         told = done.stderr.decode(errors="replace").strip().splitlines()
-        return "" if not done.returncode else ": ".join([f"it ended with {done.returncode}", *told[-1:]])
+        return (
+            ""
+            if not done.returncode
+            else ": ".join([f"the command ended with exit code {done.returncode}", *told[-1:]])
+        )
 
 
 class Webhook:
@@ -74,12 +78,12 @@ class Webhook:
             line.request("POST", path, content, heads)
             status = line.getresponse().status
         except TimeoutError:
-            return f"it did not answer within {WITHIN:g} s"
+            return f"the server did not answer within {WITHIN:g} s"
         except (OSError, HTTPException) as error:
             return getattr(error, "strerror", None) or str(error) or type(error).__name__
         finally:
             line.close()
-        return "" if 200 <= status < 300 else f"it answered {status}"
+        return "" if 200 <= status < 300 else f"the server answered with status {status}"
 
 
 def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
@@ -92,17 +96,17 @@ def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
     try:
         words = shlex.split(to)
     except ValueError:
-        raise MessageError(f"{to} is no command: a quotation mark is not closed") from None
+        raise MessageError(f"{to} is not a command: a quotation mark is not closed") from None
     if not words or shutil.which(words[0]) is None:
         raise MessageError(
-            f"there is no command {words[0] if words else to!r} for messages; one of this machine, with its arguments, "
-            "or a webhook such as http://127.0.0.1:8080/hook would be right"
+            f"there is no command {words[0] if words else to!r} for messages; give a command of this machine with its "
+            "arguments, or a webhook such as http://127.0.0.1:8080/hook"
         )
     return Command(words)
 
 
 def _webhook(to: str, elsewhere: bool) -> Webhook:
-    none = f"{to} is no address; http://127.0.0.1:8080/hook would be one"
+    none = f"{to} is not an address of a webhook; write it as http://127.0.0.1:8080/hook"
     try:
         url = urlsplit(to)
         host, _ = url.hostname, url.port
@@ -115,10 +119,10 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
     try:
         found = {str(one[4][0]) for one in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
     except (OSError, UnicodeError):
-        raise MessageError(f"{to}: there is no machine {host}") from None
+        raise MessageError(f"{to}: the machine {host} was not found") from None
     if not all(ip_address(one.partition("%")[0]).is_loopback for one in found):
         raise MessageError(
-            f"{to} is another machine and would receive test data; allow it with --message-elsewhere"
+            f"{to} is another machine, which would receive test data; to allow this, give --message-elsewhere"
         )
     # The address that was looked at: a name may mean another one in a moment.
     return Webhook(url, min(found, key=len) if url.scheme == "http" else host)
@@ -165,7 +169,7 @@ class Messages:
 
         def take() -> None:
             if wrong := self._to.take(text, told):
-                self.warn(f"the message {text!r} did not get there: {wrong}")
+                self.warn(f"the message {text!r} was not delivered: {wrong}")
 
         threading.Thread(target=take, name="message").start()
 

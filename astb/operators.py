@@ -47,7 +47,7 @@ class SimulatedHand:
     def ask(self, question: Question) -> None:
         name, _, way = question.deed.rpartition(" ")
         if way not in {"on", "off"} or DONE not in question.answers:
-            raise Unanswered("the simulated rig cannot do it by itself")
+            raise Unanswered("the simulated rig cannot do this by itself")
         try:
             told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
             done = "error" not in told or (way == "off" and self._has(name))  # a fault that was not on is off
@@ -56,7 +56,7 @@ class SimulatedHand:
                 f"the simulated rig does not receive the command: {error.strerror or error}"
             ) from None
         if not done:
-            raise Unanswered(f"the simulated rig cannot do it by itself: {told['error']}")
+            raise Unanswered(f"the simulated rig cannot do this by itself: {told['error']}")
         self._answer = Answer(DONE, "the simulated rig")
 
     def _has(self, name: str) -> bool:
@@ -131,7 +131,7 @@ class Terminal(QuestionBox):
             except ValueError:  # the question's time has just passed
                 self._wanted.set()
         else:
-            self._print(f"  {line.strip()!r} is no answer; {' / '.join(question.allowed)} would be", "bold")
+            self._print(f"  {line.strip()!r} is not an answer; type {' / '.join(question.allowed)}", "bold")
 
     def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style), soft_wrap=True)
@@ -151,7 +151,7 @@ def read_answers(path: Path) -> Script:
     for question, answer in content.items():
         if not isinstance(answer, str):
             raise AnswersFileError(
-                f'answers {path}: {question} = {answer!r}: a text such as "done" would be right'
+                f'answers {path}: {question} = {answer!r}; an answer must be a text, such as "done"'
             )
     return Script(content, by=path.name)
 

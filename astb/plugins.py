@@ -155,9 +155,7 @@ class CommandLine(CommandGroup):
         if new := renamed(args):
             args = new
             if not ctx.resilient_parsing:
-                click.echo(
-                    f"astb: use `astb {join(args)}`; the old form ends with the next release", err=True
-                )
+                click.echo(f"astb: use `astb {join(args)}`; the next release removes the old form", err=True)
         return super().resolve_command(ctx, args)
 
     def summaries(self) -> dict[str, str]:
@@ -200,7 +198,7 @@ def _load(name: str, homes: Mapping[str, str]) -> click.Command:
 
     described = " and ".join(f"{home} of package {package}" for package, home in homes.items())
     if len(homes) > 1:
-        raise PluginError(f"{described} have the same name {name}: uninstall all but one")
+        raise PluginError(f"{described} have the same command name {name}; uninstall all but one")
     (home,) = homes.values()
     try:
         command = EntryPoint(name, home, GROUP).load()

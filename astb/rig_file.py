@@ -134,11 +134,11 @@ def read(path: Path) -> RigFile:
         raise RigFileError(f"rig file {path}: {_in_words(error, content)}") from None
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
-            f"rig file {path}: time = virtual needs a [simulation] table, a real rig has real time"
+            f"rig file {path}: time = virtual needs a [simulation] table; a real rig has only real time"
         )
     if rig.limits and rig.simulation is not None:
         raise RigFileError(
-            f"rig file {path}: limits and simulation exclude each other: use simulation.limits for a simulated rig"
+            f"rig file {path}: limits is only for a real rig; use simulation.limits for a simulated rig"
         )
     for key in _PARTS:
         if isinstance(content.get(key), str):
@@ -152,8 +152,8 @@ def read(path: Path) -> RigFile:
         own = inherited | own
     elif rig.wiring or "wiring" in own:
         raise RigFileError(
-            f"rig file {path}: {' and '.join(beside)} and wiring exclude each other: a rig with a wiring is real, and "
-            f"its addresses are in the wiring; remove {' and '.join(beside)}, or the wiring"
+            f"rig file {path}: a rig with a wiring is real and has its addresses in the wiring; remove "
+            f"{' and '.join(beside)}, or the wiring"
         )
     parts = {key: str(place) for key, place in (inherited | own).items() if key != "wiring" or key in own}
     given = {key: getattr(rig, key) for key in _PARTS if getattr(rig, key)}
@@ -176,7 +176,7 @@ def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[st
     above = (*above, path.resolve())
     if other in above:
         raise RigFileError(
-            f"rig file {path}: like = {like!r} ends at the same rig; name another one, or none"
+            f"rig file {path}: like = {like!r} leads back to this rig; name another rig, or omit like"
         )
     theirs, inherited = _parts(other, str(_content(other).get("like", "")), above)
     return own, inherited | theirs
@@ -186,7 +186,9 @@ def _content(path: Path) -> dict[str, Any]:
     try:
         return read_toml(path)
     except OSError as error:
-        raise RigFileError(f"rig file {path} cannot be read: {error.strerror}; --rig names another") from None
+        raise RigFileError(
+            f"rig file {path} cannot be read: {error.strerror}; choose another rig with --rig"
+        ) from None
     except Unfit as error:
         raise RigFileError(f"rig file {path} {error}") from None
 
@@ -217,7 +219,9 @@ def _in_words(error: Exception, content: dict[str, Any]) -> str:
     table = next((tables[".".join(path[:n])] for n in (2, 1) if ".".join(path[:n]) in tables), RigFile)
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(table)}
     if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
-        return f"{'.'.join([*keys, unknown[1]])} is no key of a rig file; {did_you_mean(unknown[1], fields)}"
+        return (
+            f"{'.'.join([*keys, unknown[1]])} is not a key of a rig file; {did_you_mean(unknown[1], fields)}"
+        )
     if missing := re.fullmatch("Object missing required field `(.*)`", said):
         return f"the key {'.'.join([*keys, missing[1]])} is missing"
     return misfit(error, content, RigFile)

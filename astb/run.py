@@ -117,7 +117,9 @@ def run_plans(
                 ended(result, directory)
                 if left_in_trouble(result) and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: a user has to look before the next plan.
-                    display.say(f"the bench is as {plan.name} left it; what should follow was not run")
+                    display.say(
+                        f"the next plans were not run, because {plan.name} may have left air in the springs: look first"
+                    )
                     break
     return results
 
@@ -128,7 +130,7 @@ def _turn(
     """Take a place in the queue of the rig, and wait for the turn if ``keeping`` asks for it."""
 
     def report(before: list[Ticket]) -> None:
-        say(f"waits for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
+        say(f"waiting for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
 
     lasts = sum(plan.lasts for plan in plans)
     return queued(
@@ -218,7 +220,7 @@ def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
         write_sums(directory)
         return write_report(directory)
     except RecordError as error:
-        display.warn(f"{error}; `astb report {directory}` makes the report later")
+        display.warn(f"{error}; make the report later with `astb report {directory}`")
         return None
 
 
@@ -227,7 +229,7 @@ def _print(report: Path, display: ProgressDisplay) -> None:
     try:
         display.say(f"printed: {write_pdf(report)}")
     except RecordError as error:
-        display.warn(f"{error}; `astb report {report.parent} --pdf` prints it later")
+        display.warn(f"{error}; print the report later with `astb report {report.parent} --pdf`")
 
 
 def _live(

@@ -112,8 +112,8 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
     if changed:
         springs.close()
         raise FmuError(
-            f"simulation.change or simulation.effects set {', '.join(changed)} of the bench's own springs, but "
-            f"{simulation.spring} replaces these; set spring_map.parameters instead"
+            f"simulation.change or simulation.effects set {', '.join(changed)} of the springs of the model, but "
+            f"{simulation.spring} replaces these springs; set spring_map.parameters instead"
         )
     return springs
 
@@ -162,7 +162,7 @@ def open_session(
     """
     if virtual or rig.time == "virtual":
         if rig.simulation is None:
-            raise RigFileError(f"rig file {path}: it has no [simulation] table, which virtual time needs")
+            raise RigFileError(f"rig file {path}: there is no [simulation] table; virtual time needs one")
         simulated = build_rig(rig.simulation, seed)
         for line in simulated.springs.notes if simulated.springs else ():
             say(line)
@@ -172,7 +172,7 @@ def open_session(
                 yield session
         finally:
             if simulated.spring_lost:
-                say(f"the springs were lost: {simulated.spring_lost}")
+                say(f"the process of the springs ended: {simulated.spring_lost}")
         return
     require_linux("a rig in real time")
     with contextlib.ExitStack() as stack:
@@ -181,11 +181,11 @@ def open_session(
             stack.enter_context(started(rig.simulation, path, seed, say))
         elif rig.simulation and rig.simulation != read(path).simulation:
             raise RigFileError(
-                f"a rig is running at {rig.modbus.host}:{rig.modbus.port} already and keeps its model and effects: "
+                f"a rig with another model or other effects is running at {rig.modbus.host}:{rig.modbus.port} already; "
                 "stop it, or run in virtual time"
             )
         elif rig.simulation and seed is not None:
-            say("the rig is running already: it keeps its own seed")
+            say("the rig is running already; its seed does not change")
         session = stack.enter_context(real_session(rig, path, seed))
         describe_rig(session.bench, rig, path)
         yield session
@@ -361,7 +361,7 @@ def ready_line(process: subprocess.Popen[str]) -> str:
     finally:
         watchdog.cancel()
     reason = process.stderr.read().strip().removeprefix("astb: ")
-    reason = reason or f"it did not come up within {START_LIMIT:g} s"
+    reason = reason or f"it was not ready within {START_LIMIT:g} s"
     error = RigFileError if process.wait() == MISUSE else LinkLost
     raise error(f"the rig could not be started: {reason}")
 

@@ -71,16 +71,16 @@ def new_specimen(
             name, _, value = text.partition("=")
             if units is not None and name not in units:
                 raise SpecimenError(
-                    f"{option} {name} is no property of a drawing; there is {', '.join(units)}"
+                    f"{option} {name} is not a property of a drawing; the properties are {', '.join(units)}"
                 )
             found[name] = read_written(f"{option} {name}", value, units[name] if units else "N")
             if not found[name] > 0.0:
-                raise SpecimenError(f"{option} {text}: more than 0 would be right")
+                raise SpecimenError(f"{option} {text}: the value must be more than 0")
         return found
 
     asked = Asked(base, read("--preload", preloads, None), read("--set", drawing, DRAWING), beside)
     if left_out := derive(asked, target, say):
-        say(f"left out, for no plan that was run measures them (--plan): {', '.join(left_out)}")
+        say(f"limits left out, because no plan measured them (add one with --plan): {', '.join(left_out)}")
 
 
 def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
@@ -168,14 +168,14 @@ def _measured(
     loads = {case: replace(one, limits=marked(case, one.limits)) for case, one in spring.loads.items()}
     known = plans()
     if name not in known:
-        raise SpecimenError(f"there is no plan {name}; there is {', '.join(known)}")
+        raise SpecimenError(f"there is no plan {name}; the plans are {', '.join(known)}")
     rig = RigInMemory(Rig(load(model).with_values(**drawing), seed=0))
     with tempfile.TemporaryDirectory() as folder, rig.bench(seed=0) as bench:
         result = execute(
             known[name], bench, folder, rig="virtual", seed=0, specimen=replace(spring, loads=loads)
         )
     if result.reason:
-        raise SpecimenError(f"plan {name} does not run with these springs: {result.reason}")
+        raise SpecimenError(f"plan {name} cannot run with these springs: {result.reason}")
     told = []
     for check in result.checks:
         number = round((check.high or 0.0) - _WIDE)

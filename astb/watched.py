@@ -165,9 +165,9 @@ def _conclude(
             if late or pulse.still:
                 twin.kill()
                 twin.communicate()
-                why = f"did not end within {_PATIENCE:g} s" if late else f"has not worked for {_STILL:g} s"
+                why = f"did not end within {_PATIENCE:g} s" if late else f"made no progress for {_STILL:g} s"
                 warn(
-                    f"the twin (process {twin.pid}) {why} and was ended; `astb watch {directory}` repeats it"
+                    f"the twin (process {twin.pid}) {why} and was ended; repeat it with `astb watch {directory}`"
                 )
                 return
             if not told and wall.now() > _QUIET * NS:
@@ -178,4 +178,4 @@ def _conclude(
         if story is not None:
             news.report(story, final=True)
             return
-    warn(f"the twin did not work: {said.strip().splitlines()[-1] if said.strip() else 'it said nothing'}")
+    warn(f"the twin failed: {said.strip().splitlines()[-1] if said.strip() else 'without an error message'}")

@@ -77,7 +77,9 @@ def _combined(campaign: CampaignFile, home: Path) -> Iterator[PlanCase]:
     base = _base(campaign.rig, home)
     for name in campaign.values:
         if isinstance(campaign.values[name], dict) and name not in campaign.plans:
-            raise CampaignError(f"values.{name} is meant for a plan that is not among plans")
+            raise CampaignError(
+                f"values.{name} is for a plan that is not in plans; add the plan, or remove the values"
+            )
     for plan in campaign.plans:
         own = _values_for_plan(plan, campaign.values)
         for values, specimen, variant, change, seed in product(
@@ -109,7 +111,7 @@ def _base(rig: str, home: Path) -> Simulation:
         raise CampaignError(str(error)) from None
     if simulation is None:
         raise CampaignError(
-            f"rig = {rig!r} is a real one: a campaign needs a rig file with a [simulation] table"
+            f"rig = {rig!r} is a real rig; a campaign needs a rig file with a [simulation] table"
         )
     return simulation
 

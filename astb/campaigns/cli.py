@@ -138,7 +138,7 @@ def _asked_for(file: Path, limit: str) -> "tuple[dict[str, PlanCase], float]":
     try:
         seconds = read_written("--limit", limit, "s")
         if seconds <= 0.0:
-            misuse(f"--limit {limit} leaves no time for a case; 10min would be right")
+            misuse(f"--limit {limit}: the time limit of a case must be more than 0, such as 10min")
         return read_campaign(file), seconds
     except (CampaignError, NotAValue) as error:
         misuse(error)

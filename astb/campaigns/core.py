@@ -88,8 +88,8 @@ def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
             alone_since = alone_since or _CLOCK.now()
             if (_CLOCK.now() - alone_since) / NS > WITHOUT_WORKERS:
                 raise ClusterError(
-                    f"the scheduler at {_address(client)} has had no worker for {WITHOUT_WORKERS:g} s: start some with "
-                    f"`dask worker {_address(client)}`"
+                    f"the scheduler at {_address(client)} has had no worker for {WITHOUT_WORKERS:g} s; start workers "
+                    f"with `dask worker {_address(client)}`"
                 ) from None
     while not ended.empty():
         found.append(ended.get())
@@ -101,7 +101,7 @@ def _threads(client: "Client") -> int:
     try:
         return sum(client.nthreads().values())
     except (OSError, TimeoutError, ValueError, AttributeError) as error:
-        raise ClusterError(f"the scheduler at {_address(client)} is gone: {error}") from None
+        raise ClusterError(f"the scheduler at {_address(client)} does not answer: {error}") from None
 
 
 def _address(client: "Client") -> str:
@@ -117,7 +117,7 @@ def _result(one: _Submitted, limit: float | None) -> Finished:
         finished: Finished = one.future.result()
     except KilledWorker as error:
         deaths = error.allowed_failures + 1
-        words = f"its worker died {deaths} times over it"
+        words = f"its worker process ended {deaths} times during this case"
         if limit is not None and elapsed > deaths * (limit + GRACE):
             words += f", each time beyond its time limit of {limit:g} s"
         return Finished(one.key, None, words, elapsed)

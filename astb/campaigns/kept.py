@@ -119,9 +119,7 @@ def read_table(directory: Path) -> "pa.Table":
     except (OSError, pa.ArrowException) as error:
         raise KeptError(f"{directory} cannot be read as the rows of a campaign: {error}") from None
     if any("key" not in one.column_names for one in parts):
-        raise KeptError(
-            f"{directory} holds other tables than the rows of a campaign; choose another directory"
-        )
+        raise KeptError(f"{directory} holds tables that are not rows of a campaign; choose another directory")
     _, first = np.unique(whole["key"].to_numpy(), return_index=True)
     return whole if first.size == whole.num_rows else whole.take(np.sort(first))
 
@@ -142,11 +140,11 @@ def _locked(directory: Path) -> IO[str]:
         directory.mkdir(parents=True, exist_ok=True)
         lock = (directory / _LOCK).open("w", encoding="utf-8")
     except OSError as error:
-        raise KeptError(f"{directory} cannot keep rows: {error.strerror}") from None
+        raise KeptError(f"rows cannot be written to {directory}: {error.strerror}") from None
     if not hold(lock):
         lock.close()
         raise KeptError(
-            f"another campaign is at work in {directory}: wait for it, or choose another directory"
+            f"another campaign is running in {directory}; wait for its end, or choose another directory"
         )
     return lock
 
@@ -157,7 +155,7 @@ def _table(row: Mapping[str, Any]) -> "pa.Table":
     try:
         return pa.Table.from_pylist([_bare(dict(row))])
     except (pa.ArrowException, TypeError) as error:
-        raise ValueError(f"the row cannot be kept: {error}") from None
+        raise ValueError(f"the row cannot be stored in a table: {error}") from None
 
 
 def _unified(*schemas: "pa.Schema") -> "pa.Schema":
@@ -166,7 +164,7 @@ def _unified(*schemas: "pa.Schema") -> "pa.Schema":
     try:
         return pa.unify_schemas(schemas, promote_options="permissive")
     except pa.ArrowException as error:
-        raise ValueError(f"the row does not fit to those before: {error}") from None
+        raise ValueError(f"the row has other types than the rows before: {error}") from None
 
 
 def _bare(value: Any) -> Any:
@@ -190,7 +188,7 @@ def _write(table: "pa.Table", path: Path) -> None:
             os.fsync(folder)
     except OSError as error:
         raise KeptFailed(
-            f"no more rows can be written to {path.parent}: {why(error)}; repair that and run the same command again"
+            f"no more rows can be written to {path.parent}: {why(error)}; correct this, and run the same command again"
         ) from None
 
 

@@ -276,14 +276,14 @@ def copy_command(
     with the changed springs. Limits that no plan measures are left out and printed.
     """
     if kind == "effects":
-        misuse("effects are no files, so they cannot be copied; use them with --effect NAME=VALUE")
+        misuse("effects are not files and cannot be copied; use them with --effect NAME=VALUE")
     if target.exists():
         misuse(f"{target} exists already; choose another name or remove it")
     folder, right = kind in _FOLDERS, target.with_suffix("" if kind in _FOLDERS else ".toml")
     if folder is (target.suffix == ".toml"):
         misuse(f"{kind} are {'folders' if folder else 'TOML files'}: use {right} instead of {target}")
     if (preloads or drawing or plans) and (kind != "specimens" or not (preloads or drawing)):
-        misuse("--preload and --set change a specimen, and --plan needs one of them")
+        misuse("--preload and --set are only for a specimen, and --plan needs --preload or --set")
     try:
         if preloads or drawing:
             from astb.specimen_new import new_specimen

@@ -36,7 +36,7 @@ def note_command(directory: Path, text: str, by: str, files: tuple[Path, ...], a
     that shows the notes after the signatures.
     """
     if not any((directory / name).exists() for name in SIGNS):
-        misuse(f"{directory} is no folder of a run: it has none of the files {', '.join(SIGNS)}")
+        misuse(f"{directory} is not the folder of a run: it has none of the files {', '.join(SIGNS)}")
     try:
         for number, file in enumerate(files or ([None] if text else [])):
             add_note(directory, text if number == 0 else "", by, file)

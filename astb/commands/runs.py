@@ -219,7 +219,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     console.print(facts if found.facts else "The records show no difference in rig, specimen or parameters.")
     for run, verdict in zip("AB", found.verdicts, strict=True):
         if verdict in set(Unfinished):
-            console.print(f"{run} is {verdict}: it has no result, so only its recorded part is compared")
+            console.print(f"{run} is {verdict} and has no result; only its recorded part is compared")
     console.print(_results(found.checks) if found.checks else "Neither run has a check.")
     for pair in found.curves:
         if pair.apart is not None:
@@ -292,7 +292,7 @@ def trend_command(
     are compared. If there are several kinds of results, the command prints the options that select each kind.
     """
     if table and table.suffix.lower() != ".xlsx":
-        misuse(f"--table {table}: the name of a workbook ends in .xlsx, such as {table.with_suffix('.xlsx')}")
+        misuse(f"--table {table}: the name must end in .xlsx, such as {table.with_suffix('.xlsx')}")
     index = _index(folder)
     wanted = pairs(settings, "has no value; write NAME=VALUE, such as load=AW3", option="--set ")
     chosen = {"serial_number": specimen, "plan": plan, "rig": rig, "circumstances": circumstances}
@@ -372,9 +372,9 @@ def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:
     broken = {name: found for name in ended if (found := broken_files(folder / name))}
     for name, found in broken.items():
         click.echo(f"{name}: {', '.join(found)}")
-    told = f"{len(ended) - len(broken)} of {len(ended)} runs are as they were written"
+    told = f"{len(ended) - len(broken)} of {len(ended)} runs are unchanged"
     if others := len(runs) - len(ended):
-        told += f"; {others} did not come to their end and have no checksums"
+        told += f"; {others} did not end and have no checksums"
     click.echo(told)
     raise click.exceptions.Exit(FAIL if broken else PASS)
 

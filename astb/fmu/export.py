@@ -100,13 +100,13 @@ def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled
 
 def _compiler() -> str:
     if not LINUX:
-        raise ExportError(f"FMUs are made on Linux only so far; this is {platform.system()}")
+        raise ExportError(f"FMUs can be made only on Linux; this is {platform.system()}")
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name):
             return found
     raise ExportError(
-        "no C compiler is here (cc, gcc or clang), and what FMI calls is written in C: install one, such as with "
-        "`apt-get install gcc libc6-dev`; where the FMU runs none is needed"
+        "no C compiler (cc, gcc or clang) was found, which is necessary to make an FMU, but not to run it; install "
+        "one, such as with `apt-get install gcc libc6-dev`"
     )
 
 

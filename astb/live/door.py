@@ -99,10 +99,10 @@ class Door:
                 return {"done": do, "bench": live is not None}
             case "answer":
                 if self._box is None:
-                    raise ValueError("this run gets its answers from another source")
+                    raise ValueError("this run takes its answers from another source")
                 self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
-                raise ValueError(f"{do!r} is not an order; use look, hold, resume, stop, safe or answer")
+                raise ValueError(f"{do!r} is not a known order; use look, hold, resume, stop, safe or answer")
         return {"done": do}
 
     def _interrupt(self) -> None:

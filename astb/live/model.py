@@ -112,7 +112,7 @@ class Live:
         where = f" after {' › '.join(self._step)}" if self.can_hold else ""
         if self.can_hold and (self._suspension is None or self._suspension.left):
             return ""
-        return f"this run cannot be held: {self._plan} has no hold point{where}; wait for its end, or end it"
+        return f"this run cannot be held: {self._plan} has no hold point{where}; wait for its end, or stop the run"
 
     # -- snapshots for other threads -------------------------------------------------------------------------------
 

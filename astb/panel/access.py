@@ -66,11 +66,13 @@ class Doorkeeper:
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
         name = name.strip("[]").lower()
         if name not in self._names and not _is_address(name):
-            return f"this panel does not have the name {name}; start it with `astb panel --name {name}`"
+            return (
+                f"the panel is not known by the name {name}; start the panel with `astb panel --name {name}`"
+            )
         changes = scope["type"] == "websocket" or scope["method"] not in {"GET", "HEAD"}
         origin = headers.get("origin")
         if changes and origin is not None and origin.partition("://")[2] != host:
-            return "this request comes from another page"
+            return "this request comes from a page of another server and is rejected"
         return ""
 
 
@@ -124,9 +126,7 @@ class Patience:
         due = {name: max(self._due.get(name, now), now) + round(period * NS) for name, (period, _) in names}
         wait = max((due[name] - now) / NS - period * free for name, (period, free) in names)
         if wait > _LONGEST:
-            raise NotAllowed(
-                f"too many tries with a wrong token; in {_LONGEST:g} s one more try is possible", 429
-            )
+            raise NotAllowed(f"too many attempts with a wrong token; try again in {_LONGEST:g} s", 429)
         self._due |= due
         return max(wait, 0.0)
 
@@ -141,7 +141,7 @@ class Access:
 
     def __init__(self, token: str, port: int, clock: Clock) -> None:
         if not token:
-            raise ValueError("the panel has no token: everybody would command")
+            raise ValueError("the panel has no token, so anyone could command the rig; give a token")
         self.token, self.cookie = token, f"astb-panel-{port}"
         self._clock = clock
         self._patience = Patience(clock)
@@ -155,7 +155,7 @@ class Access:
     def enter(self, token: str) -> dict[str, object]:
         """Return the arguments of the cookie for who shows the right token. NotAllowed for a wrong one."""
         if not compare_digest(token.encode(), self.token.encode()):
-            raise NotAllowed("this is not the token of this panel; the terminal shows the address with it")
+            raise NotAllowed("wrong token; the terminal of the panel shows the address with the right token")
         return {
             "key": self.cookie,
             "value": self.token,
@@ -201,11 +201,11 @@ class Access:
     def require_token(self, connection: HTTPConnection) -> None:
         """NotAllowed for who has not shown the token."""
         if not self.may_command(connection):
-            raise NotAllowed("this page only watches: the terminal shows the address that may command")
+            raise NotAllowed("this page can only watch; to command, open the address that the terminal shows")
 
     def require_seat(self, connection: HTTPConnection) -> None:
         """NotAllowed for who has not shown the token, or is not the page that commands."""
         self.require_token(connection)
         page = connection.headers.get("x-astb-page", "")
         if not self.take_seat(page):
-            raise NotAllowed("another page commands; take over first", 409)
+            raise NotAllowed("another page commands the rig; take over first", 409)

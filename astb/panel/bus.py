@@ -131,7 +131,7 @@ class Bus:
 
         rig = self._watch.rig
         if rig.wiring:
-            return f"{rig.name} has its own wiring, so its buses are not known here"
+            return f"{rig.name} has its own wiring; the bus view is only for rigs with the ASTB protocol"
         if self._port is None:
             try:
                 self._port = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)

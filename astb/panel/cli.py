@@ -73,11 +73,11 @@ def panel_command(
     end_in_order()
     rig, path = read_rig(rig_named)
     if rig.time == "virtual":
-        misuse(f"rig file {path} has virtual time, which cannot be watched; choose a rig in real time")
+        misuse(f"rig file {path} has virtual time, and cannot be watched; choose a rig in real time")
     try:
         sockets = [_listening(host, port)]
     except OSError as error:
-        blocked(f"{host}:{port} cannot be served: {error.strerror}; --port names another")
+        blocked(f"{host}:{port} cannot be served: {error.strerror}; choose another port with --port")
     port = sockets[0].getsockname()[1]
     with ExitStack() as stack:
         stack.callback(sockets[0].close)
@@ -105,7 +105,7 @@ def panel_command(
             lambda: _print_addresses(host, port, access.token, names),
         )
         if runs.going:
-            click.echo("the run goes on; `astb panel` finds it again")
+            click.echo("the run continues; to watch it, start `astb panel` again")
 
 
 def _serve_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> None:
@@ -117,7 +117,7 @@ def _serve_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> N
     try:
         server = OpcUaServer(watch, host, port)
     except BenchError as error:
-        blocked(f"{error}; --opcua names another port")
+        blocked(f"{error}; choose another port with --opcua")
     stack.callback(server.close)
     click.echo(f"OPC UA:      {server.url}")
 

@@ -48,15 +48,15 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 async def json_body(request: Request) -> dict[str, Any]:
     """Return what a request says. NotAllowed if it is too much, or no JSON object."""
-    body = await read_body(request, _BODY_MAX, "too much to read")
+    body = await read_body(request, _BODY_MAX, "the request is too long")
     try:
         told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except (msgspec.MsgspecError, UnicodeError) as error:
-        raise NotAllowed(f"not understood: {error}", 400) from None
+        raise NotAllowed(f"the request is not valid JSON: {error}", 400) from None
     except RecursionError:
-        raise NotAllowed("nested too deep", 400) from None
+        raise NotAllowed("the request is nested too deep", 400) from None
     if _depth(told) > _DEPTH_MAX:
-        raise NotAllowed("nested too deep", 400)
+        raise NotAllowed("the request is nested too deep", 400)
     return told
 
 
@@ -89,11 +89,11 @@ def text_of(body: Mapping[str, Any], key: str) -> str:
     """Return a text of a request, "" if it is missing. NotAllowed if it is no text, or is not valid UTF-8."""
     value = body.get(key, "")
     if not isinstance(value, str):
-        raise NotAllowed(f"{key} is no text", 400)
+        raise NotAllowed(f"{key} must be a text", 400)
     try:
         value.encode()
     except UnicodeEncodeError:
-        raise NotAllowed(f"{key} is no text", 400) from None
+        raise NotAllowed(f"{key} is not a valid UTF-8 text", 400) from None
     return value
 
 
@@ -101,14 +101,14 @@ def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
     """Return the parameters of a plan in a request, as text. NotAllowed for anything but a table of values."""
     settings = body.get("set", {})
     if not isinstance(settings, dict):
-        raise NotAllowed("set is no table of parameters", 400)
+        raise NotAllowed("set must be a table of parameters", 400)
     return {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()}
 
 
 def _written(name: str, value: object) -> str:
     """Return a parameter as people write it."""
     if isinstance(value, dict | list):
-        raise NotAllowed(f"{name} is no text and no number", 400)
+        raise NotAllowed(f"{name} must be a text or a number", 400)
     return text_of({name: str(value)}, name)
 
 

@@ -154,10 +154,10 @@ class Kept:
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
         if not 0 < len(places) <= TRENDS:
-            raise RecordError(f"{len(places)} trends are requested; a page shows 1 to {TRENDS}")
+            raise RecordError(f"{len(places)} trends are requested, but a page shows 1 to {TRENDS}")
         for place in places:
             if not 0 <= place < len(checks):
-                raise RecordError(f"{run} has no check {place}; it has {len(checks)}")
+                raise RecordError(f"{run} has no check number {place}; the number of checks is {len(checks)}")
         like = {name: getattr(known, name) for name in ("plan", "rig", "circumstances", "serial_number")}
         trends = [
             trend_of(
@@ -199,7 +199,7 @@ class Kept:
         try:
             return (self._folder / of / REPORT).read_text(encoding="utf-8")
         except OSError as error:
-            raise RecordError(f"{of} has no readable {REPORT}: {error.strerror}") from None
+            raise RecordError(f"{REPORT} of {of} cannot be read: {error.strerror}") from None
 
     def move(self, run: str, to: str) -> tuple[Path, Path]:
         """Give the folder of a run another name, or move it to the archive or back; return where it was and is now.
@@ -219,14 +219,14 @@ class Kept:
             new = self._folder / Path(run).relative_to(ARCHIVE) if Path(run).parts[0] == ARCHIVE else old
         elif not _NAME.fullmatch(to) or to in (ARCHIVE, FOLDER):
             raise CannotDo(
-                f"{to!r} is no name for a run; letters, digits, blanks and - _ . do, sixty at most"
+                f"{to!r} is not a valid name for a run; use up to sixty letters, digits, spaces and - _ ."
             )
         else:
             new = old.with_name(to)
         if new == old:
             return old, new
         if new.exists():
-            raise CannotDo(f"{new.relative_to(self._folder)} is there already: another name would do")
+            raise CannotDo(f"{new.relative_to(self._folder)} exists already; choose another name")
         try:
             new.parent.mkdir(parents=True, exist_ok=True)
             old.rename(new)

@@ -76,7 +76,9 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
             directory = await to_thread.run_sync(known, told["run"])
             async with places:
                 most = FILE_MAX if told["file"] else 0
-                too_much = f"a file has {most // 1_000_000} MB at most" if most else "this file has no name"
+                too_much = (
+                    f"a file can have {most // 1_000_000} MB at most" if most else "this file has no name"
+                )
                 content = await read_body(request, most, too_much)
                 file = Path(told["file"]) if told["file"] else None
                 await to_thread.run_sync(add_note, directory, told["text"], told["by"], file, content)
@@ -95,14 +97,16 @@ def _refuse(told: dict[str, str]) -> None:
         try:
             text.encode()
         except UnicodeEncodeError:
-            raise NotAllowed(f"{key} is no text", 400) from None
+            raise NotAllowed(f"{key} is not a valid UTF-8 text", 400) from None
     if not told["by"].strip():
         raise NotAllowed("the author of the note is missing; fill in the field for the author", 400)
     if len(told["text"]) > _TEXT_MAX:
-        raise NotAllowed(f"a note of {len(told['text'])} signs is too long; {_TEXT_MAX} fit", 413)
+        raise NotAllowed(
+            f"a note of {len(told['text'])} characters is too long; at most {_TEXT_MAX} are possible", 413
+        )
     if told["file"] and not _NAME.fullmatch(told["file"]):
         raise NotAllowed(
-            f"{told['file']!r} is no name for a file; letters, digits, blanks and . , ( ) + - _ do", 400
+            f"{told['file']!r} is not a valid file name; use letters, digits, spaces and . , ( ) + - _", 400
         )
 
 
@@ -119,7 +123,7 @@ def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:
         except RecordError as error:
             return PlainTextResponse(f"{error}\n", 404)
         except (OSError, ValueError):
-            return PlainTextResponse(f"{name} is gone\n", 404)
+            return PlainTextResponse(f"{name} is missing\n", 404)
         kind = PICTURES.get(Path(name).suffix.lower(), "application/octet-stream")
         heads = {
             "X-Content-Type-Options": "nosniff",

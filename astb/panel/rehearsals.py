@@ -32,7 +32,7 @@ _TAIL: Final = 4000  # characters
 #: What a run can go on with from an instant: options of `astb rehearse`.
 CHANGES: Final = ("fault", "effect", "change")
 #: End of the line before the list of deviations.
-_BESIDE: Final = "to the bit, and then:"
+_BESIDE: Final = "; after that:"
 #: Of the processor a rig in real time goes first.
 _NICE: Final = ("nice", "-n", "15")
 
@@ -78,7 +78,7 @@ class Rehearsals:
             raise CannotDo(str(error)) from None
         at = body.get("at")
         if not isinstance(at, int | float) or isinstance(at, bool):
-            raise NotAllowed("at is no time in s", 400)
+            raise NotAllowed("at must be a time in s", 400)
         changes = [f"--{kind}={text}" for kind in CHANGES if (text := text_of(body, kind).strip())]
         self._launch(plan, [f"--from={directory}@{at:.3f}s", *changes])
 
@@ -86,10 +86,10 @@ class Rehearsals:
         with self._lock:
             if self._parts.runs.going:
                 raise CannotDo(
-                    "a run is in progress and its rig needs this machine: rehearse before it, or after it"
+                    "a run is in progress, and its rig needs this processor; rehearse before or after the run"
                 )
             if self._process is not None and self._process.poll() is None:
-                raise CannotDo(f"{self._plan} is being rehearsed: wait for its end")
+                raise CannotDo(f"{self._plan} is being rehearsed; wait until the rehearsal has ended")
             command = [
                 *(_NICE if which("nice") else ()),
                 sys.executable,

@@ -92,11 +92,13 @@ class Runs:
         """
         stops = self._stops
         if self._watch.lacks_stop:
-            raise CannotDo(f"no run starts without a stop: {self._watch.lacks_stop}; add one to its wiring")
+            raise CannotDo(
+                f"no run can start on a rig that cannot be stopped: {self._watch.lacks_stop}; add one to the wiring"
+            )
         refuse_settings(plan, settings)
         with self._starts:  # a double click starts one run
             if self.going:
-                raise CannotDo("a run is in progress already: stop it, or wait for its end")
+                raise CannotDo("a run is in progress already; stop it, or wait for its end")
             if link := self._watch.present().link:
                 raise CannotDo(f"no data from the rig: {link}")
             told = {"specimen": specimen, "operator": operator, "ambient": ambient}
@@ -104,7 +106,7 @@ class Runs:
             if self._stops != stops:  # anyone who stops meanwhile may not have seen it yet
                 assert self._process is not None
                 self._process.kill()
-                raise CannotDo("STOP came while the run was started: it was ended at once")
+                raise CannotDo("STOP was pressed while the run was starting; the run was ended at once")
 
     def _launch(
         self, plan: str, settings: Mapping[str, str], told: Mapping[str, str], more: Sequence[str]
@@ -169,13 +171,13 @@ class Runs:
             told = {"error": "the run does not answer"}
         if "error" not in told:
             how = (
-                "the run took the bench to its safe position and ends"
+                "the run brings the bench to its safe position and ends"
                 if told.get("bench")
-                else "the run had no plan on the bench, and ends"
+                else "the run had not moved the bench, and ends"
             )
         elif pid is not None or self._starting:
             self._kill(pid)
-            how = f"{told['error']}: its process was killed, and the rig holds without its commander"
+            how = f"{told['error']}: the process of the run was killed, and the rig holds without a commander"
         else:
             how = self._directly()
         self.stopped = Stopped(by, how, at)
@@ -206,7 +208,7 @@ class Runs:
         except BenchError as error:
             rig = self._watch.present()
             if not rig.link and rig.at_rest:
-                return f"the rig has taken its safe position before: it says {rig.state}"
+                return f"the rig is in its safe position already: its state is {rig.state}"
             raise CannotDo(
                 f"THE RIG DID NOT TAKE ITS SAFE POSITION, press the emergency stop on the rig: {error}"
             ) from None
@@ -222,7 +224,7 @@ class Runs:
 
     def _by_hand(self, do: Callable[[], None]) -> None:
         if self.going:
-            raise CannotDo("a run commands the rig: stop it first")
+            raise CannotDo("a run commands the rig; stop the run first")
         try:
             do()
         except BenchError as error:

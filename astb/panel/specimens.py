@@ -61,7 +61,7 @@ class Specimens:
     def place(self, name: str) -> str:
         """Return what `astb run --specimen` takes for it, "" for "". CannotDo for a name that is not listed."""
         if name and name not in self.names():
-            raise CannotDo(f"there is no specimen {name!r}; there is {', '.join(self.names())}")
+            raise CannotDo(f"there is no specimen {name!r}; the specimens are {', '.join(self.names())}")
         return str((self._folder / name).resolve()) if name.endswith(".toml") else name
 
     def read(self, name: str) -> Specimen:
@@ -87,7 +87,9 @@ class Specimens:
     def add(self, name: str, text: str, *, instead: bool = False) -> str:
         """Keep a file that a user brings; return its name. CannotDo, and nothing is kept, if it is no specimen."""
         if not _NAME.fullmatch(name):
-            raise CannotDo(f"{name!r} is no name for a specimen's file; mine.toml would be one")
+            raise CannotDo(
+                f"{name!r} is not a valid name for the file of a specimen; use a name such as mine.toml"
+            )
         with TemporaryDirectory() as directory:
             path = Path(directory) / name
             path.write_text(text, encoding="utf-8", newline="\n")
@@ -97,7 +99,9 @@ class Specimens:
                 raise CannotDo(str(error).replace(str(path), name)) from None
         place = self._folder / name
         if place.exists() and place.read_text(encoding="utf-8") != text and not instead:
-            raise CannotDo(f"{name} exists already with other contents: choose another name, or replace it")
+            raise CannotDo(
+                f"{name} exists already with other contents; choose another name, or replace the file"
+            )
         try:
             with kept(place):
                 self._folder.mkdir(parents=True, exist_ok=True)

@@ -34,7 +34,7 @@ _NAME_MAX: Final = 64  # characters of what a page calls itself
 
 def _short(error: Exception) -> str:
     """Return what was not understood in the 123 bytes that a close frame holds."""
-    return f"not understood: {error}".encode("ascii", "replace")[:100].decode()
+    return f"the message is not valid JSON: {error}".encode("ascii", "replace")[:100].decode()
 
 
 class Wanted(msgspec.Struct, frozen=True):
@@ -99,7 +99,7 @@ class Stream:
                 if message["type"] != "websocket.receive":
                     return
                 if (text := message.get("text")) is None:
-                    return await socket.close(1003, "not understood: no text")
+                    return await socket.close(1003, "the message is not a text")
                 try:
                     wanted = msgspec.json.decode(text, type=_Request).traces
                     traces[:] = [Trace(one, self._watch) for one in wanted]

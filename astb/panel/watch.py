@@ -161,7 +161,7 @@ class Watch:
         blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
         if self.status.link or blind < BLIND:
             return self.status
-        return msgspec.structs.replace(self.status, link=f"the panel has not read it for {blind:.1f} s")
+        return msgspec.structs.replace(self.status, link=f"the panel has not read the rig for {blind:.1f} s")
 
     def act(self, name: str) -> None:
         """Trigger an action of the rig while no one commands it; BenchError if it refuses."""
@@ -279,7 +279,7 @@ class Watch:
         state, run = _choice(readings, "rig.state"), self._run()
         late, latest, lease = glimpse("rig.late_ticks"), glimpse("rig.lateness_max"), glimpse("rig.lease")
         told = readings.sample("rig.state")
-        silent = f"the rig has been silent for {told.age:.1f} s" if told.quality is not Quality.GOOD else ""
+        silent = f"no message from the rig for {told.age:.1f} s" if told.quality is not Quality.GOOD else ""
         return Status(
             link=silent,
             state=state,
@@ -323,7 +323,7 @@ def _lacks_stop(rig: RigFile, path: Path) -> str:
         return str(error)
     if TO_SAFE not in wiring.absent or wiring.sequences.rest:
         return ""
-    return f"the wiring of {rig.name} has no {TO_SAFE} and no orders to rest"
+    return f"the wiring of {rig.name} has no {TO_SAFE} and no sequence to rest"
 
 
 def valves(listening: Listening) -> dict[str, str]:

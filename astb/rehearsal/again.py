@@ -63,7 +63,7 @@ class Past(NamedTuple):
         """Read ``RUN@TIME``. ValueError or RecordError, which states what would be right."""
         directory, mark, time = text.rpartition("@")
         if not mark:
-            raise ValueError(f"--from {text}: RUN@TIME would be right, such as runs/aw0@70s")
+            raise ValueError(f"--from {text}: write RUN@TIME, such as runs/aw0@70s")
         record = read(Path(directory))
         return cls(record, plan_of(record), read_value("time", time, "s"), changes)
 
@@ -92,7 +92,8 @@ class Past(NamedTuple):
         """Return the simulation of the run: with its own effects, and with the faults from that time on."""
         if not 0.0 < self.at < self.record.duration:
             raise RecordError(
-                f"{self.record.path} lasts {self.record.duration:.1f} s: {self.at:g} s is not within it"
+                f"{self.at:g} s is not within {self.record.path}; choose a time between 0 and "
+                f"{self.record.duration:.1f} s"
             )
         begin = f"{self.begins:.3f} s"
         entries = [FaultEntry(name, values={**values}, at=begin) for name, values in self.changes.faults]
@@ -106,7 +107,7 @@ class Past(NamedTuple):
         ]
         told = [*otherwise.told, *broken]
         return (
-            [f"{self.record.path.parent} goes on from {self.at:g} s with {'; '.join(told)}"] if told else []
+            [f"{self.record.path.parent} continues from {self.at:g} s with {'; '.join(told)}"] if told else []
         )
 
     def report(self, directory: Path) -> list[str]:
@@ -116,10 +117,10 @@ class Past(NamedTuple):
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)
-        lines = [f"{one.signal} deviates from {one.since:.2f} s, at most {one.words}" for one in found]
+        lines = [f"{one.signal} deviates from {one.since:.2f} s on, at most {one.words}" for one in found]
         lines += changed_checks(read_result(kept).checks, read_result(directory).checks)
-        begin = f"  up to {self.at:g} s it is {kept} to the bit, and then:"
-        return [begin, *(f"    {line}" for line in lines or ["it goes on as it did"])]
+        begin = f"  up to {self.at:g} s the run is identical with {kept}; after that:"
+        return [begin, *(f"    {line}" for line in lines or ["no deviation from the original run"])]
 
 
 def plan_of(record: Record) -> "Plan":
@@ -130,12 +131,12 @@ def plan_of(record: Record) -> "Plan":
         raise RecordError(f"{record.path}: the effects of its rig are sealed, so the run cannot be repeated")
     if not meta.get("simulated") or meta.get("time") != "virtual":
         raise RecordError(
-            f"{record.path} is not of a simulated rig in virtual time, and what its rubber, gas and controls had gone "
-            "through by then is in no record; a run of `astb run --virtual` would be right"
+            f"{record.path} is not of a simulated rig in virtual time and cannot be repeated, because a record does "
+            "not contain the history of rubber, gas and controls; use a run of `astb run --virtual`"
         )
     known = plans()
     if name not in known:
-        raise RecordError(f"{record.path}: {unknown(name, 'the folder with it would be right')}")
+        raise RecordError(f"{record.path}: {unknown(name, 'give the folder with this plan')}")
     return known[name].given(meta.get("set", {}))
 
 
@@ -182,8 +183,8 @@ def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.floa
     differ = np.flatnonzero((values[:count] != anew[:count]) | (times[:count] != again[:count]))
     when = f"{times[differ[0]]:.3f} s" if len(differ) else f"{times[-1] if len(times) else 0.0:.3f} s"
     return (
-        f"{record.path} was not made by this rig and this software: made again, {name} is another one from {when} on; "
-        "the --rig, --model and --effect of that run would be right, and its commit "
+        f"{record.path} cannot be reproduced with this rig and this software: {name} deviates from {when} on; give "
+        "--rig, --model and --effect of that run, and use its commit "
         f"({record.meta.get('commit', 'unknown')})"
     )
 
@@ -192,10 +193,10 @@ def changed_checks(before: "Sequence[Check]", now: "Sequence[Check]") -> list[st
     """Return the checks with changed results, as text."""
     was = {one.name: str(one) for one in before}
     told = [
-        f"{one}  (it was: {was[one.name]})" if one.name in was else f"{one}  (there was none)"
+        f"{one}  (before: {was[one.name]})" if one.name in was else f"{one}  (before: no such check)"
         for one in now
         if was.get(one.name) != str(one)
     ]
     return told + [
-        f"{name}: not judged  (it was: {was[name]})" for name in was if name not in {one.name for one in now}
+        f"{name}: not judged  (before: {was[name]})" for name in was if name not in {one.name for one in now}
     ]

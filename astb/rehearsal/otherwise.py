@@ -14,7 +14,7 @@ from bench_sim.rig.turn import VOLUMES, differing, turn
 if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
 
-_KEPT: Final = "the mass and the energy of the gas are kept, so its pressure is another one at once"
+_KEPT: Final = "the mass and the energy of the gas remain, so its pressure changes at once"
 
 
 class Otherwise(NamedTuple):

@@ -143,7 +143,7 @@ def sentence(found: Rehearsal) -> str:
         return found.reason
     row = found.limits[0]
     return (
-        f"no limit trips; closest to one is {_named(row)}: {row.closest} of {row.limit}, "
+        f"no limit trips; closest to its limit is {_named(row)}: {row.closest} of {row.limit}, "
         f"in {row.step or 'no step'} at {row.time:.2f} s"
     )
 

@@ -218,7 +218,7 @@ def _notes(rig: RigFile, model: str, limits: list[KnownLimit], absent: dict[str,
             f"{assumed} of {len(limits)} limits are assumed; state them under [[limits]] in the rig file"
         )
     if absent:
-        notes.append(f"as the rig does, the simulated one lacks {', '.join(absent)}")
+        notes.append(f"like the real rig, the simulated rig has no {', '.join(absent)}")
     return notes
 
 

@@ -84,4 +84,6 @@ class Sheet:
             raise RecordError(
                 f"{told}: there is no such column; the file has the columns 1 to {len(self.columns)}"
             )
-        raise RecordError(f"{told}: there is no such column; the file has {', '.join(self.names) or 'none'}")
+        raise RecordError(
+            f"{told}: there is no such column; the columns are {', '.join(self.names) or 'none'}"
+        )

@@ -62,19 +62,19 @@ def _check_declarations(simulator: Simulator) -> None:
         where = f"{simulator.name}: the effect {name}"
         if effect.name != name:
             raise DiagnosisError(
-                f"{where} calls itself {effect.name!r}; the key in the catalogue is its name"
+                f"{where} has the name {effect.name!r}; the name must be equal to the key in the catalogue"
             )
         if effect.amplitude.nominal != 0.0 or not effect.amplitude.low <= 0.0 <= effect.amplitude.high:
             raise DiagnosisError(
                 f"{where}: its amplitude {effect.amplitude.name} has the nominal value {effect.amplitude.nominal:g} "
-                f"and the range {effect.amplitude.low:g} to {effect.amplitude.high:g}; right would be a nominal value "
-                "of 0, where the effect is absent, inside of the range"
+                f"and the range {effect.amplitude.low:g} to {effect.amplitude.high:g}; the nominal value must be 0, at "
+                "which the effect is absent, and the range must include 0"
             )
         for point in effect.grid:
             if len(point) != len(effect.shapes):
                 raise DiagnosisError(
-                    f"{where}: the point {point} of its grid has {len(point)} values; right would be one for each of "
-                    f"its shapes ({', '.join(shape.name for shape in effect.shapes) or 'none'})"
+                    f"{where}: the point {point} of its grid has {len(point)} values; give one for each of its shapes "
+                    f"({', '.join(shape.name for shape in effect.shapes) or 'none'})"
                 )
     for what, names in (
         ("channels", [one.name for one in simulator.channels]),
@@ -83,14 +83,16 @@ def _check_declarations(simulator: Simulator) -> None:
     ):
         for name in names:
             if names.count(name) > 1:
-                raise DiagnosisError(f"{simulator.name}: two of its {what} are called {name!r}")
+                raise DiagnosisError(
+                    f"{simulator.name}: two of its {what} have the name {name!r}; rename one of them"
+                )
     for parameter in _parameters(simulator):
         if not parameter.low <= parameter.nominal <= parameter.high or (
             parameter.logarithmic and not parameter.nominal > 0.0
         ):
             raise DiagnosisError(
                 f"{simulator.name}: {parameter.name} has the nominal value {parameter.nominal:g} {parameter.unit} and "
-                f"the range {parameter.low:g} to {parameter.high:g}; right would be one inside"
+                f"the range {parameter.low:g} to {parameter.high:g}; the nominal value must be inside the range"
                 + (", above 0 as it is fitted as a logarithm" if parameter.logarithmic else "")
             )
         if not 0.0 < _size(parameter) < np.inf:
@@ -137,9 +139,9 @@ class _Trial:
         again = simulate(self.simulator, Job(self.experiment, self.nominal, {}))
         if again.tobytes() != self.base.tobytes():
             raise DiagnosisError(
-                f"{self.simulator.name} gave other outputs when it was run again with the same arguments, "
+                f"{self.simulator.name} returned other outputs when it was run again with the same arguments, "
                 f"{described(self.simulator, self.nominal, {})}: by up to {np.nanmax(np.abs(again - self.base)):.3g}; "
-                "it must keep nothing from one run to the next and use no random numbers"
+                "a simulator must not keep data from one run to the next, and must not use random numbers"
             )
 
     def check_effect(self, effect: Hypothesis) -> None:
@@ -168,8 +170,8 @@ class _Trial:
         absent = change(0.0)
         if absent.any():
             raise DiagnosisError(
-                f"{case(0.0)} changes the outputs by up to {np.abs(absent).max():.3g}; where its amplitude is 0 it "
-                "must be absent, bit for bit"
+                f"{case(0.0)} changes the outputs by up to {np.abs(absent).max():.3g}; with the amplitude 0, the "
+                "outputs must be identical to those without the effect"
             )
         ordinary = _ordinary(amplitude)
         step = np.copysign(min(amplitude.difference, abs(ordinary)), ordinary)
@@ -180,21 +182,21 @@ class _Trial:
             if np.any(bent > CURVED * np.maximum(size, bent) + 3.0 * rounding):
                 raise DiagnosisError(
                     f"{case(0.5 * step, step)} is not proportional to its amplitude: twice the first change is off by "
-                    f"{_share(bent, size)} of the second; right would be an effect with a derivative at 0, such as a "
-                    "friction a·tanh(v/v_0) or a lag that is linear in its time constant"
+                    f"{_share(bent, size)} of the second; use an effect with a derivative at 0, such as a friction "
+                    "a·tanh(v/v_0) or a lag that is linear in its time constant"
                 )
             if amplitude.low <= -step <= amplitude.high:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
                 if np.any(kink > CURVED * np.maximum(size, kink) + 2.0 * rounding):
                     raise DiagnosisError(
                         f"{case(-step, step)} has a kink at 0: both changes together should be 0 and are "
-                        f"{_share(kink, size)} of one of them; where only one sign is physical give the amplitude "
-                        "low=0.0, else make it smooth"
+                        f"{_share(kink, size)} of one of them; if only one sign is physical, give the amplitude "
+                        "low=0.0, else make the effect smooth"
                     )
         elif np.any(np.linalg.norm(change(ordinary), axis=0) > rounding):
             raise DiagnosisError(
-                f"{case(step)} changes nothing, but at {amplitude.name} = {ordinary:.6g} {amplitude.unit} it does: it "
-                "has no derivative at 0, so no search can find it; right would be, for a lag, the exact response to a "
+                f"{case(step)} changes nothing, but at {amplitude.name} = {ordinary:.6g} {amplitude.unit} it does: the "
+                "effect has no derivative at 0, so no search can find it; for a lag, use the exact response to a "
                 "straight line between two samples"
             )
 
@@ -211,8 +213,8 @@ class _Trial:
             raise DiagnosisError(
                 f"{self.simulator.name}: {self.simulator.channels[column].name} is {outputs[row, column]} at "
                 f"{self.experiment.time[row]:.6g} s of the run {self.experiment.name}, at "
-                f"{described(self.simulator, parameters, effects)}; it must be finite wherever its parameters may be: "
-                "narrow their range, or correct the equation"
+                f"{described(self.simulator, parameters, effects)}; outputs must be finite in the whole range of the "
+                "parameters: narrow this range, or correct the equation"
             )
 
 

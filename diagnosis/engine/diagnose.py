@@ -109,7 +109,7 @@ def diagnose(
     if len({run.role for run in data.runs}) == 1:
         data = split(data, config.seed)
     if not data.of("fit"):
-        raise DiagnosisError("no run has the role 'fit': the parameters must be fitted to at least one")
+        raise DiagnosisError("no run has the role 'fit'; give this role to at least one run")
     hypotheses = _chosen(model.catalogue, config)
     sharper = model.sharpened(data.of("fit"), data.channels)
     hypotheses |= {name: one for name, one in sharper.items() if name in hypotheses}
@@ -130,7 +130,9 @@ def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hy
         return dict(catalogue)
     for name in config.effects:
         if name not in catalogue:
-            raise DiagnosisError(f"the catalogue holds no effect {name!r}; it has {', '.join(catalogue)}")
+            raise DiagnosisError(
+                f"there is no effect {name!r} in the catalogue; its effects are {', '.join(catalogue)}"
+            )
     return {name: catalogue[name] for name in config.effects}
 
 

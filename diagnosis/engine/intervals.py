@@ -78,7 +78,7 @@ def _input(experiment: Experiment, name: str) -> Array:
         return experiment.time
     if name not in experiment.inputs:
         raise DiagnosisError(
-            f"a parameter is a length along {name!r}, which is no input of {experiment.name}; it has time, "
+            f"a parameter is a length along {name!r}, which is not an input of {experiment.name}; the inputs are time, "
             f"{', '.join(experiment.inputs)}"
         )
     return experiment.inputs[name]

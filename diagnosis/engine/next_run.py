@@ -45,7 +45,7 @@ def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[Next
 def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     if not experiment.minutes > 0.0:
         raise DiagnosisError(
-            f"the experiment {experiment.name} costs {experiment.minutes:g} minutes; a menu needs a positive cost"
+            f"the experiment {experiment.name} takes {experiment.minutes:g} minutes; the time must be positive"
         )
     runs = _simulated(rivals, experiment)
     pairs = {f"{_name(a)} / {_name(b)}": (a, b) for a, b in combinations(rivals, 2)}

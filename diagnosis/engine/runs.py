@@ -68,14 +68,12 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
     for channel in dataset.channels:
         if channel.name not in names:
             raise DiagnosisError(
-                f"the data have a channel {channel.name!r} that {simulator.name} does not predict; it has "
+                f"the data have a channel {channel.name!r} that {simulator.name} does not predict; its channels are "
                 + ", ".join(names)
             )
     keep = [i for i in range(len(dataset.channels)) if any(run.counted[:, i].any() for run in dataset.runs)]
     if not keep:
-        raise DiagnosisError(
-            "no run has a sample that is measured and scored, so a diagnosis is not possible"
-        )
+        raise DiagnosisError("no run has a measured sample that counts, so a diagnosis is not possible")
     channels = tuple(dataset.channels[i] for i in keep)
     runs, beside = (
         tuple(replace(run, outputs=run.outputs[:, keep]) for run in some)

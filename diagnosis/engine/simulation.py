@@ -64,10 +64,14 @@ def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
     right = (len(job.experiment.time), len(simulator.channels))
     shape = getattr(outputs, "shape", None)
     if shape != right:
-        what = f"{type(outputs).__name__} is no array" if shape is None else f"outputs have the shape {shape}"
+        what = (
+            f"{type(outputs).__name__} is not an array"
+            if shape is None
+            else f"outputs have the shape {shape}"
+        )
         raise DiagnosisError(
-            f"{simulator.name}: in the run {job.experiment.name} its {what}; right would be {right}: one row per "
-            "sample and one column per channel"
+            f"{simulator.name}: in the run {job.experiment.name} its {what}, not {right}; return one row per sample "
+            "and one column per channel"
         )
     return outputs
 

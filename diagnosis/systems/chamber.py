@@ -177,7 +177,7 @@ def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
     known = np.flatnonzero(np.isfinite(pressure))
     if len(known) < 2:
         raise DiagnosisError(
-            f"of the first {_FIRST} samples of the pressure {len(known)} are there; two must be"
+            f"the first {_FIRST} samples of the pressure hold {len(known)} measured values; at least two are needed"
         )
     return {"start_pressure": float(np.polynomial.Polynomial.fit(known, pressure[known], 1)(0.0))}
 

@@ -43,7 +43,7 @@ def integrate(
     if first.ndim != 1 or parts < 1 or not step > 0.0 or len(straight) != len(inputs):
         raise DiagnosisError(
             f"integrate: a start of shape {first.shape}, a step of {step:g} s, {parts} parts and {len(straight)} held; "
-            "right would be (k,), more than 0 s, at least 1, and none or one for each input"
+            "the shape must be (k,), the step more than 0 s, the parts at least 1, and held none or one for each input"
         )
     # What numba has compiled keeps the function that it was made of.
     march = _compiled() if hasattr(rates, "py_func") else _march

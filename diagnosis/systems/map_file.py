@@ -133,8 +133,8 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
     if len(named) != 1:
         raise DiagnosisError(
-            f"{map_path}: {' and '.join(named) or 'nothing'} is named to be diagnosed; use either "
-            f"system = one of {_SYSTEMS}, or your own simulator"
+            f"{map_path}: the map names {' and '.join(named) or 'no system'}; name either system = one of {_SYSTEMS}, "
+            "or your own simulator"
         )
     own = simulator or mapping.simulator
     folder = map_path.parent if simulator is None else Path.cwd()
@@ -144,7 +144,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
         return mapping, fmu_system(folder / own, mapping.fmu or FmuKeys(), units, holds, map_path)
     if mapping.fmu is not None:
         raise DiagnosisError(
-            f'{map_path}: fmu: {own or mapping.system} is no FMU; right would be such as simulator = "my.fmu"'
+            f'{map_path}: fmu: {own or mapping.system} is not an FMU; write it as simulator = "my.fmu"'
         )
     return mapping, _system(mapping, map_path) if own is None else load_system(own, folder)
 
@@ -198,12 +198,10 @@ def _system(mapping: Map, where: Path) -> System:
     for key in ("change", "dimensions"):
         if getattr(mapping, key):
             raise DiagnosisError(
-                f"{where}: {key}: only air_spring has a set of parameters; a {mapping.system} has settings"
+                f"{where}: {key}: only air_spring has a set of parameters; for {mapping.system}, use settings"
             )
     if mapping.system not in known:
-        raise DiagnosisError(
-            f'{where}: system = "{mapping.system}" is unknown; right would be one of {_SYSTEMS}'
-        )
+        raise DiagnosisError(f'{where}: system = "{mapping.system}" is unknown; use one of {_SYSTEMS}')
     return known[mapping.system]
 
 
@@ -219,14 +217,15 @@ def settings_of(mapping: Map, system: System, where: Path, file: Path | None = N
         if name in known and not known[name].per_file:
             able = ", ".join(one for one, setting in known.items() if setting.per_file)
             errors.note(
-                f"{where}: file_settings: {name} of {system.name} is the same for all files; what may differ is "
-                f"{able or 'nothing'}"
+                f"{where}: file_settings: {name} of {system.name} must be equal in all files; what may differ: "
+                f"{able or 'none'}"
             )
     given = {name: text for rule in (mapping.settings, *own) for name, text in rule.items()}
     for name in (*mapping.settings, *(name for rule in mapping.file_settings for name in rule.settings)):
         if name not in known:
             errors.note(
-                f"{where}: settings.{name} is no setting of {system.name}; it has {', '.join(known) or 'none'}"
+                f"{where}: settings.{name} is not a setting of {system.name}; its settings are "
+                f"{', '.join(known) or 'none'}"
             )
     values: dict[str, float] = {}
     for name, setting in known.items():
@@ -266,16 +265,20 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
         signal, key = signals.get(name), f"{where}: columns.{name}"
         if signal is None:
             if f"columns.{name}" not in known:
-                errors.note(f"{key} is no signal of {system.name}; it has {', '.join(signals)}")
+                errors.note(f"{key} is not a signal of {system.name}; its signals are {', '.join(signals)}")
             continue
         if column.unit is not None:
             with errors.noted():
                 conversion(column.unit, signal.unit, f"{key}.unit", system.units)
         if (signal.unit == "Pa") != (column.reading is not None):
-            right = '"gauge" or "absolute"' if signal.unit == "Pa" else "none: it is no pressure"
-            errors.note(f"{key}.reading = {column.reading}; right would be {right}")
+            right = (
+                'give "gauge" or "absolute"'
+                if signal.unit == "Pa"
+                else f"{name} is not a pressure; omit reading"
+            )
+            errors.note(f"{key}.reading = {column.reading}; {right}")
         if column.hold is not None and signal not in system.inputs:
-            errors.note(f"{key}.hold: {name} is an output, and only inputs are held; leave hold out")
+            errors.note(f"{key}.hold: {name} is an output, and only inputs can be held; omit hold")
     for name, signal in signals.items():
         if signal.required and name not in mapping.columns:
             errors.note(f"{where}: columns.{name} is missing: {system.name} needs the {signal.title}")
@@ -293,7 +296,7 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
             channels.append(signal.channel(noise, resolution))
     if not channels:
         errors.note(
-            f"{where}: no column holds what {system.name} predicts; right would be at least one of "
+            f"{where}: no column holds an output of {system.name}; give at least one of "
             + ", ".join(signal.name for signal in system.outputs)
         )
     return tuple(channels)

@@ -80,7 +80,7 @@ def read_mapped(
     logs of CAN frames. DiagnosisError names file, key, value with its unit, and what would be right.
     """
     if not paths:
-        raise DiagnosisError(f"{map_path or own}: no data files were given")
+        raise DiagnosisError(f"{map_path or own}: there are no data files; name at least one")
     where = map_path or paths[0]
     if map_path is not None:
         mapping, system = read_map(map_path, own)
@@ -157,8 +157,8 @@ def _settle_units(
             )
             continue
         raise DiagnosisError(
-            f'{reader.where}: columns.{name}.unit = "{unit}": {path} says that "{columns[name].column}" is in {stated}'
-            f'; right would be unit = "{stated}", or ignore_head_unit = true if the head is wrong'
+            f'{reader.where}: columns.{name}.unit = "{unit}", but by the head in {path}, "{columns[name].column}" is '
+            f'in {stated}; give unit = "{stated}", or ignore_head_unit = true if the head is wrong'
         )
 
 
@@ -166,7 +166,7 @@ def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], wher
     for c, channel in enumerate(channels):
         if not any(np.isfinite(run.outputs[:, c]).any() for run in runs):
             raise DiagnosisError(
-                f"{where}: columns.{channel.name} holds no number in any run; leave it out, or look at its column, "
+                f"{where}: columns.{channel.name} holds no number in any run; omit it, or check its column, "
                 "time.longest_gap and file.decimal"
             )
 
@@ -177,7 +177,7 @@ def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> t
     for channel in given:
         if channel.name not in known:
             raise DiagnosisError(
-                f"{where}: {simulator.name} does not predict {channel.name}, which is one of its outputs; it predicts "
+                f"{where}: {channel.name} is an output of {simulator.name}, but not one of its channels, which are "
                 + ", ".join(known)
             )
     return tuple(
@@ -256,7 +256,7 @@ class _Reader:
             runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
         if not runs:
             raise DiagnosisError(
-                f"{path}: no run is left of {grid[-1] - grid[0]:.3g} s; look at runs.cut, runs.reversal, runs.length "
+                f"{path}: no run was found in {grid[-1] - grid[0]:.3g} s; check runs.cut, runs.reversal, runs.length "
                 f"and runs.skip = {mapping.runs.skip} in {where}"
             )
         return runs
@@ -280,7 +280,9 @@ class _Reader:
             self._remark_missing(path, name, grid, values[name])
         for signal in self.system.inputs:
             if signal.name in values and not np.isfinite(values[signal.name]).any():
-                raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
+                raise DiagnosisError(
+                    f"{path}: column {signal.name} has no numbers in the selected part of the file"
+                )
         return grid, values
 
     def _remark_missing(self, path: Path, name: str, grid: Array, values: Array) -> None:
@@ -307,7 +309,9 @@ class _Reader:
         key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
         if stated in ("", column.unit):
             if column.unit is None:
-                raise DiagnosisError(f'{key} is missing, and {path} states none for "{series.name}"')
+                raise DiagnosisError(
+                    f'{key} is missing, and the head of "{series.name}" in {path} has no unit'
+                )
             return column.unit
         if column.ignore_head_unit and column.unit is not None:
             self.accounts[path].take(
@@ -319,13 +323,13 @@ class _Reader:
             said = found if column.unit is None else unit_of(column.unit, self.system.units)
         except UnknownUnit as error:
             raise DiagnosisError(
-                f'{key}: the head of "{series.name}" in {path}: {error}; right would be a known unit in the file, or '
-                "the unit in the map and ignore_head_unit = true"
+                f'{key}: the head of "{series.name}" in {path}: {error}; write a known unit in the file, or give the '
+                "unit in the map and ignore_head_unit = true"
             ) from None
         if found.reading and column.reading and found.reading != column.reading:
             raise DiagnosisError(
-                f'{self.where}: columns.{name}.reading = "{column.reading}": {path} says that "{series.name}" is in '
-                f'{stated}; right would be reading = "{found.reading}", or ignore_head_unit = true if the head is wrong'
+                f'{self.where}: columns.{name}.reading = "{column.reading}", but by the head in {path}, "{series.name}"'
+                f' is in {stated}; give reading = "{found.reading}", or ignore_head_unit = true if the head is wrong'
             )
         if not found.same(said):
             self.contradicted.setdefault(name, (path, stated))
@@ -339,8 +343,8 @@ def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
         return 0 if lead is None else round(difference(lead, "s", f"{where}: runs.lead") / step)
     if lead is not None:
         raise DiagnosisError(
-            f"{where}: runs.lead = {lead!r}: every run of {system.name} is replayed from the start of its file, which "
-            "all runs of the file share; leave runs.lead out"
+            f"{where}: runs.lead = {lead!r}: every run of {system.name} is replayed from the start of its file, so "
+            "there is no lead; omit runs.lead"
         )
     return None
 
@@ -371,7 +375,7 @@ def _clock(
     known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
     rows = max(len(one.times) for one in table.values())
     if rows < 3:
-        raise DiagnosisError(f"{path}: {rows} rows are too few")
+        raise DiagnosisError(f"{path}: the file has only {rows} rows, which are too few")
     for one in table.values():
         _refuse_standing(path, one)
     # Every column has its own rhythm, as the channels of an MDF file have, or a table with empty cells.
@@ -392,7 +396,7 @@ def _clock(
         last = min(last, begin + quantity(mapping.time.end, "s", f"{where}: time.end"))
     if not step > 0.0 or last - first < 10.0 * step:
         raise DiagnosisError(
-            f"{path}: from {first:.6g} to {last:.6g} s there are fewer than ten steps of {step:.6g} s; look at "
+            f"{path}: from {first:.6g} to {last:.6g} s there are fewer than ten steps of {step:.6g} s; check "
             f"time.step, time.start and time.end in {where}"
         )
     grid: Array = first + step * np.arange(int((last - first) / step + 1e-9) + 1, dtype=np.float64)
@@ -405,8 +409,8 @@ def _refuse_standing(path: Path, series: Series) -> None:
     if len(stands):
         row = int(stands[0]) + 1
         raise DiagnosisError(
-            f"{path}: {series.name}: sample {row + 1} lies at {series.times[row]:.9g} s, as the one before it does; "
-            "times must increase: the clock of the file is too coarse, or time.unit wrong"
+            f"{path}: {series.name}: sample {row + 1} has the time of the sample before, {series.times[row]:.9g} s; "
+            "times must increase: the clock of the file may be too coarse, or time.unit wrong"
         )
 
 
@@ -440,5 +444,5 @@ def _role(path: Path, number: int, rules: Sequence[RoleRule], where: Path) -> Ro
         if fnmatch.fnmatch(path.name, rule.files) and (rule.runs is None or number in rule.runs):
             return rule.role
     raise DiagnosisError(
-        f"{where}: no [[runs.role]] matches run {number} of {path.name}; end with a rule for all"
+        f"{where}: no [[runs.role]] matches run {number} of {path.name}; add a last rule for all runs"
     )

@@ -24,7 +24,7 @@ class DrivenSimulator(Simulator, Protocol):
 
 #: What such a simulator has.
 _ATTRIBUTES: Final = ("name", "channels", "nuisances", "catalogue", "surfaces", "run", "inputs")
-_RIGHT: Final = 'right would be such as "my_oscillator:Oscillator", a class in the file my_oscillator.py'
+_RIGHT: Final = 'write it as "my_oscillator:Oscillator", for a class in the file my_oscillator.py'
 
 
 def load_system(name: str, folder: Path) -> System:
@@ -36,7 +36,7 @@ def load_system(name: str, folder: Path) -> System:
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:
-        raise DiagnosisError(f'simulator "{name}" names no factory of a module; {_RIGHT}')
+        raise DiagnosisError(f'simulator "{name}" does not name a class or function of a module; {_RIGHT}')
     place = str(folder.resolve())
     if place not in sys.path:
         sys.path.insert(0, place)
@@ -77,16 +77,16 @@ def _system(name: str, made: object) -> System:
     missing = [one for one in _ATTRIBUTES if not hasattr(made, one)]
     if missing or not isinstance(made, DrivenSimulator):
         raise DiagnosisError(
-            f'simulator "{name}" made a {type(made).__name__} without {", ".join(missing)}; right would be a System, '
-            "or a simulator with inputs = {name: unit}"
+            f'simulator "{name}" returned a {type(made).__name__} without {", ".join(missing)}; return a System, or a '
+            "simulator with inputs = {name: unit}"
         )
     if not made.channels:
-        raise DiagnosisError(f'simulator "{name}" predicts nothing: its channels are empty')
+        raise DiagnosisError(f'simulator "{name}" has no channels; give at least one')
     simulator: Simulator = made
     held = frozenset(getattr(made, "held", ()))
     if unknown := sorted(held - set(made.inputs)):
         raise DiagnosisError(
-            f'simulator "{name}": held has {", ".join(unknown)}; right would be some of its inputs, '
+            f'simulator "{name}": held has {", ".join(unknown)}, but only inputs can be held: '
             + ", ".join(made.inputs)
         )
     return System(

@@ -147,7 +147,7 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
 def _simulator(settings: Mapping[str, float], channels: tuple[Channel, ...]) -> Piston:
     low, high = settings["stroke_from"], settings["stroke_to"]
     if not low < high:
-        raise DiagnosisError(f"stroke_from = {low:g} m must lie below stroke_to = {high:g} m")
+        raise DiagnosisError(f"stroke_from = {low:g} m must be below stroke_to = {high:g} m")
     return Piston(settings["bore"], 0.5 * (low + high), _surfaces(low, high), channels)
 
 

@@ -77,14 +77,14 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
             beside.append(_run(record, sines, simulator, channels, twice))
         elif not found:
             raise DiagnosisError(
-                f"{directory} holds no phase whose name begins with {REPLAY!r}, so it cannot be replayed; the "
-                "plans `screening` and `identification` make such records"
+                f"{directory} holds no phase whose name begins with {REPLAY!r}, so it cannot be replayed; use a "
+                "record of the plan `screening` or `identification`"
             )
         runs += [(Path(directory), run) for run in found]
     if not runs:
         raise DiagnosisError(
-            f"{directories[0]} holds sines of a plan, but no record holds runs to fit the model to; add a record of "
-            "the plan `screening`"
+            f"{directories[0]} holds sines of a plan, but no record holds runs for the fit of the model; add a record "
+            "of the plan `screening`"
         )
     told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
     quality = tuple(DataQuality(**row) for row in told)  # of imported files

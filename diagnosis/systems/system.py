@@ -139,10 +139,10 @@ def conversion(
     try:
         found = unit_of(unit, units)
     except UnknownUnit as error:
-        raise DiagnosisError(f"{where}: {error}; right would be one of {_known(si, units)}") from None
+        raise DiagnosisError(f"{where}: {error}; use one of {_known(si, units)}") from None
     if not found.measures(si):
         raise DiagnosisError(
-            f'{where}: "{unit}" is no unit of this quantity; right would be one of {_known(si, units)}'
+            f'{where}: "{unit}" is not a unit of this quantity; use one of {_known(si, units)}'
         )
     return found.unit.factor, 0.0 if relative else found.unit.zero
 
@@ -160,11 +160,11 @@ def quantity(
         value = float(number)
     except ValueError:
         raise DiagnosisError(
-            f'{where} = "{text}" begins with no number; right would be such as "12.5 {_example(si)}"'
+            f'{where} = "{text}" does not begin with a number; write it as "12.5 {_example(si)}"'
         ) from None
     factor, zero = conversion(unit.strip() or "1", si, f'{where} = "{text}"', units, relative=relative)
     if not np.isfinite(value):
-        raise DiagnosisError(f'{where} = "{text}" is no finite number')
+        raise DiagnosisError(f'{where} = "{text}" must be a finite number')
     return factor * value + zero
 
 

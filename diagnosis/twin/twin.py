@@ -94,7 +94,9 @@ class Twin:
             name for name in OUTPUTS if not name.endswith("_temperature") and name in record.signals
         )
         if not judged:
-            raise DiagnosisError(f"{record.path} has no pressure and no force to compare with a model")
+            raise DiagnosisError(
+                f"{record.path} has no pressure and no force that can be compared with a model"
+            )
         self._record, self._model = record, model
         self._simulator = AirSpring(parameters, effects=CATALOGUE, only=judged)
         self._parameters = parameters_of(self._simulator)

@@ -90,8 +90,8 @@ def test_a_channel_is_selected_or_the_channels_are_listed(came, name: str) -> No
     channels = ("can1", "can2") if name == "a.log" else ("1", "2")
     status, text, out = came(name, content, HEAD + HEIGHTS)
     assert status == MISUSE and not out.exists()
-    assert f"0x100 (Heights) comes on the channels {channels[0]} and {channels[1]}" in text
-    assert f"--channel {channels[0]} takes one of them" in text
+    assert f"0x100 (Heights) is on the channels {channels[0]} and {channels[1]}" in text
+    assert f"such as --channel {channels[0]}" in text
     for channel, sign in zip(channels, (1, -1), strict=True):
         status, text, out = came(name, content, HEAD + HEIGHTS, "--channel", channel)
         assert status == PASS
@@ -116,7 +116,7 @@ def test_the_bench_s_own_messages_on_two_channels_are_refused_as_well(tmp_path) 
     log.write_text(candump(in_order(heights(9, one.identifier), heights(9, one.identifier, channel=2))))
     done = CliRunner().invoke(import_command, [str(log), str(tmp_path / "run")])
     assert done.exit_code == MISUSE
-    assert "comes on the channels can1 and can2" in done.output
+    assert "is on the channels can1 and can2" in done.output
 
 
 @pytest.mark.parametrize("name", ["a.asc", "a.log", "a.blf"])
@@ -225,7 +225,7 @@ def test_j1939_messages_of_several_packets_are_put_together(came, group: int, to
     frames = in_order(*one, other, lost, state(0x27, 32000))
     status, text, out = came("a.log", candump(frames), dbc)
     assert status == PASS
-    assert "6 J1939 messages of several packets (TP) are put together" in text
+    assert "6 J1939 messages of several packets (TP) were reassembled" in text
     assert f"1 J1939 message of several packets (TP) that are not whole (group {group:#x})" in text
     record = read(out)
     for signal, right in (("First", np.arange(5.0)), ("Last", 7.0 * np.arange(5))):
@@ -284,7 +284,7 @@ def test_frames_in_mdf_come_in_as_those_of_a_log(came, tmp_path) -> None:
     np.testing.assert_allclose(np.diff(record.series("Forces.Left")[0]), 0.02, atol=1e-6)
     two = by_python_can(in_order(heights(30), heights(30, channel=2)), ".mf4")
     status, text, _ = came("a.mf4", two, HEAD + HEIGHTS)
-    assert status == MISUSE and "0x100 (Heights) comes on the channels" in text
+    assert status == MISUSE and "0x100 (Heights) is on the channels" in text
     status, text, _ = came("a.mf4", mdf_of_signals(tmp_path), HEAD + HEIGHTS)
     assert status == MISUSE and "holds no data frame (1 group without CAN frames" in text
     status, text, _ = came("a.mf4", b"rubbish", HEAD + HEIGHTS)
@@ -332,7 +332,7 @@ def test_a_map_reads_logs_by_the_names_of_their_dbc(tmp_path, name: str) -> None
         run.outputs[:, 0], 100.0 * np.arange(len(run.outputs)) * -1 + run.outputs[0, 0], atol=1
     )
     assert any("120 frames on other channels" in one and name in one for one in dataset.readings)
-    with pytest.raises(DiagnosisError, match=f"frames.channel = {channel} takes one of them"):
+    with pytest.raises(DiagnosisError, match=f"such as frames.channel = {channel}"):
         mapped("")
     with refuses(DiagnosisError, "displacement.column 'Hight' Gas.F Gas.P Heights.Left"):
         mapped(column="Hight")
@@ -344,17 +344,17 @@ def test_a_key_that_a_file_has_no_use_for_is_refused(tmp_path) -> None:
         done = CliRunner().invoke(
             import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run"), option, value]
         )
-        assert done.exit_code == MISUSE and f"{option} is for files of CAN frames" in done.output
+        assert done.exit_code == MISUSE and f"{option} is only for files of CAN frames" in done.output
 
 
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("a.log", ["--charset", "cp1250"], "--charset is of the DBC, and --dbc names none"),
-        ("a.asc", ["--stamps", "delta"], "--stamps is for logs of candump"),
-        ("a.log", ["--table", "decimal=,"], "--table is for tables and MDF files, not for the frames"),
-        ("a.csv", ["--table", "group=1"], "--table group=1 is for an MDF file, not for"),
-        ("a.csv", ["--table", "raw=true"], "--table raw=True is for an MDF file, not for"),
+        ("a.log", ["--charset", "cp1250"], "--charset is only for a DBC; give --dbc"),
+        ("a.asc", ["--stamps", "delta"], "--stamps is only for logs of candump"),
+        ("a.log", ["--table", "decimal=,"], "--table is only for tables and MDF files, not for the frames"),
+        ("a.csv", ["--table", "group=1"], "--table group=1 is only for an MDF file"),
+        ("a.csv", ["--table", "raw=true"], "--table raw=True is only for an MDF file"),
     ],
 )
 def test_a_key_without_a_file_is_refused(tmp_path, name: str, options: list[str], said: str) -> None:

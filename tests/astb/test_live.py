@@ -210,7 +210,7 @@ def test_on_a_terminal_the_run_is_drawn(tmp_path):
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", drawn.decode())
     assert re.search(r"(ACTIVE|AIR_HIGH|DISABLED|HOLD) +(set-up|main|tear-down)", text)
     assert re.search(r"left bellows pressure +-?[\d.]+ bar .* % of the way to upper 9 bar", text)
-    assert "until this plan was run or rehearsed once" in text
+    assert "known after this plan was run or rehearsed once" in text
     assert "leak_down: PASS" in text
 
 

@@ -88,11 +88,11 @@ def test_unreached_set_points_are_reported_and_not_followed(server, sent, tmp_pa
     server.answer = 302
     to = f"http://localhost:{server.server_port}/hook"
     (wrong,) = sent(to, lambda messages: messages.ended(RESULT, tmp_path))
-    assert "it answered 302" in wrong and [path for path, *_ in server.heard] == ["/hook"]
+    assert "the server answered with status 302" in wrong and [path for path, *_ in server.heard] == ["/hook"]
     (wrong,) = sent("http://127.0.0.1:1/", lambda messages: messages.ended(RESULT, tmp_path))
     assert "Connection refused" in wrong
     (wrong,) = sent("false", lambda messages: messages.ended(RESULT, tmp_path))
-    assert "it ended with 1" in wrong
+    assert "the command ended with exit code 1" in wrong
 
 
 def test_a_command_hears_the_words_as_its_last_argument_and_all_of_it_as_json(sent, tmp_path):
@@ -115,8 +115,8 @@ def test_a_command_hears_the_words_as_its_last_argument_and_all_of_it_as_json(se
         ("https://[2001:db8::1]:8080/hook", "another machine"),
         ("http://0.0.0.0/", "another machine"),
         ("HTTP://user@192.0.2.1#127.0.0.1", "another machine"),
-        ("http://", "is no address"),
-        ("http://127.0.0.1:notaport/", "is no address"),
+        ("http://", "is not an address"),
+        ("http://127.0.0.1:notaport/", "is not an address"),
         ("no-such-command --to me", "there is no command 'no-such-command'"),
         ("tell 'me", "quotation mark"),
         ("   ", "there is no command"),

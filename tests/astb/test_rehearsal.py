@@ -189,7 +189,7 @@ def test_what_a_real_rig_lacks_the_simulated_one_lacks_too(tmp_path):
     assert found.verdict is Outcome.BLOCKED
     assert "no transducer in the lateral actuator" in found.reason
     assert sentence(found) == found.reason
-    assert any("lacks " in note and " lateral.force, " in note for note in found.notes)
+    assert any("the simulated rig has no " in note and "lateral.force, " in note for note in found.notes)
 
 
 def test_limits_of_a_simulated_rig_are_in_its_simulation(tmp_path):

@@ -76,7 +76,7 @@ def test_an_unrelated_directory_is_refused_and_unchanged(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("row", "said"), [({"key": "b", "n": "text"}, "does"), ({"key": "b", "n": object()}, "kept")]
+    ("row", "said"), [({"key": "b", "n": "text"}, "types"), ({"key": "b", "n": object()}, "stored")]
 )
 def test_a_row_that_does_not_fit_is_refused_in_words(tmp_path, row, said):
     with KeptRows(tmp_path) as kept:

@@ -58,10 +58,10 @@ def test_a_case_that_fails_is_a_row_and_not_the_end(client, tmp_path):
     assert errors["raise"].startswith("ValueError at questions.py:")
     assert errors["raise"].endswith("this case raises")
     assert "SystemExit" in errors["leave"]
-    assert errors["die"] == "its worker died 2 times over it"
+    assert errors["die"] == "its worker process ended 2 times during this case"
     assert errors["linger"] == "stopped after its time limit of 1 s"
-    assert "does not fit to those before" in errors["text"]
-    assert "cannot be kept" in errors["unkept"]
+    assert "has other types than the rows before" in errors["text"]
+    assert "cannot be stored in a table" in errors["unkept"]
     assert errors["number"] == "a case returns a dictionary, not int"
     assert (errors["fine"], errors["renames"], errors["good"]) == ("", "", "")
 

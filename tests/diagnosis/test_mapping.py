@@ -270,7 +270,7 @@ def test_the_digest_sees_data_and_map(tmp_path: Path) -> None:
         (('step = "10 ms"', 'start = "60 s"'), "", "fewer"),
         (("", ""), '[runs]\ncut = "strokes"', "runs.signal runs.reversal"),
         (("", ""), '[runs]\ncut = "time"', "runs.length"),
-        (("", ""), "[runs]\nskip = 1", "left 12 s runs.skip 1"),
+        (("", ""), "[runs]\nskip = 1", "found 12 s runs.skip 1"),
         (("", ""), '[[runs.role]]\nfiles = "b*"\nrole = "fit"', "[[runs.role]] 1 a.csv"),
     ],
 )  # fmt: skip
@@ -286,7 +286,7 @@ def test_errors_say_whose_fault_it_is(
     ("damage", "message"),
     [
         (lambda text: text.replace("17.000000000", "n/a?", 1), 'a.csv "n/a?"'),
-        (lambda text: text.replace("\n20,", "\n5,", 1), "line 4 0.005 s 0.01 s"),
+        (lambda text: text.replace("\n20,", "\n5,", 1), "0.01 s 0.005 s line 4"),
         (lambda text: "t,x,p,F\n", "rows"),
         (lambda text: "", "a.csv"),
     ],

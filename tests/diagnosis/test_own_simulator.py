@@ -352,7 +352,7 @@ def test_the_parameters_of_any_simulator_are_identified(own: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("amplifier_of_mine", "factory"),
+        ("amplifier_of_mine", "class"),
         ("nothing_here:Gain", "nothing_here"),
         ("needs:Gain", "nowhere_to_be_found"),
         ("amplifier_of_mine:Gian", "'Gain'"),

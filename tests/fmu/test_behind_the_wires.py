@@ -165,7 +165,7 @@ REFUSED = {
     ),
     "an effect of our own springs": (
         'effects = { "leak.left" = "0.2 mm2" }' + MAP,
-        "leak_conductance of the bench's own springs",
+        "leak_conductance of the springs of the model",
     ),
     "a key that is none": (MAP + '[simulation.spring_map.output]\nx = "F"', "spring_map"),
 }

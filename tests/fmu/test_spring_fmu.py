@@ -318,7 +318,7 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
     to = tmp_path / "spring.fmu"
     done = CliRunner().invoke(fmu_command, ["spring", "--out", str(to)])
     assert done.exit_code == 3
-    assert "no C compiler is here (cc, gcc or clang)" in done.output
+    assert "no C compiler (cc, gcc or clang) was found" in done.output
     assert "apt-get install gcc libc6-dev" in done.output
     assert not to.exists()
 

@@ -80,7 +80,7 @@ def test_modicon_numbers_are_marked_and_a_key_reads_them_as_written(tmp_path):
         "Tag,Area,Address\nlaser,input,30011\nrequest,holding,40001\nlamp,coil,00003\nlid,di,10002\n"
     )
     written = CliRunner().invoke(commands, ["rig", "new", "--registers", str(path)]).output
-    assert "# The addresses are taken as Modicon numbers: 30011 is input register 10 on the wire" in written
+    assert "# The addresses are read as Modicon numbers: 30011 is input register 10 on the wire" in written
     told = tomllib.loads(written)["transports"]["plc"]["points"]
     assert [told[name]["address"] for name in ("laser", "request", "lamp", "lid")] == [10, 0, 2, 1]
     assert points(path, counting="wire")["laser"]["address"] == 30011
@@ -97,7 +97,7 @@ def test_unread_lines_of_a_list_are_reported(tmp_path):
     notes = " ".join(read_register_list(path).notes)
     assert "Lines above the head of the list: 1." in notes
     assert "Columns of the list that were not read: owner." in notes
-    assert "taken as titles: 1" in notes
+    assert "read as titles: 1" in notes
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_divisors_bits_orders_and_functions_are_read(tmp_path):
     # Functions that write are listed where they apply: rows without one are read only.
     assert told["lamp"] == {"table": "holding", "address": 2, "bit": 3, "group": "fast"}
     assert told["lid"] == {"table": "holding", "address": 2, "bit": 12, "group": "fast"}
-    assert "The bits of registers are taken to count from 0, the lowest." in found.notes
+    assert "The bits of a register are assumed to be numbered from 0, the lowest bit." in found.notes
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_units_calibration_and_what_tells_settings_are_filled_in(tmp_path):
     assert told["load_cell.1"] == cell
     assert told["air.dpv"] == {"to": "bus.Parameter.Bridge", "read": "bus.ParameterIs.Bridge"}
     assert told["lateral.acceleration"] == {"absent": "not found; see the candidates above"}
-    assert told["rig.pipe"] == {"absent": "not found; nothing has such a name and unit"}
+    assert told["rig.pipe"] == {"absent": "not found; no point has such a name and unit"}
 
 
 def test_our_own_files_name_everything_by_its_name(tmp_path):

@@ -42,13 +42,13 @@ def test_a_run_is_renamed_archived_and_restored_unchanged(client, parts, keep):
 @pytest.mark.parametrize(
     ("run", "name", "words"),
     [
-        ("one", "two", "is there already"),
-        ("one", "", "is no name"),
-        ("one", "../three", "is no name"),
-        ("one", "..", "is no name"),
-        ("one", "a/b", "is no name"),
-        ("one", "archive", "is no name"),
-        ("one", "x" * 61, "is no name"),
+        ("one", "two", "exists already"),
+        ("one", "", "is not a valid name"),
+        ("one", "../three", "is not a valid name"),
+        ("one", "..", "is not a valid name"),
+        ("one", "a/b", "is not a valid name"),
+        ("one", "archive", "is not a valid name"),
+        ("one", "x" * 61, "is not a valid name"),
         ("none", "three", "holds no run"),
         ("../one", "three", "holds no run"),
     ],
@@ -111,9 +111,8 @@ def test_a_kept_run_goes_on_otherwise_from_an_instant(client, parts, keep, monke
 
     def popen(command, **_):
         commands.append(command)
-        said = (
-            "aw0: CLEAR: no limit trips\n  up to 4 s it is one to the bit, and then:\n    x parts at 4.1 s\n"
-        )
+        said = "aw0: CLEAR: no limit trips\n"
+        said += "  up to 4 s the run is identical with one; after that:\n    x parts at 4.1 s\n"
         return SimpleNamespace(stdout=io.StringIO(said), poll=lambda: 0, wait=lambda: 0, returncode=0)
 
     monkeypatch.setattr(rehearsals.subprocess, "Popen", popen)

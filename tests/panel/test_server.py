@@ -42,7 +42,7 @@ def test_everybody_sees_and_only_the_token_commands(client, door):
     ):
         refused = viewer.post(f"/api/{path}", json={})
         assert refused.status_code == 403, path
-        assert "only watches" in refused.json()["error"]
+        assert "can only watch" in refused.json()["error"]
     assert viewer.post("/api/enter", json={"token": "guessed"}).status_code == 403
     assert not viewer.cookies
     assert door.orders == []
@@ -87,7 +87,10 @@ def test_one_page_commands_at_a_time_and_everybody_with_the_token_stops(client, 
     one, two = client("one"), client("two")
     assert one.post("/api/run/hold").status_code == 200
     refused = two.post("/api/run/resume")
-    assert (refused.status_code, refused.json()["error"]) == (409, "another page commands; take over first")
+    assert (refused.status_code, refused.json()["error"]) == (
+        409,
+        "another page commands the rig; take over first",
+    )
     assert two.post("/api/estop").status_code == 200, "every viewer can stop"
     assert two.post("/api/seat").status_code == 200
     assert two.post("/api/run/resume").status_code == 200
@@ -102,8 +105,8 @@ def test_one_page_commands_at_a_time_and_everybody_with_the_token_stops(client, 
     [
         ({"plan": "nothing"}, "there is no plan 'nothing'"),
         ({"plan": "axial_stiffness", "set": {"nothing": "1"}}, "has no parameter nothing"),
-        ({"plan": 3}, "is no text"),
-        ({"plan": "aw0", "set": [1]}, "is no table"),
+        ({"plan": 3}, "must be a text"),
+        ({"plan": "aw0", "set": [1]}, "must be a table"),
     ],
 )
 def test_an_impossible_start_is_reported_and_no_process_starts(client, body, words, monkeypatch):
@@ -141,7 +144,7 @@ def test_a_token_outlives_its_server_and_is_private(tmp_path, monkeypatch):
     (path,) = (file for file in (tmp_path / "astb").iterdir() if file.read_text() == first)
     path.write_text("")  # a server that was killed in the midst of writing it
     assert len(kept_token(tmp_path / "rig.toml")) >= 32, "an empty one would be everybody's"
-    with refuses(ValueError, "everybody"):
+    with refuses(ValueError, "token"):
         Access("", 1, VirtualClock())
     files = list((tmp_path / "astb").iterdir())
     assert files
@@ -249,7 +252,7 @@ def test_no_request_is_read_without_end(served):
 def test_an_unattended_status_is_not_reported_as_current(parts):
     watch = parts.watch
     watch._looks = watch.clock.now() - round(1.1 * BLIND * NS)
-    assert "the panel has not read it for" in watch.present().link
+    assert "the panel has not read the rig for" in watch.present().link
     watch._looks = watch.clock.now()
     assert watch.present().link == ""
 

@@ -60,10 +60,10 @@ def test_a_file_is_checked_stored_and_shown_with_its_plans(page, parts):
         ),
         ("x.toml", "type = 3", "x.toml"),
         ("x.toml", "", "no load case"),
-        ("../x.toml", OURS, "is no name for a specimen's file"),
-        (".x.toml", OURS, "is no name"),
-        ("x.txt", OURS, "is no name"),
-        ("x.toml\n", OURS, "is no name"),
+        ("../x.toml", OURS, "is not a valid name for the file of a specimen"),
+        (".x.toml", OURS, "is not a valid name"),
+        ("x.txt", OURS, "is not a valid name"),
+        ("x.toml\n", OURS, "is not a valid name"),
     ],
 )
 def test_what_is_no_specimen_is_refused_in_words_and_not_kept(page, parts, name, text, words):

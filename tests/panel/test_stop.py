@@ -40,7 +40,7 @@ def test_a_stop_without_a_run_goes_to_the_rig(client, door, parts, monkeypatch):
     assert told.status_code == 409
     assert "press the emergency stop on the rig" in told.json()["error"], "it is not reported as stopped"
     parts.watch.status = Status(link="", state="DISABLED", at_rest=True)
-    assert "it says DISABLED" in client().post("/api/estop").json()["done"], "there is no run to stop"
+    assert "its state is DISABLED" in client().post("/api/estop").json()["done"], "there is no run to stop"
     parts.watch.status = Status(link="no word since 12 s", state="DISABLED", at_rest=True)
     assert client().post("/api/estop").status_code == 409, "what it said once may be so no more"
 
@@ -79,7 +79,7 @@ def test_a_stop_ends_a_run_that_receives_no_data(parts, monkeypatch):
 
 def test_a_rig_without_a_stop_offers_neither_stop_nor_start(client, door, parts):
     door.answer = None
-    parts.watch.lacks_stop = "the wiring of hall has no action.disable and no orders to rest"
+    parts.watch.lacks_stop = "the wiring of hall has no action.disable and no sequence to rest"
     page = client()
     assert page.get("/api/rig").json()["lacks_stop"] == parts.watch.lacks_stop
     stop = page.post("/api/estop")

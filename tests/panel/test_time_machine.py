@@ -61,7 +61,7 @@ def test_a_run_is_gone_back_to_and_goes_on_otherwise_from_there(open_page, bench
             page.screenshot(path=Path(PICTURES) / f"time-machine-{width}.png")
     with page.expect_popup() as rehearsed:
         page.click("#again >> text=Page of the rehearsal")
-    assert "goes on from 40 s with leak.left = 0.5mm2" in " ".join(
+    assert "continues from 40 s with leak.left = 0.5mm2" in " ".join(
         rehearsed.value.text_content("body").split()
     )
     viewer = open_page(command=False)

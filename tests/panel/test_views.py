@@ -180,6 +180,9 @@ def test_frames_are_counted_by_identifier_with_the_longest_gap_between_two(tmp_p
 
 def test_an_impossible_bus_is_reported(tmp_path) -> None:
     bus = Bus(Watch(RigFile("theirs", wiring="theirs.toml"), tmp_path / "rig.toml"))
-    assert bus.look()["error"] == "theirs has its own wiring, so its buses are not known here"
+    assert (
+        bus.look()["error"]
+        == "theirs has its own wiring; the bus view is only for rigs with the ASTB protocol"
+    )
     bus.close()
     assert not (tmp_path / INDEX).exists()

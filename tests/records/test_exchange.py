@@ -171,7 +171,7 @@ def test_unknown_frames_are_refused_without_their_dbc(run: Path, tmp_path) -> No
     write_frames([frame(0x7F0, b"12345678", 10**9)], tmp_path / "theirs.blf")
     status, text = command(import_command, tmp_path / "theirs.blf", tmp_path / "back")
     assert status == MISUSE
-    assert "--dbc names the messages of another rig" in text
+    assert "for the messages of another rig, give its DBC with --dbc" in text
     assert not (tmp_path / "back").exists()
 
 
@@ -185,7 +185,7 @@ def test_frames_that_a_run_kept_are_not_written_over_by_their_own_export(run: Pa
     before = (run / "can.blf").read_bytes()
     status, text = command(export_command, run, run / "can.blf")
     assert status == MISUSE
-    assert "stays as it is" in text
+    assert "is not overwritten" in text
     assert (run / "can.blf").read_bytes() == before
 
 

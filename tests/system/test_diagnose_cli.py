@@ -67,7 +67,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("diagnose nowhere --out out", "nowhere does not exist"),
         (
             "diagnose data.csv --out out",
-            "data.csv is not the folder of a run; files of other origin need",
+            "data.csv is not the folder of a run; for other files, give --map FILE",
         ),
         ("diagnose empty --out out", "empty holds no record.parquet"),
         ("diagnose empty --out data.csv", "'data.csv' is a file"),
@@ -76,10 +76,10 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("diagnose empty --out out --seed -1", "-1 is not in the range"),
         ("diagnose data.csv --out out --map nomap.toml", "nomap.toml: cannot be read"),
         ("diagnose data.csv --out out --simulator nowhere:Gain", "there is no module nowhere in"),
-        ("diagnose data.csv --out out --simulator nowhere", "names no factory of a module"),
+        ("diagnose data.csv --out out --simulator nowhere", "does not name a class or function of a module"),
         (
             "diagnose data.csv --out out --simulator nowhere:Gain --model my.toml",
-            "--model my.toml is a model of the bench",
+            "--model my.toml and --simulator nowhere:Gain name two different models",
         ),
         (
             "diagnose data.csv --out out --map data.csv",
@@ -98,7 +98,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("identify empty --model data.csv --out data.csv", "data.csv"),
         (f"{ON_A_RIG} --budget soon", "--budget = 'soon' is not a number with its unit"),
         (f"{ON_A_RIG} --budget 20mm", "--budget = '20mm' is not in s or ms or min or h"),
-        (f"{ON_A_RIG} --budget 2min", "budget = 2 min: screening alone takes 9"),
+        (f"{ON_A_RIG} --budget 2min", "budget = 2 min, but screening alone takes 9"),
         (f"{ON_A_RIG} --model nosuch", "nosuch"),
         (
             f"{ON_A_RIG} --effect leek.left=1mm2",
@@ -286,7 +286,7 @@ def test_an_effect_that_the_model_has_cannot_be_asked_for(astb_here, leaking):
         leaking, "diagnose", "record", "--out", "out", "--effects", "leak.left", "--model", "leaky.toml"
     )
     assert code == MISUSE
-    assert "--effects: leak.left is in the model already" in err
+    assert "--effects: the model contains leak.left already" in err
 
 
 def dataset(*names):

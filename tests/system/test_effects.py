@@ -219,4 +219,4 @@ def test_a_running_rig_keeps_its_effects(cli, start_rig, tmp_path):
     (tmp_path / "rig.toml").write_text(f'name = "x"\n{ports}[simulation]\n')
     code, _, err = cli("run", "aw0", "--rig", "rig.toml", "--effect", "heat=1%")
     assert code == MISUSE
-    assert f"a rig is running at 127.0.0.1:{rig.modbus_port} already and keeps its model and effects" in err
+    assert f"other effects is running at 127.0.0.1:{rig.modbus_port} already" in err

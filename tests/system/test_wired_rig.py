@@ -70,8 +70,8 @@ def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
 @pytest.mark.parametrize(
     ("rig", "message"),
     [
-        ('name = "a"\n[simulation]\n', "simulation and wiring exclude"),
-        ('name = "a"\n[can]\n[modbus]\n', "can and modbus and wiring exclude"),
+        ('name = "a"\n[simulation]\n', "remove simulation, or the wiring"),
+        ('name = "a"\n[can]\n[modbus]\n', "remove can and modbus, or the wiring"),
         ('name = "a"\nwiring = 3\n', "wiring = 3; a text or a table of keys would be right"),
         ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "rig.toml: wiring.transports is empty"),
         (
@@ -89,7 +89,7 @@ def test_a_rig_file_that_does_not_go_with_its_wiring(run, rig, message):
 def test_a_rig_with_a_wiring_has_real_time(run):
     code, err = run(WIRING, 'name = "hall"\n', "--virtual")
     assert code == MISUSE
-    assert "it has no [simulation] table, which virtual time needs" in err
+    assert "there is no [simulation] table; virtual time needs one" in err
 
 
 @pytest.mark.slow

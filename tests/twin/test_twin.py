@@ -198,7 +198,7 @@ def test_where_no_run_is_the_command_says_so(tmp_path, monkeypatch):
 def test_a_record_without_anything_to_compare_is_refused(tmp_path):
     with Recorder(tmp_path, [SignalInfo("left.height", "mm", 1e-3)], {}) as recorder:
         recorder.receive([0], [0], [0.0])
-    with pytest.raises(DiagnosisError, match="no pressure and no force to compare with a model"):
+    with pytest.raises(DiagnosisError, match="no pressure and no force that can be compared with a model"):
         Twin(read(tmp_path), load("astb"), "astb")
 
 

@@ -113,7 +113,7 @@ class _Examination:
                 else Plausibility.DOUBTFUL,
                 source=source,
                 rate=0.0,
-                remark=f"nothing came in {LISTEN:g} s",
+                remark=f"no sample was received in {LISTEN:g} s",
             )
         mean = math.nan if not good.size else float(good[-1] if signal.choices else good.mean())
         age = (now - capture.start) / NS - float(times[-1])
@@ -133,7 +133,7 @@ class _Examination:
                 name=signal.name,
                 verdict=Plausibility.UNTOLD,
                 source=source,
-                remark="no point reads it back: remembered as last written",
+                remark="no point reads this signal back; the last written value is used",
             )
         return self._line(signal, value, source)
 

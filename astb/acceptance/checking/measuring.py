@@ -277,7 +277,7 @@ class Measuring:
         more = (
             ""
             if verdict is Plausibility.FINE
-            else ": a seat or an actuator stands off the middle, or a cell elsewhere"
+            else ": a seat, an actuator or a load cell is not at its stated position"
         )
         self._lines.append(
             MoveLine(

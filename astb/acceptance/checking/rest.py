@@ -37,7 +37,7 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
         elif at_rest and signal.group is not None and not _fits(signal.group, value):
             low, high = signal.group.row.at_rest
             found[name] = (
-                f"at rest {signal.show(low)} to {signal.show(high)} would be right{_guess(signal, value)}"
+                f"at rest, {signal.show(low)} to {signal.show(high)} is expected{_guess(signal, value)}"
             )
     if at_rest:
         for name, doubt in _together(means, signals).items():
@@ -74,7 +74,7 @@ def _guess(signal: Signal, value: float) -> str:
     if signal.group is Group.ACCELERATION and abs(abs(value) - _GRAVITY) < 1:
         return ": gravity? the accelerometer lies in another direction"
     if signal.group is Group.VERTICAL_LOAD_CELL and value < 0:
-        return ": it carries weight, which is positive: sign = -1?"
+        return ": the cell carries weight, so its force must be positive; sign = -1?"
     if signal.group:
         low, high = signal.group.row.at_rest
         for factor in (10, 100, 1000):
@@ -89,7 +89,7 @@ def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict
     cells = [name for name in _CELLS if name in means]
     for name in cells:
         if means[name] < -0.2 * kN:
-            found[name] = "it carries weight, which is positive: sign = -1?"
+            found[name] = "the cell carries weight, so its force must be positive; sign = -1?"
         elif len(cells) > 1 and means[name] > 4 * _median([means[one] for one in cells]) + 0.5 * kN:
             found[name] = "four times what the other cells carry, or more: its scale?"
     heights = [means[name] for name in _HEIGHTS if name in means]

@@ -79,7 +79,7 @@ SURE: Final = 3.0
 #: Explanations of a contradiction cannot be distinguished if their χ² differ by less.
 ALIKE: Final = 6.0
 ITERATIONS: Final = 8
-UNSEEN: Final = "no motion of this check depends on it"
+UNSEEN: Final = "no motion of this check depends on this dimension"
 #: Number of the largest deviations that are tried as the cause of a contradiction.
 TRIED: Final = 10
 #: All places of the upright cells across, by one factor: a wrong drawing of the platform.
@@ -398,7 +398,7 @@ class RigidBody:
                 found[name] = UNSEEN
             elif noise[name] <= 0.5 * WANTED * one.scale:
                 found[name] = (
-                    f"the motions show it only together with {other} "
+                    f"these motions determine it only together with {other} "
                     f"(correlation {covariance[k, names.index(other)] / size[k] / size[names.index(other)]:.2f})"
                 )
             else:

@@ -115,6 +115,6 @@ def _show(report: "CheckReport") -> None:
             moves.add_row(styled(move.verdict, style[move.verdict]), move.what, move.found, move.right)
         console.print(moves)
     for what, names in report.checks.items():
-        console.print(f"{what} cannot be measured in aw0 and aw3: no {names}")
+        console.print(f"{what} cannot be measured in aw0 and aw3: the rig has no {names}")
     if report.remembered:
         console.print(f"only remembered, as last written: {', '.join(report.remembered)}")

@@ -70,7 +70,7 @@ def read_report(path: Path) -> Report:
     except Unfit as error:
         raise ReportError(f"{path} {error}") from None
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
-        raise ReportError(f"{path} is no report of `astb rig conform --json`: {error}") from None
+        raise ReportError(f"{path} is not a report of `astb rig conform --json`: {error}") from None
 
 
 def differences(here: Report, there: Report) -> list[Difference]:

@@ -106,7 +106,7 @@ def ask(bench: "Bench") -> list[Notebook]:
     book.note("values out of their range", not outside, ", ".join(outside) or "none", "none")
     book.note("what cannot be read", not refused, "; ".join(refused) or "none", "none")
     book.skip(
-        "exceptions, a lease, wrong frames", "it is not known how this rig refuses: its wiring does not say"
+        "exceptions, a lease, wrong frames", "the wiring does not state how this rig rejects wrong requests"
     )
     return [book]
 

@@ -39,7 +39,7 @@ def kind_of(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
     if kind is None:
         known = ", ".join(dict.fromkeys(TYPES.values()))
         raise WiringError(
-            f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
+            f"{where}, column type: {text!r} is unknown; use {known}, followed by ABCD, CDAB, BADC or DCBA if necessary"
         )
     return kind, order
 
@@ -56,11 +56,11 @@ def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
     wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
     if commas and "." in text:
         raise WiringError(
-            f"{where}: {key} = {text!r}: other rows have decimal commas, and this one has a point"
+            f"{where}: {key} = {text!r} has a decimal point, but other rows have decimal commas; use one of them"
         )
     if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
         raise WiringError(
-            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write it with a point"
+            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write the number with a decimal point"
         )
     parts = text.replace(",", ".").split("/")
     try:
@@ -82,18 +82,16 @@ def factor_of(text: str, column: str, exponents: bool) -> float:
     if exponents or text.startswith("10^"):
         if re.fullmatch(r"[-+]?\d{1,2}(\.0+)?", plain) and abs(float(plain)) <= _EXPONENT_MAX:
             return float(10.0 ** int(float(plain)))
-        raise LeftOut(f"column {column} has {text!r}, which is no exponent of ten from -12 to 12")
+        raise LeftOut(f"column {column} has {text!r}, which is not an exponent of ten from -12 to 12")
     if not text:
         return 1.0
     try:
         scale = scale_of("", text, False)
     except WiringError:
-        raise LeftOut(
-            f"column {column} has {text!r}, which is no number; a column scale would be right"
-        ) from None
+        raise LeftOut(f"column {column} has {text!r}, which is not a number; use a column scale") from None
     if not 0.0 < scale <= 1.0:
         raise LeftOut(
-            f"column {column} has {text}, which may multiply or divide; a column multiplier or divisor would be right"
+            f"column {column} has {text}, which may be a multiplier or a divisor; use a column multiplier or divisor"
         )
     return scale
 
@@ -112,7 +110,7 @@ def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[st
         if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(told):
             continue
         if not re.fullmatch(r"0([.,]0+)?", told):
-            return f"column {name} has {told!r}, which is not understood"
+            return f"column {name} with {told!r} may change the numbers, but its meaning is unknown; use a column scale"
     return ""
 
 
@@ -138,7 +136,7 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
     if not size or kind == "bit":
         return kind
     if not size.isdigit() or not int(size):
-        raise LeftOut(f"its size {size!r} is no number of registers, bytes or bits")
+        raise LeftOut(f"its size {size!r} is not a number of registers, bytes or bits")
     may = {int(size) // unit for unit in units or _SIZES if int(size) % unit == 0}
     wide = {"16": 1, "32": 2, "64": 4}.get(kind[-2:], 1)
     if explicit and wide in may:
@@ -148,7 +146,7 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
         raise LeftOut(f"its number of registers is unknown: size {size}, type {kind or 'unknown'}")
     registers = fit.pop()
     if not kind and registers > 1:
-        raise LeftOut(f"it has {registers} registers and no data type; state the type")
+        raise LeftOut(f"its data type is missing ({registers} registers); state the type")
     return f"{kind.rstrip('0123456789')}{16 * registers}" if kind else kind
 
 
@@ -163,7 +161,7 @@ def null_of(text: str, kind: str) -> str:
         try:
             return f"{float(text.replace(',', '.')):.12g}"
         except ValueError:
-            raise LeftOut(f"its value without a measurement, {text!r}, is no number") from None
+            raise LeftOut(f"its code for a missing value, {text!r}, is not a number") from None
     bits = int(kind[-2:]) if kind.startswith("int") else 0
     return str(number - (1 << bits) if bits and number >= 1 << bits - 1 else number)
 
@@ -177,5 +175,5 @@ def shared_registers(places: Mapping[str, tuple[str, int, int, str]]) -> list[st
             if there != table or at >= address + size:
                 break
             if not (bit and its_bit and bit != its_bit):
-                found.append(f"{name} and {other} are both on {table} register {at}: one of them is wrong")
+                found.append(f"{name} and {other} are both on {table} register {at}; correct one of them")
     return found

@@ -84,19 +84,17 @@ ACCESS: Final = {
 WRITING: Final = frozenset({"5", "6", "15", "16", "22", "23"})
 #: Ambiguous columns, each with the cell that changes no number, and with advice for the user.
 OPEN: Final = {
-    **dict.fromkeys(
-        ("gain", "gains"), ("1", "it may multiply or divide; a column scale or divisor would be right")
-    ),
+    **dict.fromkeys(("gain", "gains"), ("1", "a gain may multiply or divide; use a column scale or divisor")),
     **dict.fromkeys(
         ("offset", "value offset", "offset value", "versatz"),
         (
             "0",
-            "offset = … of the point in the wiring would be right, and no such column",
+            "remove the column, and state offset = … of the point in the wiring",
         ),
     ),
     **dict.fromkeys(
         ("decimals", "decimal", "decimal places", "nachkommastellen", "dezimalstellen", "dezimale"),
-        ("0", "it may be a display format or a unit; use a column scale, such as 0.1"),
+        ("0", "decimals may be a display format or a scale; use a column scale, such as 0.1"),
     ),
 }
 #: Column headings that always mean changed numbers, whatever the cells are.

@@ -113,26 +113,26 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
     rows, heads, notes = _rows(path, lines)
     notes = [*account.taken, *notes]
     if not rows:
-        raise WiringError(f"{path}: there is no row below the head")
+        raise WiringError(f"{path}: there is no row below the head; each register needs a row")
     rows = [_with_bit(f"{path}, row {row.line}", row) for row in rows]
     if any(row.bit for row in rows):
-        notes.append("The bits of registers are taken to count from 0, the lowest.")
+        notes.append("The bits of a register are assumed to be numbered from 0, the lowest bit.")
     tables = {row.line: _table(f"{path}, row {row.line}", row, rows) for row in rows}
     counted = counting or _counting(path, rows, tables)
     if counted == "modicon":
         first = next((row for row in rows if tables[row.line] in ("input", "holding")), rows[0])
         at = _address(f"{path}, row {first.line}", first, tables[first.line], counted)
         notes.append(
-            f"The addresses are taken as Modicon numbers: {first.address} is {tables[first.line]} register {at} on the "
-            "wire (--addresses wire takes them as they stand)."
+            f"The addresses are read as Modicon numbers: {first.address} is {tables[first.line]} register {at} on the "
+            "wire. If they are addresses on the wire, give --addresses wire."
         )
     elif counted == "one":
-        notes.append("The addresses are taken to count from 1: on the wire each is one less.")
+        notes.append("The addresses are assumed to begin at 1: on the wire, each is one less.")
     access = _access(path, rows, tables)
     if any(one is None for one in access.values()):
         notes.append(
-            "The list does not say of all holding registers and coils whether they are read or written: a column R/W "
-            'would. A reading needs group = "fast".'
+            "The list does not state for all holding registers and coils whether they are read or written; add a "
+            'column R/W. A reading needs group = "fast".'
         )
     sizes = [(row.size, _registers(row)) for row in rows if row.size]
     conventions = _Conventions(
@@ -145,7 +145,7 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
         size_units(heads.get("size", ""), sizes),
     )
     if conventions.exponents:
-        notes.append(f"The column {heads['factor']} is taken as exponents of ten: -1 is a scale of 0.1.")
+        notes.append(f"The column {heads['factor']} is read as exponents of ten: -1 is a scale of 0.1.")
     points, left_out = _points(path, rows, tables, access, conventions)
     return RegisterList(points, notes + left_out)
 
@@ -191,7 +191,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
     for number, cells in cells_of(lines[head + 1 :], delimiter):
         line = head + 1 + number
         if len(cells) > width and any(cells[width:]):
-            raise WiringError(f"{path}, row {line}: there are {len(cells)} cells, and the head has {width}")
+            raise WiringError(f"{path}, row {line}: the row has {len(cells)} cells, but the head has {width}")
         row = {key: cells[index] if index < len(cells) else "" for key, index in found.items()}
         if not any(row.values()):
             continue
@@ -201,7 +201,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
         unread_one = unread_scaling(names, list(found.values()), cells)
         rows.append(_Row(line, **{key: row.get(key, "") for key in COLUMNS}, open=unread_one))
     if titles:
-        notes.append(f"Rows with a single cell, taken as titles: {titles}.")
+        notes.append(f"Rows with a single cell, read as titles: {titles}.")
     return rows, {key: names[index] for key, index in found.items()}, notes
 
 
@@ -216,7 +216,7 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
             raise WiringError(f"{path}: the column {name}, such as {told}, is not read: {right}")
         if _plain(name) in DEVICES and len(cells) > 1:
             raise WiringError(
-                f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}: a list for each device would be right"
+                f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}; split the list into one per device"
             )
 
 
@@ -224,13 +224,15 @@ def _with_bit(where: str, row: _Row) -> _Row:
     """Split an address with a bit, such as 40001.3, into both. WiringError for an impossible bit."""
     address, point, behind = row.address.partition(".")
     if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
-        raise WiringError(f"{where}: address = {row.address!r} has a bit, and the column bit has {row.bit}")
+        raise WiringError(
+            f"{where}: address = {row.address!r} has a bit, and the column bit has {row.bit}; state the bit once"
+        )
     bit = behind if point else row.bit
     if not bit:
         return row
     if not re.fullmatch(r"\d{1,2}", bit) or int(bit) > 15:
         told = f"address = {row.address!r}" if point else f"bit = {row.bit!r}"
-        raise WiringError(f"{where}: {told} is no bit of a register; 0 (the lowest) to 15 would be right")
+        raise WiringError(f"{where}: {told}; the bit of a register must be 0 (the lowest) to 15")
     return replace(row, address=address, bit=str(int(bit)))
 
 
@@ -252,7 +254,9 @@ def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
     for key in ("name", "address"):
         if key not in found:
             told = [_plain(cell) for cell in next(cells_of([lines[index]], delimiter), (0, []))[1]]
-            raise WiringError(f"{path}: no column {key}; there are {', '.join(told) or 'none'}")
+            raise WiringError(
+                f"{path}: there is no column {key}; the columns are {', '.join(told) or 'none'}"
+            )
     return delimiter, index, found
 
 
@@ -277,9 +281,10 @@ def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
         if all(re.fullmatch(r"[0134]\d{4,5}", one.address) for one in rows):
             return next(one for one, digit in DIGIT.items() if digit == row.address[0])
         raise WiringError(
-            f"{where}: no column table; input, holding, coil or discrete, or addresses such as 30011, say it"
+            f"{where}: the table of the register is unknown; add a column table (input, holding, coil or discrete), or "
+            "use addresses such as 30011"
         )
-    raise WiringError(f"{where}, column table: {row.table!r} is none of input, holding, coil, discrete")
+    raise WiringError(f"{where}, column table: {row.table!r} must be input, holding, coil or discrete")
 
 
 def _access(
@@ -298,11 +303,11 @@ def _access(
         where, table = f"{path}, row {row.line}", tables[row.line]
         said = ACCESS.get(_plain(row.access)) if row.access else None
         if row.access and said is None:
-            raise WiringError(f"{where}, column access: {row.access!r} is none of R, W and R/W")
+            raise WiringError(f"{where}, column access: {row.access!r} must be R, W or R/W")
         if table in ("input", "discrete"):
             if said is not None and said[1]:
                 raise WiringError(
-                    f"{where}, column access: {row.access!r}, and the table {table} can only be read; holding and "
+                    f"{where}, column access: {row.access!r}, but the table {table} is read-only; only holding and "
                     "coil can be written"
                 )
             said = True, False
@@ -321,15 +326,16 @@ def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Co
         return "wire"
     if set(tables.values()) == {"coil"}:  # 00010 may be a number with zeros before it
         raise WiringError(
-            f"{path}: {rows[0].address} in row {rows[0].line} may be a Modicon number of a coil: --addresses modicon "
-            "or wire would say it"
+            f"{path}: {rows[0].address} in row {rows[0].line} may be a Modicon number of a coil; give --addresses "
+            "modicon or --addresses wire"
         )
     if all(fits.values()):
         return "modicon"
     yes, no = (next(row for row in rows if fits[row.line] is one) for one in (True, False))
     raise WiringError(
         f"{path}: {yes.address} in row {yes.line} looks like a Modicon number of table {tables[yes.line]}, "
-        f"{no.address} in row {no.line} does not: --addresses wire takes all as they stand; else make them one kind"
+        f"but {no.address} in row {no.line} does not; if all are addresses on the wire, give --addresses wire, else "
+        "correct the list"
     )
 
 
@@ -340,23 +346,21 @@ def _is_modicon(address: str, table: str) -> bool:
 def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
     text = row.address.strip()
     if len(text) > _DIGITS:
-        raise WiringError(f"{where}: address = {text[:_DIGITS]}…; on the wire 0 to 65535 would be right")
+        raise WiringError(f"{where}: address = {text[:_DIGITS]}…; on the wire, an address must be 0 to 65535")
     if re.fullmatch(r"0[xX][0-9A-Fa-f]+|16#[0-9A-Fa-f]+|[0-9A-Fa-f]+[hH]", text):
         number = int(re.sub(r"^(0[xX]|16#)|[hH]$", "", text), 16)
     elif re.fullmatch(r"\d+", text):
         number = int(text)
     else:
-        raise WiringError(
-            f"{where}: address = {row.address!r} is no number; one such as 10 or 0x0A would be right"
-        )
+        raise WiringError(f"{where}: address = {row.address!r} is not a number; write it as 10 or 0x0A")
     if counting == "modicon":
         if not _is_modicon(text, table):
-            raise WiringError(f"{where}: address = {row.address!r} is no Modicon number of table {table}")
+            raise WiringError(f"{where}: address = {row.address!r} is not a Modicon number of table {table}")
         number = int(text[1:]) - 1
     elif counting == "one":
         number -= 1
     if not 0 <= number <= 0xFFFF:
-        raise WiringError(f"{where}: address = {row.address!r}; on the wire 0 to 65535 would be right")
+        raise WiringError(f"{where}: address = {row.address!r}; on the wire, an address must be 0 to 65535")
     return number
 
 
@@ -395,7 +399,7 @@ def _point(
     if unit.factor != 1.0:
         if scale != 1.0:
             raise WiringError(
-                f"{where}: the scale is {scale:g}, and the unit {row.unit!r} has one too; one would be right"
+                f"{where}: the scale is {scale:g}, and the unit {row.unit!r} contains a scale, too; remove one of them"
             )
         scale = unit.factor
     kind, order = kind_of(where, f"{row.type} {row.order}".strip())
@@ -404,11 +408,13 @@ def _point(
         kind = sized_type(kind, bool(_registers(row)), row.size, conventions.size_units)
     name = _name(row.name)
     if not name:
-        raise WiringError(f"{where}, column name: {row.name!r} has no letter to begin with")
+        raise WiringError(
+            f"{where}, column name: {row.name!r} has no letter; a name must begin with a letter"
+        )
     name = f"{name}_{table}_{address}" if name in conventions.twice else name
     if row.bit and (not words or (kind and kind not in ("bit", "uint16")) or scale != 1.0):
         raise WiringError(
-            f"{where}: bit {row.bit} of a {kind or table}: bits are of one register, without type or scale"
+            f"{where}: bit {row.bit} of a {kind or table}; a bit needs a single register, without type and scale"
         )
     null = null_of(row.null, kind) if words and not row.bit else ""
     parts = [f'table = "{table}"', f"address = {address}"]

@@ -132,7 +132,7 @@ def _nulls(points: Sequence[DescribedPoint]) -> str:
         for one in points
         if one.nulls and one.read
     ]
-    head = "# Raw values that the DBC names as no measurement.\n[transports.bus.points]\n"
+    head = "# Raw values that mean a missing measurement, by the DBC.\n[transports.bus.points]\n"
     return f"{head}{''.join(lines)}\n" if lines else ""
 
 
@@ -166,7 +166,7 @@ def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
     others = "".join(
         f"#   {value:.2f} {point.name}{_unit(point)}{_numbers(point)}\n" for value, point in one.candidates
     )
-    why = "not found; see the candidates above" if others else "not found; nothing has such a name and unit"
+    why = "not found; see the candidates above" if others else "not found; no point has such a name and unit"
     return f'{head}{others}"{signal.name}" = {{ absent = "{why}" }}\n'
 
 

@@ -24,7 +24,7 @@ export function starting(panel, order, told) {
   const vent = make("button", {}, "Vent springs");
   const last = make("div", { id: "last" });
   const lacks = panel.about?.lacks_stop ?? "";
-  const stopless = make("p", { class: "wrong" }, lacks && `No run starts without a stop: ${lacks}.`);
+  const stopless = make("p", { class: "wrong" }, lacks && `No run can start on a rig that cannot be stopped: ${lacks}.`);
   const { button, text } = help("AW0", "AW3", "specimen", "hold");
 
   function offer(found) {

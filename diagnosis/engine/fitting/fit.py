@@ -263,5 +263,5 @@ def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:
             raise DiagnosisError(
                 f"{replay.simulator.name} returns NaN or infinity for the run {run.experiment.name} at "
                 f"{dict(zip((c.label for c in point.coordinates), point.values().tolist(), strict=True))}; "
-                "a simulator must be finite wherever its parameters are allowed to be"
+                "outputs must be finite in the whole range of the parameters"
             )

@@ -38,8 +38,8 @@ class Coordinate:
         scale = spread if 0.0 < spread < math.inf else 100.0 * self.parameter.step
         if not 0.0 < scale < math.inf:
             raise DiagnosisError(
-                f"{self.label}: spread is {spread:g} {self.parameter.unit} and step is {self.parameter.step:g}; the "
-                "simulator must give at least one of them as a positive finite number"
+                f"{self.label}: spread is {spread:g} {self.parameter.unit} and step is {self.parameter.step:g}; at "
+                "least one of them must be positive and finite"
             )
         if self.parameter.logarithmic:
             scale /= self.parameter.nominal

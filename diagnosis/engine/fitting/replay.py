@@ -47,7 +47,7 @@ class Replay:
         names = [run.experiment.name for run in self.runs]
         if len(set(names)) < len(names):
             raise DiagnosisError(
-                f"the dataset holds two runs of the same name among {names}; each needs its own"
+                f"the dataset holds two runs of the same name among {names}; give each run another name"
             )
 
     @property

@@ -45,7 +45,7 @@ def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], p
         bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
         if bellows not in settings:
             raise DiagnosisError(
-                f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
+                f"run {experiment.name}: the setting {bellows} is missing; give the gauge pressure at the start in Pa"
             )
         pressure[[i, SIDES + i]] = unbiased(bellows) + parameters.get(f"{side}.initial_pressure", 0.0)
         joined = MOVING not in settings and given(experiment, f"{side}.reservoir", 1.0)[0]

@@ -141,7 +141,7 @@ def given(experiment: Experiment, name: str, default: float | None = None) -> Ar
     if values is not None:
         return values
     if default is None:
-        raise DiagnosisError(f"run {experiment.name} has no input {name}; without it nothing can be replayed")
+        raise DiagnosisError(f"run {experiment.name} has no input {name}, which the simulation needs")
     return np.full(len(experiment.time), default)
 
 

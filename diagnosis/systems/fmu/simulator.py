@@ -223,8 +223,8 @@ class FmuSimulator(CompleteSimulator):
         times = step / own
         if round(times) < 1 or abs(times / round(times) - 1.0) > _WHOLE:
             raise DiagnosisError(
-                f"{self.name} has a fixed step of {own:g} s, and a communication step of {step:g} s is no whole "
-                f'multiple of it; set time.step or fmu.step = "{max(round(times), 1) * own:g} s" in the map'
+                f"{self.name} has a fixed step of {own:g} s, but the communication step of {step:g} s is not a whole "
+                f'multiple of this; set time.step or fmu.step = "{max(round(times), 1) * own:g} s" in the map'
             )
 
     def _simulated(self, request: SimulationRequest) -> Array:
@@ -240,9 +240,9 @@ class FmuSimulator(CompleteSimulator):
             again = self._pool.simulate(request)
             if again.tobytes() != found.tobytes():
                 raise DiagnosisError(
-                    f"{self.name} gave other outputs when it was simulated again with the same inputs, by up to "
-                    f"{np.nanmax(np.abs(again - found)):.3g}; use an FMU without random numbers and without data that "
-                    "one instance leaves to the next"
+                    f"{self.name} returned other outputs when it was simulated again with the same inputs, by up to "
+                    f"{np.nanmax(np.abs(again - found)):.3g}; use an FMU without random numbers and without data "
+                    "that remain from one instance to the next"
                 )
         order = _order([self.fmu.variables[name] for name in self._asked])
         units = [self.fmu.variables[name].unit for name in self._asked]

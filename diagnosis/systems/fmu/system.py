@@ -150,7 +150,7 @@ class _Maker:
             with self._noted(f"fmu.gauge.{name}"):
                 if fmu.variable(name, f"{self.where}: fmu.gauge").unit.si != "Pa":
                     raise DiagnosisError(
-                        f"{self.where}: fmu.gauge: {name} is no pressure; remove it from the list"
+                        f"{self.where}: fmu.gauge: {name} is not a pressure; remove it from the list"
                     )
         if not outputs:
             raise DiagnosisError(
@@ -305,12 +305,12 @@ class _Maker:
     def _check_measured(self, name: str, keys: MeasuredKeys, names: Collection[str]) -> None:
         where = f"{self.where}: fmu.measured.{name}"
         if name not in names:
-            raise DiagnosisError(f"{where} is no signal with a column; use one of {', '.join(names)}")
+            raise DiagnosisError(f"{where} is not a signal with a column; use one of {', '.join(names)}")
         late = sorted({*(keys.causes or ())} & _OF_MOTION)
         if late and name in self.held:
             raise DiagnosisError(
-                f"{where}.causes has {' and '.join(late)}, but {name} is held between samples and cannot lag; use "
-                "gain, offset or drift, or set hold = false for its column"
+                f"{where}.causes has {' and '.join(late)}, but {name} is held between samples, so no lag can be "
+                "determined; use gain, offset or drift, or set hold = false for its column"
             )
 
     def _base(self, name: str, keys: BaseKeys, sensors: Mapping[str, Hypothesis]) -> Nuisance:
@@ -468,8 +468,7 @@ class _Maker:
                 raise DiagnosisError(f"{where}: {name} has no column; use one of {', '.join(signals)}")
         if len(keys.over) != 2 or keys.knots < 3:
             raise DiagnosisError(
-                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; use two signals and at least 3 "
-                "knots"
+                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; use two signals and at least 3 knots"
             )
         axes = []
         for name, ends in keys.over.items():

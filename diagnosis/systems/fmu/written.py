@@ -137,7 +137,7 @@ def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
         found: Any = read_ssv(str(path))
     except Exception as error:  # whatever the reader stumbles over
         raise DiagnosisError(
-            f"{where}: {path} is no readable parameter set (SSV): {error}; export it again"
+            f"{where}: {path} cannot be read as a parameter set (SSV): {error}; export the file again"
         ) from None
     values = {}
     for parameter in found.parameters:
@@ -146,7 +146,7 @@ def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
         if unit and one.unit.name and unit != one.unit.name:
             raise DiagnosisError(
                 f'{where}: {path.name} has {parameter.name} in "{unit}", but the FMU in "{one.unit.name}"; write '
-                "it in the unit of the FMU"
+                "the value in the unit of the FMU"
             )
         text = str(parameter.value)
         values[parameter.name] = one.unit.to_si(

@@ -102,4 +102,4 @@ def _measured(trip: Callable[[], None], count: int, more: Callable[[], bool]) ->
 
 def _expect(arrived: bool) -> None:
     if not arrived:
-        raise RuntimeError("a frame did not come back whole")
+        raise RuntimeError("a returned frame is incomplete")

@@ -114,7 +114,7 @@ def run(effort: Effort) -> Section:
     difference = float(np.max(np.abs(x[:4] / y - 1.0)))
     if difference > SAME:
         raise AssertionError(
-            f"after {STEPS} steps C and numba differ by {difference:.1e}: not the same equations"
+            f"after {STEPS} steps, C and numba differ by {difference:.1e}, so their equations differ"
         )
     row = compare("one step, numba", found["ours"], "C, gcc -O2", found["control"])
     note = f"Both loops end in the same state, to {difference:.0e}. Processor time of one thread."

@@ -123,7 +123,7 @@ class Killer:
                 if any(folder.iterdir()):
                     return
             time.sleep(0.5 * ms)
-        raise RuntimeError(f"no run began: {(self._directory / 'said.txt').read_text()}")
+        raise RuntimeError(f"no run was started: {(self._directory / 'said.txt').read_text()}")
 
     def _judge(self, found: Killed, folder: Path, said: str, began: float, end: float) -> None:
         if not any(
@@ -221,15 +221,15 @@ def main() -> int:
             when = list(MOMENTS)[number % len(MOMENTS)]
             one = kills.kill(when, draw.uniform(*MOMENTS[when]))
             found.append(one)
-            told = "; ".join(one.wrong) or "as it must be"
+            told = "; ".join(one.wrong) or "correct"
             seen = f"{one.when}, {one.moment:.3f} s: {one.listed}, {one.lost:.3f} s lost, {told}"
             print(f"{number + 1:4} {seen}", flush=True)
     good = sum(not one.wrong for one in found)
     lost = np.array([one.lost for one in found if one.listed == "interrupted"])
     kinds = ", ".join(f"{number} {name}" for name, number in Counter(one.listed for one in found).items())
-    print(f"{good} of {len(found)} are as they must be: {kinds}")
+    print(f"{good} of {len(found)} are correct: {kinds}")
     if lost.size:
-        print(f"lost of those that were interrupted: median {np.median(lost):.3f} s, most {lost.max():.3f} s")
+        print(f"lost end of interrupted runs: median {np.median(lost):.3f} s, maximum {lost.max():.3f} s")
     return int(good < len(found))
 
 

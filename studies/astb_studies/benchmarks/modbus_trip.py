@@ -30,7 +30,7 @@ def run(effort: Effort) -> Section:
         def exchange(sock: socket.socket) -> None:
             sock.sendall(MODBUS_REQUEST)
             if len(sock.recv(4096)) != len(MODBUS_REPLY):
-                raise RuntimeError("an answer did not come back whole")
+                raise RuntimeError("an answer is incomplete")
 
         try:
             directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -108,10 +108,10 @@ def _process(*command: str) -> Iterator[Any]:
 
 def _expect_line(process: Any, word: str) -> str:
     if not select.select([process.stdout], [], [], _PATIENCE)[0]:
-        raise RuntimeError(f"{process.args} did not say {word!r} within {_PATIENCE:g} s")
+        raise RuntimeError(f"{process.args} did not print {word!r} within {_PATIENCE:g} s")
     line: str = process.stdout.readline()
     if not line.startswith(word):
-        raise RuntimeError(f"{process.args} said {line!r} instead of {word!r}")
+        raise RuntimeError(f"{process.args} printed {line!r} instead of {word!r}")
     return line
 
 

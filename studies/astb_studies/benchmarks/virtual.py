@@ -64,7 +64,9 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
         result = execute(plans()[name], session.bench, directory / name, rig="virtual", seed=0)
         elapsed = time.perf_counter() - start
         if result.verdict != "pass":
-            raise RuntimeError(f"{name}: {result.verdict} {result.reason}: not a run to be timed")
+            raise RuntimeError(
+                f"{name}: {result.verdict} {result.reason}; the duration of such a run does not count"
+            )
         return (session.clock.now() - simulated) / NS, elapsed
 
 

@@ -123,7 +123,7 @@ class BenchResults:
         for result in self.results[plan][: 1 if first else None]:
             found = [one for one in result.curves if (one.group, one.name) == (group, name)]
             if not found:
-                raise NoBenchResult(f"{plan} kept no curve {name!r} of {group!r}")
+                raise NoBenchResult(f"{plan} has no curve {name!r} of {group!r}")
             kept.append((found[0].xs, found[0].ys))
         xs, ys = (np.array([one[k] for one in kept], np.float64) for k in (0, 1))
         return Points(xs.mean(axis=0), ys.mean(axis=0), ys.min(axis=0), ys.max(axis=0))

@@ -60,7 +60,7 @@ class Claim:
 
     def __post_init__(self) -> None:
         if self.id and any(one.id == self.id for one in CLAIMS):
-            raise ValueError(f"there are two claims {self.id}")
+            raise ValueError(f"there are two claims {self.id}; rename one of them")
         CLAIMS.append(self)
 
     def on(self, layer: Layer, limits: str, *, shares: str = "") -> Callable[[Evaluate], Evaluate]:

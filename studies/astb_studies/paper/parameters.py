@@ -64,7 +64,7 @@ class PaperSet:
                 raise ParameterError(unknown(name, tuple(entries)))
             old, value = entries[name], np.array(change, dtype=np.float64)
             if name in _WIND and value.ndim:
-                raise ParameterError(f"{name} has shape {value.shape}; the wind takes one number")
+                raise ParameterError(f"{name} has shape {value.shape}; the wind needs a single number")
             low, high = (np.broadcast_to(bound.flat[0], value.shape) for bound in (old.low, old.high))
             entries[name] = replace(old, value=value, low=low, high=high)
             check_range(name, entries[name])

@@ -164,11 +164,11 @@ def _variates(seed: int, channel: int, n: int) -> NDArray[np.complex128]:
 def _harmonics(time: Samples) -> tuple[Samples, float]:
     """The frequencies k/T in Hz from 0 to half the sampling rate, and the step in s."""
     if len(time) < 2:
-        raise ValueError(f"time has {len(time)} samples; a wind needs two or more at an even step")
+        raise ValueError(f"time has {len(time)} samples; give at least two samples at a constant step")
     step = float(time[-1] - time[0]) / (len(time) - 1)
     if not (step > 0.0 and np.max(np.abs(np.diff(time) - step)) < 1e-3 * step):
         raise ValueError(
-            f"time has steps of {np.diff(time).min():g} to {np.diff(time).max():g} s; an even step fits"
+            f"time has steps of {np.diff(time).min():g} to {np.diff(time).max():g} s; the step must be constant"
         )
     return np.arange(len(time) // 2 + 1) / (len(time) * step), step
 

@@ -99,7 +99,7 @@ def main(
     judgements = {system: done(system, kept) for system in SYSTEMS}
     if lacking := [system for system, judged in judgements.items() if not judged]:
         raise click.ClickException(
-            f"nothing is kept of {', '.join(lacking)} in {kept}: the page stays as it is, or it would lose figures"
+            f"{kept} has no results of {', '.join(lacking)}, so the page was not written; run these systems"
         )
     page = write(judgements, {system: len(cases) for system, cases in asked.items()})
     console.print(f"page: {page}", highlight=False)

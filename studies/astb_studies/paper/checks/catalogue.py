@@ -51,5 +51,5 @@ def select(ids: Iterable[str] | None = None) -> list[int]:
     wanted = set(ids)
     unknown = wanted - {check.id for check in CHECKS}
     if unknown:
-        raise KeyError(f"there is no check {sorted(unknown)[0]}; there are T1 to T11 and A01 to A30")
+        raise KeyError(f"there is no check {sorted(unknown)[0]}; the checks are T1 to T11 and A01 to A30")
     return [place for place, check in enumerate(CHECKS) if check.id in wanted]

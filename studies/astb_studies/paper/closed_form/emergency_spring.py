@@ -25,4 +25,4 @@ def combined(K: Stiffness, K_e: Real, topology: Topology) -> Stiffness:
         return K * K_e / (K + K_e)
     if topology == "parallel":
         return K + K_e
-    raise ValueError(f"topology = {topology!r}; it is 'series' or 'parallel'")
+    raise ValueError(f"topology = {topology!r}; it must be 'series' or 'parallel'")

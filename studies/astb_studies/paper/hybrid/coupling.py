@@ -232,7 +232,7 @@ def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
             held, silent = springs_of(read, rig), 0.0
         elif (silent := silent + HOST_STEP) > SILENT:
             raise LinkLost(
-                f"no force of the springs for {silent / ms:.0f} ms: the car has nothing to ride on"
+                f"no force of the springs was received for {silent / ms:.0f} ms, so the car cannot be simulated"
             )
         course.asked.append(motion.place_at(0.0))
         course.read.append([*(read[name] for name in POSES), -held.lateral])

@@ -199,5 +199,5 @@ def test_no_page_is_written_without_data(tmp_path):
     page = rate_page.PAGE.read_bytes()
     done = CliRunner().invoke(main, ["--page-only", "--kept", str(tmp_path)])
     assert done.exit_code == 1
-    assert "nothing is kept of oscillator, bench in" in done.output
+    assert "has no results of oscillator, bench" in done.output
     assert rate_page.PAGE.read_bytes() == page
