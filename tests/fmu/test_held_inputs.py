@@ -328,7 +328,7 @@ upper_start = { spread = "20 mm", per_run = true }
         if not one.per_run:
             assert one.nominal / one.scale == pytest.approx(rows[one.name]["value"], rel=1e-6)
     done = CliRunner().invoke(identify_command, [*asked, "--expect", "screening"])
-    assert done.exit_code == 2 and "--expect: tanks.fmu is no model of the bench" in done.output
+    assert done.exit_code == 2 and "--expect: tanks.fmu is not a model of the bench" in done.output
 
 
 def test_a_parameter_without_a_prior_is_refused(tanks: dict[str, Path]) -> None:
