@@ -282,7 +282,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     if finding.checks:
         console.print(_checks(finding.checks))
     for run in finding.next_runs[:1]:
-        line(f"  the run that would decide: astb run {run.experiment.partition(' ')[0]}")
+        line(f"  the next run that can decide: astb run {run.experiment.partition(' ')[0]}")
     if (out / VALUES).exists():
         line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")

@@ -222,7 +222,7 @@ def test_a_model_is_not_separated_from_itself(ambiguous):
 def test_a_menu_without_costs_is_refused(ambiguous):
     bench, coulomb, maxwell = ambiguous
     free = replace(bench.lab.experiments()[1], minutes=0.0)
-    with pytest.raises(DiagnosisError, match="positive cost"):
+    with pytest.raises(DiagnosisError, match="takes 0 minutes; the time must be positive"):
         rank([coulomb, maxwell], [free])
 
 

@@ -148,11 +148,11 @@ def scale(point: str, factor: float) -> tuple[str, str]:
             VirtualPlc,
             (r"(laser_left = .*scale = )0.01", r"\g<1>0.1"),
             "left.height",
-            "out of its range|its scale",
+            "out of its range|check (the )?scale",
         ),
-        (VirtualPlc, scale("cell_3", 10), "load_cell.3", "its scale"),
+        (VirtualPlc, scale("cell_3", 10), "load_cell.3", "check (the )?scale"),
         (VirtualPlc, (r'("plc.gas_left", unit = )"degC"', r'\1"K"'), "left.bellows_temperature", "degC"),
-        (VirtualPlc, TURNED, "left.height", "a sign, or an offset|out of its range"),
+        (VirtualPlc, TURNED, "left.height", "check sign and offset|out of its range"),
     ],
 )
 def test_rest_shows_a_wrong_line(rig, change, signal, remark, tmp_path):
@@ -171,11 +171,11 @@ def test_rest_shows_a_wrong_line(rig, change, signal, remark, tmp_path):
         (SWAPPED, "the left laser .* are the sides swapped"),
         ([scale("place_lateral", 10)], r"lateral\.displacement changed by (1\.9|2\.)\d* mm when 0\.2 mm"),
         ([sign("load_cell.5")], "load cells 5 and 6 hold against"),
-        ([sign("lateral.displacement")], "its sign is turned"),
-        ([scale("force_lateral", 10)], "its scale|lateral.force changed by"),
+        ([sign("lateral.displacement")], "the sign is wrong"),
+        ([scale("force_lateral", 10)], "check the scale|lateral.force changed by"),
         ([sign("vertical_left.force")], "load cells 1 to 4 lose"),
         ([scale("cell_3", 2)], r"load_cell\.3 has its share"),
-        ([sign("platform.roll")], "platform.roll follows .* sign is turned"),
+        ([sign("platform.roll")], "platform.roll follows .* the sign is wrong"),
     ],
 )
 def test_moves_show_a_wrong_line(changes, told, tmp_path):

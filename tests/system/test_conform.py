@@ -12,7 +12,7 @@ def test_the_command_tells_people_and_programs(astb_here, tmp_path):
     assert "SpringLeft, rate" in out
     code, out, _ = astb_here(tmp_path, "rig", "conform", "virtual", "--against", "one.json")
     assert code == 0
-    assert "do the same" in out
+    assert "agree in all checks" in out
     report = read_report(tmp_path / "one.json")
     spoilt = [Observation(group=f.group, what=f.what, outcome=f.outcome, found="?") for f in report.findings]
     changed = Report(rig="other", time="real", motion=False, findings=spoilt)

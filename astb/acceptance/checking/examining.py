@@ -193,7 +193,9 @@ class _Examination:
         can = self.wiring.capabilities
         return [
             "has a function generator" if can.generator else "no generator: the bench streams the waves",
-            "one commander at a time (lease)" if can.lease else "no lease: two commanders would not notice",
+            "one commander at a time (lease)"
+            if can.lease
+            else "no lease: two commanders cannot detect each other",
             "watchdog of the settings" if can.watchdog else "no watchdog of the settings' connection",
             "reports its signal map" if can.identity else "does not report its signal map",
             *(f"{name}: {text}" for name, text in can.notes.items()),

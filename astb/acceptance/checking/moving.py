@@ -168,9 +168,11 @@ def _why(found: float, right: float, noise: float) -> str:
     if abs(found) <= noise:
         return ": it does not move"
     if found * right < 0 and abs(found + right) <= max(noise, _BAND * abs(right)):
-        return ": its sign is turned"
+        return ": the sign is wrong"
     ratio = found / right
-    return f": {ratio:.3g} times that, its scale?" if ratio > 0 else ": its sign is turned, and its scale?"
+    return (
+        f": {ratio:.3g} times the expected change; check the scale" if ratio > 0 else ": check sign and scale"
+    )
 
 
 def _sum(changes: Mapping[str, float], names: tuple[str, ...]) -> float | None:

@@ -66,20 +66,20 @@ def _guess(signal: Signal, value: float) -> str:
         if abs(value - ATMOSPHERE) < _WEATHER:
             return ': an absolute pressure? then calibration = { offset = "-1.01325 bar" }'
         if abs(value + ATMOSPHERE) < _WEATHER:
-            return ": a gauge pressure from which the atmosphere is taken off? then no offset"
+            return ": a gauge pressure, reduced by the atmospheric pressure again? then remove the offset"
     if signal.group is Group.TEMPERATURE and abs(value) < 60:
         return ': degrees Celsius? then unit = "degC"'
     if signal.group is Group.TEMPERATURE and abs(value - 2 * _CELSIUS) < 60:
-        return ": kelvins already?"
+        return ': are the values in kelvins already? then unit = "K"'
     if signal.group is Group.ACCELERATION and abs(abs(value) - _GRAVITY) < 1:
-        return ": gravity? the accelerometer lies in another direction"
+        return ": is this gravity? then the accelerometer has another direction"
     if signal.group is Group.VERTICAL_LOAD_CELL and value < 0:
         return ": the cell carries weight, so its force must be positive; sign = -1?"
     if signal.group:
         low, high = signal.group.row.at_rest
         for factor in (10, 100, 1000):
             if low <= value / factor <= high and abs(value) > 2 * max(high, -low):
-                return f": its scale, or an offset? {signal.show(value / factor)} with a {factor}th of it"
+                return f": check scale and offset; 1/{factor} of this value is {signal.show(value / factor)}"
     return ""
 
 
@@ -91,12 +91,12 @@ def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict
         if means[name] < -0.2 * kN:
             found[name] = "the cell carries weight, so its force must be positive; sign = -1?"
         elif len(cells) > 1 and means[name] > 4 * _median([means[one] for one in cells]) + 0.5 * kN:
-            found[name] = "four times what the other cells carry, or more: its scale?"
+            found[name] = "more than four times the force of the other cells; check the scale"
     heights = [means[name] for name in _HEIGHTS if name in means]
     if len(heights) == 2 and abs(heights[0] - heights[1]) > _UNEVEN:
         for name in _HEIGHTS:
             found[name] = (
-                f"the sides differ by {signals[name].show(abs(heights[0] - heights[1]))}: a sign, or an offset?"
+                f"the sides differ by {signals[name].show(abs(heights[0] - heights[1]))}; check sign and offset"
             )
     for side in SIDES:
         piston, laser = f"vertical_{side}.displacement", f"{side}.height"

@@ -84,7 +84,7 @@ def _show(report: Report) -> None:
 def _show_differences(here: Report, there: Report, apart: "list[Difference]") -> None:
     console = open_console()
     if not apart:
-        console.print(f"{here.rig} and {there.rig} do the same, in all that both were asked")
+        console.print(f"{here.rig} and {there.rig} agree in all checks that were made on both")
         return
     columns = ("group", "what", here.rig, f"{there.rig} (other)")
     table = open_table(f"{len(apart)} differences", *columns, whole=("group",))

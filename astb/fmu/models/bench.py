@@ -48,8 +48,8 @@ def bench(parameters: Parameters) -> Unit:
             "Two air springs with their valves under a bolster that three servo-hydraulic actuators push, on a "
             "vibration platform. Units are SI; pressures are over the atmosphere, heights over design height, lateral "
             "positions to the left.",
-            "It begins at rest, under its preload or without air. The outputs are true values: lags, noise and "
-            "resolution of the measuring chain are not included. Set-points are held over a communication step.",
+            "The simulation begins at rest, under its preload or without air. The outputs are true values: lags, noise "
+            "and resolution of the measuring chain are not included. Set-points are held over a communication step.",
         ),
         (*valves(), *_setpoints(parameters), *_outputs(), *_parameters(parameters)),
         defaults_of(parameters),
@@ -110,7 +110,7 @@ def _outputs() -> Iterator[Variable]:
 
 
 def _parameters(parameters: Parameters) -> Iterator[Variable]:
-    text = "1: it begins at rest under its preload; 0: without air, on the emergency springs"
+    text = "1: the simulation begins at rest under preload; 0: without air, on the emergency springs"
     yield Variable("air.at_start", "1", Kind.BEGIN, 0, text, 1.0, 0.0, 1.0, whole=True)
     own = [one for one in PLANT_QUANTITIES if not one.name.startswith(_ELSEWHERE)]
     fixed = (*FIXED, "nominal_preload")

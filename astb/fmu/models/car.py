@@ -77,8 +77,8 @@ def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
             "Half a car with lateral damper, bump stop and anti-roll bar. Its inputs are the forces of its two "
             "springs, the motion of the track and the wind. Its outputs are the positions of the springs, and "
             "have the names of the inputs of the springs' FMU. Units are SI, lateral positions to the left.",
-            "It begins at rest on the track. Within a communication step the track goes on with the speeds and "
-            "accelerations that were given with it; forces are held.",
+            "The simulation begins at rest on the track. Within a communication step, the track is extrapolated with "
+            "the given speeds and accelerations; forces are held.",
         ),
         (*_inputs(parameters), *_outputs(), *_parameters(parameters, vehicle, record[0])),
         record.view(np.float64).copy(),

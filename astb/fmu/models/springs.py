@@ -37,12 +37,16 @@ MOTIONS: Final = (
     ("left.height", "m", "Height of the left spring over design height"),
     ("right.height", "m", "Height of the right spring over design height"),
     ("springs.lateral", "m", "Top plates against the feet of the springs, to the left"),
-    ("left.height_speed", "m/s", "Speed of left.height, with which it goes on within a step"),
-    ("right.height_speed", "m/s", "Speed of right.height, with which it goes on within a step"),
-    ("springs.lateral_speed", "m/s", "Speed of springs.lateral, with which it goes on within a step"),
-    ("left.height_acceleration", "m/s2", "With which left.height_speed goes on within a step"),
-    ("right.height_acceleration", "m/s2", "With which right.height_speed goes on within a step"),
-    ("springs.lateral_acceleration", "m/s2", "With which springs.lateral_speed goes on within a step"),
+    ("left.height_speed", "m/s", "Speed of left.height, for extrapolation within a step"),
+    ("right.height_speed", "m/s", "Speed of right.height, for extrapolation within a step"),
+    ("springs.lateral_speed", "m/s", "Speed of springs.lateral, for extrapolation within a step"),
+    ("left.height_acceleration", "m/s2", "Acceleration of left.height, for extrapolation within a step"),
+    ("right.height_acceleration", "m/s2", "Acceleration of right.height, for extrapolation within a step"),
+    (
+        "springs.lateral_acceleration",
+        "m/s2",
+        "Acceleration of springs.lateral, for extrapolation within a step",
+    ),
 )
 VALVES: Final = (
     ("supply.open", Input.SUPPLY, 1.0, 0.0, "Supply main valve: 1 open, 0 closed and vented"),
@@ -57,19 +61,24 @@ VALVES: Final = (
 #: Each represents left and right.
 OF_SPRINGS: Final = (
     ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Upward force on the car body"),
-    ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on it"),
-    ("roll_moment", "N*m", Algebraic.ROLL_MOMENT, "Moment on it, left side up"),
+    ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on the car body"),
+    ("roll_moment", "N*m", Algebraic.ROLL_MOMENT, "Moment on the car body, left side up"),
 )
 _GAS: Final = (
     ("bellows_pressure", "Pa", Gauge.PRESSURE, ""),
     ("auxiliary_pressure", "Pa", Gauge.AUXILIARY_PRESSURE, ""),
     ("bellows_temperature", "K", Algebraic.TEMPERATURE, "Gas in the bellows"),
-    ("auxiliary_temperature", "K", Algebraic.AUXILIARY_TEMPERATURE, "Gas in the auxiliary"),
+    ("auxiliary_temperature", "K", Algebraic.AUXILIARY_TEMPERATURE, "Gas in the auxiliary chamber"),
 )
 FLOWS: Final = (
     ("orifice_flow", "kg/s", Algebraic.ORIFICE_FLOW, "From bellows to auxiliary chamber"),
-    ("leveling_flow", "kg/s", Algebraic.LEVELING_FLOW, "Into it through the leveling valve"),
-    ("service_flow", "kg/s", Algebraic.SERVICE_FLOW, "Into it through the service valve"),
+    (
+        "leveling_flow",
+        "kg/s",
+        Algebraic.LEVELING_FLOW,
+        "Into the auxiliary chamber through the leveling valve",
+    ),
+    ("service_flow", "kg/s", Algebraic.SERVICE_FLOW, "Into the auxiliary chamber through the service valve"),
 )
 CODE: Final = Code(
     "springs",
@@ -99,8 +108,8 @@ def springs(parameters: Parameters) -> Unit:
             "valve and supply. Inputs are their displacements; outputs are their forces on the car "
             "body. Units are SI; pressures are over the atmosphere, heights over design height, lateral positions to "
             "the left.",
-            "It begins at rest, with relaxed rubber and the pressure that carries its preload. Within a communication "
-            "step the displacements go on with the speeds that were given with them.",
+            "The simulation begins at rest, with relaxed rubber and the pressure that carries the preload. Within a "
+            "communication step, the displacements are extrapolated with the given speeds.",
         ),
         (*_motions(), *valves(), *_outputs(), *_parameters(parameters)),
         defaults_of(parameters),
@@ -147,7 +156,7 @@ def _outputs() -> Iterator[Variable]:
 
 
 def _parameters(parameters: Parameters) -> Iterator[Variable]:
-    text = "Share of the pressure that carries the preload with which it begins; 0: without air"
+    text = "Pressure at the start, as a share of the pressure that carries the preload; 0: without air"
     yield Variable("air.at_start", "1", Kind.BEGIN, 0, text, 1.0, 0.0, 1.0)
     own = [one for one in PLANT_QUANTITIES if not one.name.startswith(_ELSEWHERE)]
     yield from parameters_of(own, parameters.entries, parameters.record, PARAMETERS, FIXED)

@@ -186,7 +186,7 @@ def test_wind_without_gusts_is_steady():
     "time", [np.array([0.0]), np.array([0.0, 1.0, 3.0]), np.zeros(4), np.array([0.0, np.nan, 2.0])]
 )
 def test_uneven_time_is_refused(time):
-    with refuses(ValueError, "even"):
+    with refuses(ValueError, "step"):
         wind_force(time, 20.0, 1, WIND)
 
 
