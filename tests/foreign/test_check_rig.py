@@ -142,7 +142,7 @@ def scale(point: str, factor: float) -> tuple[str, str]:
     ("rig", "change", "signal", "remark"),
     [
         (VirtualHall, ABSOLUTE, "left.bellows_pressure", "an absolute pressure"),
-        (VirtualPlc, TWICE, "left.auxiliary_pressure", "no offset"),
+        (VirtualPlc, TWICE, "left.auxiliary_pressure", "remove the offset"),
         (VirtualHall, (r"(CellsA.Cell1.*), sign = -1", r"\1"), "load_cell.1", "sign = -1"),
         (
             VirtualPlc,
