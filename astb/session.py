@@ -172,7 +172,7 @@ def open_session(
                 yield session
         finally:
             if simulated.spring_lost:
-                say(f"the process of the springs ended: {simulated.spring_lost}")
+                say(f"the FMU of the springs failed: {simulated.spring_lost}")
         return
     require_linux("a rig in real time")
     with contextlib.ExitStack() as stack:

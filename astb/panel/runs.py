@@ -173,7 +173,7 @@ class Runs:
             how = (
                 "the run brings the bench to its safe position and ends"
                 if told.get("bench")
-                else "the run had not moved the bench, and ends"
+                else "no plan of the run was on the bench, and the run ends"
             )
         elif pid is not None or self._starting:
             self._kill(pid)
