@@ -131,7 +131,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     )
     assert viewer.locator("#estop.watching").count() == 1
     viewer.click("#estop")
-    until(viewer, "#news", "only watches")
+    until(viewer, "#news", "can only watch")
     until(viewer, "#state", "ACTIVE")
     commander.click("#estop")
     until(commander, "#state", "DISABLED")

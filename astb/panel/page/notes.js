@@ -12,7 +12,7 @@ export function notes(panel, run, changed) {
   const by = remembered("operator", "who says so");
   const files = make("input", { type: "file", multiple: true, "aria-label": "photos or files" });
   const token = panel.link.status?.access.token;
-  const add = make("button", { disabled: !token, title: token ? "" : "this page only watches" }, "Add");
+  const add = make("button", { disabled: !token, title: token ? "" : "this page can only watch" }, "Add");
   add.addEventListener("click", async () => {
     wrong.textContent = "";
     add.disabled = true;
