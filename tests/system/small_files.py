@@ -229,20 +229,21 @@ def main(folder: Path, names: list[str]) -> None:
             continue
         path = folder / name.replace(".", "-") / name
         path.parent.mkdir()
-        if not os.fork():  # writing takes memory, too
+        if not (writing := os.fork()):  # writing takes memory, too
             try:
                 path.write_bytes(content) if isinstance(content, bytes) else content(path)
             except ImportError:
                 print(f"{name}\t0\tnot written\t", flush=True)
             os._exit(0)
-        os.wait()
-        if path.exists() and not os.fork():
+        os.waitpid(writing, 0)
+        if not path.exists():
+            continue
+        if not (reading := os.fork()):
             size = path.stat().st_size >> 10
             print(read(name, path, reader), size, sep="\t", flush=True)
             os._exit(0)
-        elif path.exists():
-            os.wait()
-            path.unlink(missing_ok=True)
+        os.waitpid(reading, 0)  # imported libraries may have children, too
+        path.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":
