@@ -71,7 +71,7 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
                 _phases(record),
                 *map(drawing, _panels(record, found, span)),
                 caption(
-                    "Red lines are limits. The dashed one is the time of the first trip."
+                    "Red lines are limits. The dashed line is the time of the first trip."
                     if found.refusal
                     else "Red lines are limits."
                 ),
@@ -99,8 +99,8 @@ def _limits(found: Rehearsal) -> Markup:
     rows = [row for row in found.limits if row.kind != "timeout" or row.used >= _TOLD_FROM]
     silent = len(found.limits) - len(rows)
     note = (
-        "Closest is the extreme that lasted long enough to trip; a limit on a predicted reading counts the prediction. "
-        "Of the way is the distance from the first reading to the closest one; the limit trips at 100 %."
+        "Closest: the extreme value that lasted long enough to trip; if a prediction is limited, the prediction. "
+        "Of the way: the travelled share of the distance from the first reading to the limit; it trips at 100 %."
     )
     if found.refusal:
         note += " Readings after the end of the plan do not count."

@@ -102,7 +102,7 @@ def test_a_run_is_watched_by_its_model(commander, picture):
     commander.check("#twin")
     start(commander)
     until(commander, "#question", "Has the bolster moved", within=90)
-    told = until(commander, "#beside", "Went along with its model for")
+    told = until(commander, "#beside", "Agreed with its model for")
     assert re.search(r"of \d.*not judged now: (the|a|it) ", told), (
         "and why it cannot be judged where it cannot"
     )

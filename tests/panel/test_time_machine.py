@@ -42,7 +42,7 @@ def test_a_run_is_gone_back_to_and_goes_on_otherwise_from_there(open_page, bench
     )
     assert faults(page.evaluate(BENCH_WORDS)) == []
     with page.expect_popup() as curves:
-        page.click("text=Its curves there")
+        page.click("text=Curves at this time")
     curves.value.wait_for_selector(".replay[data-time='40.000']")
 
     page.fill("input[aria-label='the change']", "leak.left=9 m2")

@@ -8,8 +8,8 @@ const PATIENCE = 120000; // ms, for a photo over a slow network
 export function notes(panel, run, changed) {
   const list = make("div");
   const wrong = make("p", { class: "wrong", role: "alert" });
-  const text = make("textarea", { "aria-label": "note", rows: 2, placeholder: "what there is to say" });
-  const by = remembered("operator", "who says so");
+  const text = make("textarea", { "aria-label": "note", rows: 2, placeholder: "text of the note" });
+  const by = remembered("operator", "author");
   const files = make("input", { type: "file", multiple: true, "aria-label": "photos or files" });
   const token = panel.link.status?.access.token;
   const add = make("button", { disabled: !token, title: token ? "" : "this page can only watch" }, "Add");
@@ -30,7 +30,7 @@ export function notes(panel, run, changed) {
   load();
   return make("section", { class: "notes", "aria-label": "notes" }, make("h3", {}, "Notes"), list,
     make("details", {}, make("summary", {}, "Add a note, a photo, a file"), text, make("div", { class: "filters" }, by, files, add), wrong,
-      make("p", { class: "said" }, "It lies beside the run, with time and author; nothing that was recorded or signed is touched.")));
+      make("p", { class: "said" }, "The note is kept with the run, with time and author. Recorded and signed files are not changed.")));
 
   async function load() {
     const { found, error } = await asked(`/api/kept/notes?run=${encodeURIComponent(run)}`);

@@ -3,7 +3,7 @@
 import { make } from "/page/format.js";
 import { asked, repeated } from "/page/tables.js";
 
-const KINDS = [["effect", "an effect begins", "leak.left=0.5mm2"], ["fault", "something breaks", "leak side=left area=0.5mm2"], ["change", "a parameter is another one", "orifice_diameter=12mm"]];
+const KINDS = [["effect", "an effect begins", "leak.left=0.5mm2"], ["fault", "a fault begins", "leak side=left area=0.5mm2"], ["change", "a parameter changes", "orifice_diameter=12mm"]];
 
 /** Tells in `place` how the rehearsal stands until it has ended. Returns what leaves it alone. */
 export function followed(place) {
@@ -23,10 +23,10 @@ export function followed(place) {
 export function goingOn(panel, run, at) {
   const wrong = make("p", { class: "wrong", role: "alert" });
   const said = make("div", { class: "said", id: "again" });
-  const kind = make("select", { "aria-label": "what is otherwise" }, ...KINDS.map(([value, text]) => make("option", { value }, text)));
+  const kind = make("select", { "aria-label": "kind of change" }, ...KINDS.map(([value, text]) => make("option", { value }, text)));
   const field = make("input", { "aria-label": "the change", autocomplete: "off" });
   const go = make("button", { id: "rehearse-from" });
-  const report = make("a", { class: "button", target: "_blank" }, "Its curves there");
+  const report = make("a", { class: "button", target: "_blank" }, "Curves at this time");
   const hint = () => (field.placeholder = KINDS.find(([value]) => value === kind.value)[2]);
   let leave = () => {};
   kind.addEventListener("change", hint);
@@ -46,7 +46,7 @@ export function goingOn(panel, run, at) {
     moved(now) {
       go.textContent = `Rehearse from ${now.toFixed(1)} s`;
       go.disabled = !panel.link.status?.access.seat;
-      go.title = go.disabled ? "only the page that commands may do this" : "The run is made again in virtual time, and goes on from there with the change";
+      go.title = go.disabled ? "only the page that commands may do this" : "The run is repeated in virtual time up to this time, and continues with the change";
       report.setAttribute("href", `/kept/report?run=${encodeURIComponent(run.directory)}#t=${now.toFixed(1)}`);
     },
   };

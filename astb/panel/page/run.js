@@ -56,7 +56,7 @@ function besides(twin) {
   if (!twin) return [];
   if (twin.partings.length) return [make("ul", { class: "failed" }, ...twin.partings.map((one) => make("li", {}, one)))];
   const why = twin.why ? `; not judged now: ${twin.why}` : "";
-  return [make("p", { class: "said" }, `Went along with its model for ${duration(twin.judged)} of ${duration(twin.until)}${why}`)];
+  return [make("p", { class: "said" }, `Agreed with its model for ${duration(twin.judged)} of ${duration(twin.until)}${why}`)];
 }
 
 /** The checks that failed, by name, value and limits; afterwards with what they are for. */

@@ -106,7 +106,7 @@ export function show(element, panel) {
     };
     const aside = run.directory.startsWith(ARCHIVE) ? ["Bring back", "/api/kept/restore"] : ["Archive", "/api/kept/archive"];
     const buttons = [["Rename", "/api/kept/rename", () => ({ name: field.value })], [...aside, () => ({})]];
-    return make("details", {}, make("summary", {}, "Another name, archive"),
+    return make("details", {}, make("summary", {}, "Rename or archive"),
       make("div", { class: "filters" }, field, ...buttons.map(([text, path, body]) => make("button", { disabled: !seat, title: seat ? "" : "only the page that commands may do this", onclick: move(path, body) }, text))), wrong);
   }
 
@@ -161,9 +161,9 @@ export function show(element, panel) {
       ...(found ?? []).map((one, place) =>
         make("p", { class: "check" }, found.length > 1 ? mark(one.place) : "",
           make("b", { class: `verdict-word ${one.verdict}` }, one.verdict), ` ${one.text.replace(/: [^:]*$/, "")} `,
-          make("a", { href: trend(run, [one.place]), target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"),
+          make("a", { href: trend(run, [one.place]), target: "_blank", title: "This check in all runs of this specimen with the same conditions" }, "trend"),
           one.about && one.about !== found[place - 1]?.about ? make("small", {}, one.about) : "")),
-      found && !found.length ? make("p", { class: "said" }, "This run judged nothing.") : "",
+      found && !found.length ? make("p", { class: "said" }, "This run has no checks.") : "",
       notes(panel, run.directory, load),
     );
     checks.scrollIntoView({ block: "nearest" });

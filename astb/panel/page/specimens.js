@@ -7,13 +7,13 @@ export function show(element, panel) {
   const wrong = make("p", { class: "wrong", role: "alert" });
   const said = make("p", { class: "said", role: "status" });
   const file = make("input", { type: "file", accept: ".toml", "aria-label": "file of a specimen" });
-  const instead = make("button", { hidden: true }, "Put it in its place");
+  const instead = make("button", { hidden: true }, "Replace the existing file");
   const list = make("div", { class: "rows" });
   const facts = make("section", { class: "card", "aria-label": "specimen", hidden: true });
   let brought = null; // the file that was chosen last
   element.append(
     make("div", { class: "view" },
-      make("section", { class: "card" }, make("h2", {}, "Bring a file"),
+      make("section", { class: "card" }, make("h2", {}, "Add a file"),
         make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb copy specimen astb mine.toml` writes one to begin with. It is checked first, and kept beside the runs."),
         make("div", { class: "filters" }, file, instead), wrong, said),
       make("section", { class: "card", "aria-label": "specimens" }, list), facts));

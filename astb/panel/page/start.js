@@ -92,7 +92,7 @@ export function starting(panel, order, told) {
     element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, unusable, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
-      make("label", { class: "check", title: "The model runs beside the rig, and tells where they part, since when, and which cause would explain it." }, twin, " watched by its model"),
+      make("label", { class: "check", title: "The model runs in parallel with the rig. It reports deviations, their start and their possible causes." }, twin, " watched by its model"),
       make("div", { class: "buttons" }, begin, rehearse), stopless, rehearsed, make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";

@@ -5,8 +5,9 @@ import { Banded } from "/page/plots.js";
 import { asked, choice, name, repeated, table } from "/page/tables.js";
 
 const AGAIN = 1000; // ms until it is looked at anew
-const NONE = "No model ran beside a run in this folder. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
+const NONE = "No run in this folder was compared with its model. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
 const WORDS = { true: ["along", "agreed"], false: ["parted", "deviated"], null: ["blind", "not judged"] };
+const COURSE = { told: "detected", surer: "narrowed down", otherwise: "changed" };
 const FORMS = { "at once": "sudden", growing: "grows", "gone again": "temporary" };
 
 export function show(element) {
@@ -38,14 +39,14 @@ export function show(element) {
 function told({ run, story }) {
   const partings = [...story.partings].reverse();
   const parted = partings.find((one) => one.lasts);
-  const word = parted ? `Deviates from its model since ${at(parted.since)}` : story.judged_for ? "Agrees with its model" : "Nothing could be judged yet";
+  const word = parted ? `Deviates from its model since ${at(parted.since)}` : story.judged_for ? "Agrees with its model" : "No part of the run could be judged yet";
   const where = parted ? `in ${parted.channel}` : "";
   const head = make("section", { class: "card" },
     make("div", { class: `verdict-twin ${parted ? "parted" : story.judged_for ? "along" : "blind"}` }, word, where ? make("small", {}, ` ${where}`) : null),
     make("p", { class: "said" }, `${name(run)}, judged for ${duration(story.judged_for)} of ${duration(story.until)}, by the model “${story.model}”`),
     stretches(story), legend());
   const blind = [...new Set(story.judged.filter((one) => one.along === null && one.why).map((one) => one.why))];
-  const why = blind.length ? [make("section", { class: "card" }, make("h2", {}, "Why stretches were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one))))] : [];
+  const why = blind.length ? [make("section", { class: "card" }, make("h2", {}, "Why parts of the run were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one))))] : [];
   return { first: [head, ...partings.filter((one) => one.lasts).map((one) => parting(one, story.parts))], then: [...partings.filter((one) => !one.lasts).map((one) => parting(one, story.parts)), ...why] };
 }
 
@@ -121,7 +122,7 @@ function parting(one, parts) {
     causes.length
       ? table(["possible cause", "size (k = 2)", "course", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => FORMS[c.form] ?? c.form), lines(some, (c) => (c.since === null ? "before the comparison began" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
       : make("p", { class: "said" }, "No cause of the catalogue explains it."),
-    one.course.length ? make("p", { class: "said" }, "How it went: ", one.course.map((said) => `${said.word === "told" ? "detected" : said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
+    one.course.length ? make("p", { class: "said" }, "Course: ", one.course.map((said) => `${COURSE[said.word] ?? said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
 }
 
 const short = (value) => String(Number(value.toPrecision(2)));

@@ -4,20 +4,20 @@ import { make } from "/page/format.js";
 
 export const WORDS = {
   // what may be chosen
-  "AW0": "The load case of the empty car: what each spring carries of it stands in the specimen's file.",
-  "AW3": "The load case of the full car: what each spring carries of it stands in the specimen's file.",
-  "specimen": "The spring on the bench: a file states its drawing, the loads that it has to carry, and what is good.",
+  "AW0": "The load case of the empty car. The specimen's file states the load of each spring.",
+  "AW3": "The load case of the full car. The specimen's file states the load of each spring.",
+  "specimen": "The spring on the bench: a file states its drawing, its loads and its limits.",
   "hold": "The run waits at the next hold point of its plan: valves shut, actuators still. It continues from there. After the last hold point it cannot be held.",
   // how a check ends
-  "pass": "All that was judged lies within its limits.",
-  "marginal": "Within its limits, but so close to one that, with the uncertainty of the measurement, it does not surely conform. It passes, and somebody should look at it.",
+  "pass": "All judged values are within their limits.",
+  "marginal": "Within the limits, but with the measurement uncertainty the value may be outside. The check passes; inspect the value.",
   "fail": "Outside a limit: the spring is not as its file requires.",
-  "error": "No value was measured. Without a measurement nothing is proved, so this never passes.",
-  "not available": "This rig cannot measure it; the reason stands beside it.",
+  "error": "No value was measured. A check without a value never passes.",
+  "not available": "This rig cannot measure it. The reason is shown next to it.",
   // how a run ends
-  "incomplete": "All that this rig can measure passes, and something is not available on it.",
+  "incomplete": "All checks that this rig can measure pass, but some checks are not available.",
   "blocked": "The spring was not judged: rig, wires, plan or operator prevented the run from being completed.",
-  "interrupted": "The run was cut off before it could write its result; what was recorded until then is kept.",
+  "interrupted": "The run stopped before it could write its result. The record up to this time is kept.",
   "running": "The run is in progress.",
   // the contacts of the rig
   "estop": "The emergency stop of the hardware. After it was pressed: release the button, then reset.",
