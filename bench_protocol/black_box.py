@@ -94,7 +94,10 @@ def read_head(read: ReadFile) -> Head:
     """Return what the black box has; ValueError if it uses another format."""
     form, recording, number, high, low, count, trigger, period, channels, size = read(INDEX_FILE, 0, _HEAD)
     if form != _FORMAT or period != _PERIOD or channels > len(CHANNELS):
-        raise ValueError(f"the black box has format {form}, {channels} channels every {period} ms: not ours")
+        raise ValueError(
+            f"the black box has format {form}, {channels} channels every {period} ms, which this "
+            "version does not read"
+        )
     return Head(bool(recording), number, high << 16 | low, count, trigger, channels, size)
 
 

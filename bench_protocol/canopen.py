@@ -90,6 +90,7 @@ def pdo_number(message: Message) -> int:
     if not (0 <= block < _BLOCKS and 1 <= place <= _PDOS_PER_BLOCK):
         digit = "1, 2, 3 or 4 and 81 to 90" if message.from_rig else "2, 3, 4 or 5 and 01 to 10"
         raise ValueError(
-            f"{message.name}: {message.identifier:#05x} is no PDO of the bench, whose identifiers are {digit} (hex)"
+            f"{message.name}: {message.identifier:#05x} is not the identifier of a PDO of the bench; "
+            f"use {digit} (hex)"
         )
     return _PDOS_PER_BLOCK * block + place

@@ -80,7 +80,7 @@ class RealClock:
 
     def __init__(self, scale: float = 1.0) -> None:
         if not 0.001 <= scale <= 1000:
-            raise ValueError(f"scale = {scale:g} is not a pace this clock can keep (0.001 to 1000)")
+            raise ValueError(f"scale = {scale:g} is outside the range of this clock; use 0.001 to 1000")
         self._scale = scale
         self._origin = time.monotonic_ns()
 

@@ -89,7 +89,7 @@ class Dbc:
         return group[0] if len(group) == 1 else anybody[0] if len(anybody) == 1 else None
 
 
-_ONE_OF_THEM: Final = "a file in which only one of them has it would be right"
+_ONE_OF_THEM: Final = "remove one of them from the file"
 
 
 def read_dbc(path: Path, charset: str | None = None) -> Dbc:
@@ -114,7 +114,9 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
     except Exception as error:  # cantools raises many kinds of errors
         raise DbcError(f"{path} {_why(path, text, error)}") from None
     if not isinstance(base, cantools.database.can.Database):
-        raise DbcError(f"{path} describes diagnostics, not messages on a bus")
+        raise DbcError(
+            f"{path} describes diagnostics instead of CAN messages; use a file with the messages of the bus"
+        )
     if path.suffix.lower() == _DBC:
         _refuse_a_rest(path, text, base)
     whole = _says_j1939(base)
@@ -158,7 +160,8 @@ def _decoded(path: Path, content: bytes, charset: str | None) -> tuple[str, str]
             line = content.count(b"\n", 0, error.start) + 1
     names = " or ".join(tried)
     raise DbcError(
-        f'{path}: line {line} is not in {names}; its charset would be right, as "latin-1", "cp1250", "gbk"'
+        f"{path}: line {line} is not in {names}; set charset to the encoding of the file, such as "
+        '"latin-1", "cp1250" or "gbk"'
     )
 
 
@@ -168,15 +171,15 @@ def _why(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"line (\d+), column (\d+)", told)
     if place is None:
         return (
-            "is not understood as a DBC: what one of its lines refers to is not there"
+            "cannot be read as a DBC: a line refers to an item that the file does not define"
             if path.suffix.lower() == _DBC
-            else "is not understood; a DBC would be right, or an ARXML, KCD or SYM file"
+            else "cannot be read; use a DBC, ARXML, KCD or SYM file"
         )
     line, column = int(place[1]), int(place[2])
     lines = text.splitlines()
     there = lines[line - 1][column - 1 :].strip()[:40] if line <= len(lines) else ""
-    return f"is no DBC: line {line}, column {column}" + (
-        f" is not understood: {there!r}" if there else ": it ends there"
+    return f"is not a valid DBC: line {line}, column {column}" + (
+        f" has a syntax error at {there!r}" if there else ": the file ends there"
     )
 
 
@@ -195,7 +198,7 @@ def _refuse_a_rest(path: Path, text: str, base: Any) -> None:
         known = sum(len(one.signals) for one in base.messages)
         if messages > len(base.messages) or signals > known:
             line = bare.count("\n", 0, found.start()) + 1
-            raise DbcError(f"{path} is no whole DBC: it breaks off in line {line}: {found[0].strip()!r}")
+            raise DbcError(f"{path} is incomplete: the DBC ends in line {line}: {found[0].strip()!r}")
 
 
 def _says_j1939(base: Any) -> bool:

@@ -207,7 +207,7 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
     }
     known: dict[str, Dimension] = {}
     with _gather(wrong):
-        refuse_unknown("", content, (*tables, CELLS), "a file of dimensions")
+        refuse_unknown("", content, (*tables, CELLS), "a dimensions file")
     _known_cells(content.get(CELLS, {}), known, wrong)
     for name, names in tables.items():
         with _gather(wrong):
@@ -215,11 +215,14 @@ def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]
                 where = f"{name}.{key}" if "." not in key else f'{name}."{key}"'
                 with _gather(wrong):
                     if key not in names:
-                        raise EntryError(f"{where} is no dimension of a rig; {did_you_mean(key, names)}")
+                        raise EntryError(f"{where} is not a dimension of a rig; {did_you_mean(key, names)}")
                     known[names[key][0]] = _dimension(where, raw, names[key][1])
     for side, what in zip(SIDES * 2, ACROSS, strict=True):
         if (one := known.get(across(what))) and (one.value > 0.0) is not (side == "left"):
-            wrong.append(f"across.{what} = {one.value:g} m is not on the {side}: the left is positive")
+            wrong.append(
+                f"across.{what} = {one.value:g} m is not on the {side} side; write positive values for "
+                "the left and negative values for the right"
+            )
     return known
 
 
@@ -230,7 +233,7 @@ def _known_cells(cells: Any, known: dict[str, Dimension], wrong: list[str]) -> N
             with _gather(wrong):
                 cell = f"{CELLS}.{key}"
                 if cell not in LOAD_CELLS:
-                    raise EntryError(f"{cell} is no load cell; {did_you_mean(cell, LOAD_CELLS)}")
+                    raise EntryError(f"{cell} is not a load cell; {did_you_mean(cell, LOAD_CELLS)}")
                 refuse_unknown(f"{cell}.", as_table(cell, raw), _OF_A_CELL, "a load cell")
                 for what, entry in raw.items():
                     names, span = _OF_A_CELL[what]
@@ -264,12 +267,12 @@ def _dimension(where: str, raw: Any, span: Span) -> Dimension:
     value = entry.si()
     if not span.low <= value <= span.high:
         value_, unit = entry.parts["value"], entry.unit
-        raise EntryError(f"{where} = {value_:g} {unit} is not plausible: {_plausible(value_, span)}")
+        raise EntryError(f"{where} = {value_:g} {unit} is not plausible; {_plausible(value_, span)}")
     off = entry.si("uncertainty") if "uncertainty" in entry.parts else 0.0
     if not 0.0 <= off <= 0.5 * (span.high - span.low):
         raise EntryError(
-            f"{where}.uncertainty = {entry.parts['uncertainty']:g} {entry.unit} is not plausible: 0 to "
-            f"{0.5 * (span.high - span.low):g} {span.si} is"
+            f"{where}.uncertainty = {entry.parts['uncertainty']:g} {entry.unit} is not plausible; use "
+            f"0 to {0.5 * (span.high - span.low):g} {span.si}"
         )
     return Dimension(value, off, entry.provenance, entry.source)
 
@@ -281,5 +284,5 @@ def _plausible(value: float, span: Span) -> str:
         for name, unit in UNITS.items()
         if unit.si == span.si and span.low <= value * unit.factor <= span.high
     ]
-    hint = f"; {value:g} {fitting[0]} would be" if fitting else ""
-    return f"{span.low:g} to {span.high:g} {span.si} is{hint}"
+    hint = f"; {value:g} {fitting[0]} is plausible: check the unit" if fitting else ""
+    return f"use {span.low:g} to {span.high:g} {span.si}{hint}"

@@ -57,7 +57,8 @@ def read_entry(
         value = next(one for part, one in parts.items() if part not in _ORIGIN)
         if si is None:
             raise EntryError(
-                f"{key} is in {parts['unit']!r}, which is no unit; {did_you_mean(parts['unit'], units)}"
+                f"{key} is in {parts['unit']!r}, which is not a known unit; "
+                f"{did_you_mean(parts['unit'], units)}"
             )
         fitting = " or ".join(name for name, known in units.items() if known.si == si)
         raise EntryError(f"{key} = {value} {parts['unit']} is not in {fitting}")
@@ -71,7 +72,7 @@ def read_entry(
 def number(key: str, value: Any) -> float:
     """Return a value that must be a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise EntryError(f"{key} = {value!r} is not a number; write one, without its unit")
+        raise EntryError(f"{key} = {value!r} is not a number; write a number without a unit")
     return float(value)
 
 
@@ -86,4 +87,4 @@ def refuse_unknown(where: str, keys: Mapping[str, Any], known: Collection[str], 
     """Refuse a key of a table ``where`` that is not ``known``; ``what`` is the kind of file."""
     for key in keys:
         if key not in known:
-            raise EntryError(f"{where}{key} is no key of {what}; {did_you_mean(key, known)}")
+            raise EntryError(f"{where}{key} is not a key of {what}; {did_you_mean(key, known)}")

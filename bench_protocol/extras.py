@@ -20,7 +20,7 @@ class Extra(NamedTuple):
 EXTRAS: Final = {
     "campaign": Extra("campaigns: many runs on all cores or on a cluster", ("dask", "distributed")),
     "excel": Extra("tables for Excel", ("xlsxwriter",)),
-    "fmu": Extra("FMUs that come in", ("fmpy",)),
+    "fmu": Extra("imported FMUs", ("fmpy",)),
     "mcp": Extra("recorded runs for assistants, by the Model Context Protocol", ("mcp",)),
     "mdf": Extra("measured data in MDF 4", ("asammdf",)),
     "opcua": Extra("rigs behind an OPC UA server, and readings by OPC UA", ("asyncua",)),

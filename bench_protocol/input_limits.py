@@ -75,17 +75,17 @@ _DBC_RANGE: Final = re.compile(rb"(\d+)\s*-\s*(\d+)")
 _WHOLE: Final = 1 << 63
 #: Beginnings of messages of the parser, and their replacement.
 _TOML: Final = {
-    "Cannot": "the key or the table is there twice",
-    "Duplicate": "the key is there twice",
-    "Expected newline": "something stands behind the value; a text stands between quotation marks",
-    "Expected ']": "a bracket does not close",
-    "Expected '=": "a key without a value; key = value would be right",
-    "Unclosed": "a bracket does not close",
-    "Unescaped": "a \\ in a text; \\\\, or single quotation marks around the text, would be right",
-    "Unterminated": "a text does not end",
-    "Invalid value": "no value; a number, true, false, or a text between quotation marks would be right",
-    "Invalid date": "no date",
-    "": "no TOML; key = value, [table] or # comment would be right",
+    "Cannot": "the key or the table occurs twice; remove one",
+    "Duplicate": "the key occurs twice; remove one",
+    "Expected newline": "there is text after the value; put a text between quotation marks",
+    "Expected ']": "a bracket is not closed",
+    "Expected '=": "the key has no value; write key = value",
+    "Unclosed": "a bracket is not closed",
+    "Unescaped": "the text contains \\; write \\\\, or put the text between single quotation marks",
+    "Unterminated": "the closing quotation mark of a text is missing",
+    "Invalid value": "the value is not valid; write a number, true, false, or a text between quotation marks",
+    "Invalid date": "the date is not valid; write it like 2027-02-03",
+    "": "the line is not TOML; write key = value, [table] or # comment",
 }
 
 
@@ -102,7 +102,7 @@ def check_size(path: Path, limit: int) -> None:
     """Raise Unfit for a file that is not an ordinary one, or is longer than ``limit``; OSError if it is missing."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
-        raise Unfit("is no ordinary file")
+        raise Unfit("is not an ordinary file")
     if found.st_size > limit:
         raise Unfit(f"has {size(found.st_size)}; at most {size(limit)} are read")
 
@@ -132,7 +132,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except RecursionError:
-        raise Unfit(f"is nested too deep; {DEPTH} tables or lists in one another are enough") from None
+        raise Unfit(f"is nested too deep; at most {DEPTH} levels of tables or lists are read") from None
     except ValueError as error:  # also raised by Python for integers with thousands of digits
         raise Unfit(f"is not TOML: {_in_words(str(error), text)}") from None
     _check_value("", tables, DEPTH)
@@ -148,7 +148,7 @@ def _check_keys(text: str) -> None:
         dots = name.count(".")
         if dots >= DEPTH:
             raise Unfit(
-                f"is nested too deep in {name[:60]}; {DEPTH} tables or lists in one another are enough"
+                f"is nested too deep in {name[:60]}; at most {DEPTH} levels of tables or lists are read"
             )
         tables += dots if dots > 1 else 0  # a number has one dot
     if tables > NAMED_TABLES:
@@ -172,13 +172,13 @@ def _check_value(name: str, value: object, depth: int) -> None:
     if isinstance(value, dict | list):
         if not depth:
             raise Unfit(
-                f"is nested too deep in {name[:60]}; {DEPTH} tables or lists in one another are enough"
+                f"is nested too deep in {name[:60]}; at most {DEPTH} levels of tables or lists are read"
             )
         inner = value.items() if isinstance(value, dict) else enumerate(value, 1)
         for key, one in inner:
             _check_value(f"{name}.{key}" if name else str(key), one, depth - 1)
     elif isinstance(value, float) and not abs(value) < float("inf"):
-        raise Unfit(f"says {name} = {value}; a finite number would be right")
+        raise Unfit(f"has {name} = {value}; use a finite number")
     elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
         raise Unfit(f"has {name} with an integer of more than 64 bits; use a smaller number")
 
@@ -223,8 +223,8 @@ def check_expansion(path: Path, expanded: int) -> None:
     packed = path.stat().st_size
     if expanded > max(EXPANDED_BYTES, EXPANSION * packed):
         raise Unfit(
-            f"has {size(packed)} and unpacks to {size(expanded)} or more; at most {EXPANSION} times its size, or "
-            f"{size(EXPANDED_BYTES)}, are read: save it unpacked, or in parts"
+            f"has {size(packed)} and unpacks to {size(expanded)} or more; at most {EXPANSION} times "
+            f"its size, or {size(EXPANDED_BYTES)}, are read; save it without compression, or in parts"
         )
 
 
@@ -282,11 +282,11 @@ def _check_directory(path: Path) -> None:
         tail = file.read()
     place = tail.rfind(b"PK\5\6")
     if place < 0 or place + 22 > len(tail):
-        raise Unfit("is no zip archive")
+        raise Unfit("is not a zip archive")
     (directory,) = struct.unpack_from("<I", tail, place + 12)
     # ZIP64 has its sizes in another place. It is for more than 65 535 files or 4 GiB.
     if directory > _DIRECTORY_BYTES or tail[max(place - 20, 0) : place].startswith(b"PK\6\7"):
-        raise Unfit(f"lists more than {UNPACKED_FILES} files; at most so many are unpacked")
+        raise Unfit(f"lists too many files; at most {UNPACKED_FILES} are unpacked")
 
 
 def check_text_table(path: Path, delimiter: str | None = None) -> None:
@@ -326,7 +326,7 @@ def check_times(seconds: npt.NDArray[np.float64], what: str = "time") -> None:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise Unfit(
-            f"has {what} = {float(seconds[row]):g} s in row {row + 1}; from {-TIME:g} to {TIME:g} s would be right"
+            f"has {what} = {float(seconds[row]):g} s in row {row + 1}; use times from {-TIME:g} to {TIME:g} s"
         )
 
 
@@ -337,4 +337,4 @@ def check_finite(values: npt.NDArray[np.float64], what: str) -> None:
     wrong = np.isinf(values)
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise Unfit(f"has {what} = {float(values[row]):g} in row {row + 1}; a finite number would be right")
+        raise Unfit(f"has {what} = {float(values[row]):g} in row {row + 1}; use a finite number")

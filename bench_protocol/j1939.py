@@ -48,7 +48,7 @@ _IN_A_PACKET: Final = 7
 _PRIORITY: Final = 6
 #: Longer than any pause that SAE J1939-21 (5.10.2.4) allows between packets: T2 and T3, ns.
 _PATIENCE: Final = 1_250_000_000
-_INCOMPLETE: Final = "J1939 message(s) of several packets (TP) that are not whole"
+_INCOMPLETE: Final = "incomplete J1939 message(s) of several packets (TP)"
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Reassembly:
             message = None
         if message is None or not 1 <= data[:1].ljust(1, b"\0")[0] <= message.count or len(data) < 8:
             self._account.leave_out(
-                "J1939 packet(s) (TP) that nobody announced", at=f"identifier {identifier:#x}"
+                "J1939 packet(s) (TP) without an announcement", at=f"identifier {identifier:#x}"
             )
             return None
         message.last = time

@@ -37,8 +37,10 @@ class Differences:
         """The readings that this rig does not have where we would look for them, each with the reason."""
         return {
             **{name: f"the rig's map does not have it: {text}" for name, text in self.missing.items()},
-            **{name: f"the rig's map has it elsewhere: {text}" for name, text in self.moved.items()},
-            **{name: f"the rig's map has it otherwise: {text}" for name, text in self.recoded.items()},
+            **{name: f"the rig's map has it in another place: {text}" for name, text in self.moved.items()},
+            **{
+                name: f"the rig's map has it in another coding: {text}" for name, text in self.recoded.items()
+            },
         }
 
     def __str__(self) -> str:
@@ -48,7 +50,7 @@ class Differences:
             _listed("otherwise", [f"{name} ({text})" for name, text in self.recoded.items()]),
             _listed("new", list(self.new)),
         ]
-        return "; ".join(filter(None, told)) or "nothing that has a name"
+        return "; ".join(filter(None, told)) or "no signal differs by name"
 
 
 def _listed(what: str, names: list[str]) -> str:
@@ -78,13 +80,15 @@ def compare(table: Table, places: Places) -> Differences:
         elif text := _recoding(here, there):
             recoded[name] = text
         elif name == "rig.state":
-            refused.append(f"the rig has states that we do not know: {_shown(_added(here, there))}")
+            refused.append(
+                f"the rig has states that these drivers do not know: {_shown(_added(here, there))}"
+            )
         else:
             grown.append(f"choices of {name}")
         if (name in missing or name in moved or name in recoded) and (
             kinds[name] in _SAID or name in ESSENTIAL
         ):
-            refused.append(f"{name} does not agree")
+            refused.append(f"{name} differs")
     refused += _carried_unasked(table, theirs, kinds)
     new = (*(name for name in theirs if name not in ours), *grown)
     return Differences(missing, moved, recoded, new, tuple(refused))
@@ -136,7 +140,7 @@ def _carried_unasked(table: Table, theirs: Mapping[str, Places], kinds: Mapping[
     """Return fields that the rig reads in our messages although our table does not have them."""
     sent = {f"can {message.identifier:#05x} " for message in table.messages if not message.from_rig}
     return [
-        f"{name} is read from a frame that we send, in {place}"
+        f"{name} is read by the rig from a frame that these drivers send, in {place}"
         for name, places in theirs.items()
         if name not in kinds
         for place in places

@@ -43,7 +43,9 @@ def read_places(read: ReadFile, at_once: int, map_hash: int) -> dict[str, str]:
     """
     form, size = read(MAP_FILE, 0, _HEAD)
     if form != _FORMAT or size > _BYTES_MAX:
-        raise ValueError(f"its map is a file of format {form} with {size} bytes: not ours")
+        raise ValueError(
+            f"its signal map has format {form} and {size} bytes; this version reads format {_FORMAT} only"
+        )
     words: list[int] = []
     for first in range(0, (size + 1) // 2, at_once):
         words += read(MAP_FILE, _HEAD + first, min(at_once, (size + 1) // 2 - first))
@@ -51,11 +53,12 @@ def read_places(read: ReadFile, at_once: int, map_hash: int) -> dict[str, str]:
     try:
         text = zlib.decompressobj().decompress(packed, _TEXT_MAX).decode()
     except (zlib.error, UnicodeDecodeError) as error:
-        raise ValueError(f"its map cannot be unpacked: {error}") from None
+        raise ValueError(f"its signal map cannot be unpacked: {error}") from None
     places = _lines(text)
     if hash_of(places) != map_hash:
         raise ValueError(
-            f"the map that it tells has the hash {hash_of(places):#010x}, not the {map_hash:#010x} that it says"
+            f"its signal map has the hash {hash_of(places):#010x}, but its hash register reads "
+            f"{map_hash:#010x}"
         )
     return places
 

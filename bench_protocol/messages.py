@@ -87,7 +87,8 @@ class Message:
             )
         if self.rate < 0:
             raise ValueError(
-                f"{self.name}: rate = {self.rate:g} Hz must not be negative; 0 means on events only"
+                f"{self.name}: rate = {self.rate:g} Hz must not be negative; write 0 for a message "
+                "that is sent on events only"
             )
         if not 0 <= self.data_id <= 0xFFFF:
             raise ValueError(f"{self.name}: data id {self.data_id:#x} does not fit in 16 bits")

@@ -83,13 +83,9 @@ def misfit(error: Exception, content: object, kind: Any) -> str:
         whole = f"{name}.{found[2]}" if name else found[2]
         if found[1] == "missing required":
             return f"the key {whole} is missing"
-        return f"{whole} is no key here; {did_you_mean(found[2], _fields(form))}"
+        return f"{whole} is not a key here; {did_you_mean(found[2], _fields(form))}"
     if found := re.match(r"(?:Expected|Invalid) ", said):
-        return (
-            f"{name} = {value!r}; {_right(said, form)} would be right"
-            if name
-            else f"{_right(said, form)} is needed"
-        )
+        return f"{name} = {value!r}; use {_right(said, form)}" if name else f"{_right(said, form)} is needed"
     return f"{name}: {said}" if name and name not in said else said  # a sentence of our own schema
 
 

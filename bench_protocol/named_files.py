@@ -69,7 +69,11 @@ def _shipped_earlier(kind: str, path: Path) -> Path | None:
 
 def earlier(what: str, instead: str) -> None:
     """Warn of a form of version 0.1, which the next version does not read any more."""
-    warnings.warn(f"{what} is a form of version 0.1; {instead}", FutureWarning, stacklevel=3)
+    warnings.warn(
+        f"{what} is the form of version 0.1, which the next version will not read; {instead}",
+        FutureWarning,
+        stacklevel=3,
+    )
 
 
 def source_of(path: Path) -> Path:

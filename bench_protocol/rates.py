@@ -17,7 +17,7 @@ def _tick_rate() -> int:
     if text not in map(str, TICK_RATES):
         rates = ", ".join(map(str, TICK_RATES))
         raise ValueError(
-            f"{TICK_RATE_VARIABLE} = {text!r} is not a rate this rig can tick at; it is one of {rates} (Hz)"
+            f"{TICK_RATE_VARIABLE} = {text!r} is not a tick rate of this rig; use one of {rates} (Hz)"
         )
     return int(text)
 

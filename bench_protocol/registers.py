@@ -157,7 +157,7 @@ def free_address(signals: Iterable[Signal]) -> int:
         free = max((number + 2 for number in taken if number in block.numbers), default=block.numbers.start)
         if free in block.numbers:
             return block.address(free)
-    raise ValueError("the blocks of readings are full: give bench_protocol.registers.BLOCKS a further one")
+    raise ValueError("the blocks of readings are full; add a block to bench_protocol.registers.BLOCKS")
 
 
 def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:

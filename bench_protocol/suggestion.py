@@ -17,5 +17,7 @@ def did_you_mean(name: object, known: Iterable[str], otherwise: str = "") -> str
     if near := get_close_matches(str(name), names, n=1):
         return f"did you mean {near[0]!r}?"
     if otherwise or not names:
-        return otherwise or "there is none"
-    return f"there are {', '.join(names) if len(names) <= _LISTED else f'{len(names)} others'}"
+        return otherwise or "no name is defined here"
+    if len(names) > _LISTED:
+        return f"none of the {len(names)} names here is similar"
+    return f"use one of {', '.join(names)}"

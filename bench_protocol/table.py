@@ -20,7 +20,7 @@ def _complete(table: Table) -> Table:
         if message.rate not in (0.0, *RATES):
             rates = ", ".join(f"{rate:g}" for rate in RATES)
             raise ValueError(
-                f"{message.name}: {message.rate:g} Hz is no rate of the bench; right would be {rates}"
+                f"{message.name}: {message.rate:g} Hz is not a rate of the bench; use one of {rates}"
             )
     carried = {field.signal for message in table.messages for field in message.fields}
     for signal in table.of_kind(Kind.MEASUREMENT, Kind.SETPOINT):

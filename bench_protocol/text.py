@@ -43,7 +43,7 @@ def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
         text, name = _strictly(content, WINDOWS), WINDOWS
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise Unfit(f"is no text: line {line} has a byte 0")
+        raise Unfit(f"is not a text file: line {line} has a byte 0")
     return text, name
 
 
@@ -77,7 +77,8 @@ def _strictly(content: bytes, encoding: str) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise Unfit(
-            f"is not in {encoding}: byte {error.start + 1}, in line {line}, means nothing there"
+            f"is not valid {encoding}: byte {error.start + 1}, in line {line}, is not a character; "
+            "state its encoding, or save it as UTF-8"
         ) from None
 
 

@@ -165,7 +165,7 @@ def read_unit(text: str) -> ReadUnit:
     try:
         return ReadUnit(_single_unit(plain) or _product(plain))
     except UnknownUnit as error:
-        raise UnknownUnit(f'"{text}" is no known unit{error}') from None
+        raise UnknownUnit(f'"{text}" is not a known unit{error}') from None
 
 
 def is_unit(text: str) -> bool:

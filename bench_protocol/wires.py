@@ -55,7 +55,7 @@ class Table:
 
     def _check_field(self, message: Message, field: Field) -> None:
         if field.signal not in self.index:
-            raise ValueError(f"{message.name}: its field {field.signal} is no signal of the table")
+            raise ValueError(f"{message.name}: its field {field.signal} is not a signal of the table")
         signal = self[field.signal]
         step = field.step or signal.step
         if round(signal.low / step) < field.raw_low or round(signal.high / step) > field.raw_high:
@@ -67,12 +67,13 @@ class Table:
         taken: dict[tuple[str, int], Register] = {}
         for register in self.registers:
             if register.signal not in self.index and register.signal not in OWN_NAMES:
-                raise ValueError(f"{register.signal} has a register and is no signal of the table")
+                raise ValueError(f"{register.signal} has a register, but is not a signal of the table")
             for address in range(register.address, register.address + register.words):
                 other = taken.setdefault((register.space, address), register)
                 if other is not register:
                     raise ValueError(
-                        f"{register.space} register {address} is taken twice, by {other.signal} and {register.signal}"
+                        f"{register.space} register {address} is used twice, by {other.signal} and "
+                        f"{register.signal}"
                     )
 
     @cached_property
@@ -165,4 +166,4 @@ def moved(kept: Mapping[str, str], table: Table) -> list[str]:
 def _no_twice(what: str, names: Iterable[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise ValueError(f"{what} {name} stands in the table {count} times")
+            raise ValueError(f"{what} {name} occurs in the table {count} times; remove all but one")

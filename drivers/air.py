@@ -91,8 +91,8 @@ class Air(Device):
             self._link.wait_for(vented, within=within, what=what)
         except BenchTimeout as late:
             stuck = [
-                f"; {side}.bellows_pressure has not fallen for {self._link.now - since:.0f} s: the zero of its "
-                "transducer may be off, or air comes in"
+                f"; {side}.bellows_pressure has not fallen for {self._link.now - since:.0f} s; "
+                "check the zero of its transducer and whether a valve lets air in"
                 for side, since in fell.items()
                 if lowest[side] > targets[side] + tolerance and self._link.now - since > STUCK
             ]
@@ -130,13 +130,13 @@ class Air(Device):
         wanted = {"left": to if to is not None else left, "right": to if to is not None else right}
         targets = {side: target for side, target in wanted.items() if target is not None}
         if not targets:
-            raise Misuse(f"air.{verb}: no pressure is given; add it, such as to=5 * bar")
+            raise Misuse(f"air.{verb}: the pressure is missing; add it, such as to=5 * bar")
         settings = self._link.settings.in_force()
         for side in targets:
             if not settings.get(f"air.{side}_reservoir", True):
                 raise Misuse(
-                    f"air.{verb}: the {side} bellows is shut off from its auxiliary chamber, through which all its air "
-                    "goes, and would keep its pressure; air.connect_reservoirs() first"
+                    f"air.{verb}: the {side} bellows is shut off from its auxiliary chamber, so its "
+                    "pressure would not change; call air.connect_reservoirs() first"
                 )
         return targets
 

@@ -124,7 +124,7 @@ class Bench(Link):
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=within)
             self.readings.renew()
             self.commander.start()
-            self._until(self._introduced, within, "first news of the rig's state", LinkLost)
+            self._until(self._introduced, within, "first report of the rig's state", LinkLost)
             # The last frames of the previous commander have arrived by now.
             if self.has("rig.strangers"):
                 self._strangers = self.settings.reading("rig.strangers")
@@ -191,7 +191,7 @@ class Bench(Link):
         steps = self.wiring.sequences.up
         if not any(to in step.end for step in steps):
             ends = " or ".join(dict.fromkeys(state for step in steps for state in step.end))
-            raise Misuse(f"the way up of {self.wiring.rig} does not lead to {to}, it leads to {ends}")
+            raise Misuse(f"the start sequence of {self.wiring.rig} does not lead to {to}; use {ends}")
         self._armed = False
         self.reset(left())
         self._reach((*(state for step in steps for state in step.start), "ACTIVE"), left())

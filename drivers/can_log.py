@@ -49,7 +49,7 @@ class CanLog:
         self._waiting.put(None)
         self._thread.join(_PATIENCE)
         if self._thread.is_alive():
-            self._failure = f"the disk did not take the last frames within {_PATIENCE:g} s"
+            self._failure = f"the disk did not store the last frames within {_PATIENCE:g} s"
         if self._failure:
             raise self._error()
 

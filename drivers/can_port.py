@@ -363,7 +363,7 @@ def open_can(
     try:
         if kind == "tcp" and fd is not None:
             raise LinkLost(
-                f"can = {spec!r}: a socketcand server has no CAN FD; an interface such as can0 has"
+                f"can = {spec!r}: a socketcand server does not support CAN FD; use an interface such as can0"
             )
         if kind == "tcp":
             return PythonCanPort(HubBus(VIRTUAL_INTERFACE, host, port))

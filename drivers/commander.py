@@ -96,14 +96,16 @@ class Commander:
     def ramp_all(self, targets: Mapping[str, float], rate: float) -> float:
         """Start ramps on the same cycle, each with ``rate`` (SI/s); return the longest duration (s)."""
         if not (rate > 0 and math.isfinite(rate)):
-            raise ValueError(f"rate = {rate:g} per second is not a pace to move at; it must be positive")
+            raise ValueError(f"rate = {rate:g} per second is not a valid rate; use a positive number")
         rows, ends = self._checked(targets)
         self._wiring.begin()
         pace = rate * CYCLE / NS
         cycles = self._moving.start_ramps(self._setpoints, self._mutex.address, rows, ends, pace)
         if math.isnan(cycles):
             name = next(name for name in targets if math.isnan(self.value(name)))
-            raise Misuse(f"{name} has no value yet to start a ramp from; arm the bench, or set it first")
+            raise Misuse(
+                f"{name} has no value yet, from which a ramp could start; arm the bench, or set {name} first"
+            )
         return cycles * CYCLE / NS
 
     def moving(self, *names: str) -> bool:
@@ -137,7 +139,8 @@ class Commander:
         if not self._moving.play_waveform(self._setpoints, self._mutex.address, rows, table):
             name = next(name for name in offsets if math.isnan(self.value(name)))
             raise Misuse(
-                f"{name} has no value yet for a waveform to begin from; arm the bench, or set it first"
+                f"{name} has no value yet, from which a waveform could start; arm the bench, or set "
+                f"{name} first"
             )
 
     @property
@@ -173,7 +176,7 @@ class Commander:
 
     def _row(self, name: str) -> int:
         if self._table[name].kind is not Kind.SETPOINT:
-            raise Misuse(f"{name} is a {self._table[name].kind}, not a set-point that could be streamed")
+            raise Misuse(f"{name} is a {self._table[name].kind}; only set-points can be streamed")
         refuse_absent(self._wiring, name)
         return self._table.index[name]
 

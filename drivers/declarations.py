@@ -57,7 +57,9 @@ class Device:
     def __setattr__(self, name: str, value: object) -> None:
         if not hasattr(type(self), name):
             known = [line.attribute for line in self.declarations()]
-            raise AttributeError(f"{self._name} has no {name!r} to set; {did_you_mean(name, known)}")
+            raise AttributeError(
+                f"{self._name} has no attribute {name!r} to set; {did_you_mean(name, known)}"
+            )
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
@@ -80,7 +82,9 @@ def no_such_attribute(thing: object, name: str, called: str) -> AttributeError:
         return AttributeError(name)
     known = [one for one in dir(type(thing)) if not one.startswith("_")]
     # Given a name and an object, Python would append a second suggestion.
-    return AttributeError(f"{called} has no {name!r}; {did_you_mean(name, known)}", name="", obj=None)
+    return AttributeError(
+        f"{called} has no attribute {name!r}; {did_you_mean(name, known)}", name="", obj=None
+    )
 
 
 T = TypeVar("T")

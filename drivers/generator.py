@@ -106,7 +106,7 @@ class Generator(Device):
     def start_together(self, *waves: Wave) -> None:
         """Start the motion of :meth:`run_together` and return at once."""
         if not waves:
-            raise Misuse("a program of the generator has one wave at least")
+            raise Misuse("a program of the generator needs at least one wave")
         link = self._link
         if lacking := link.lacks("action.program_add", "generator.delay"):
             raise NotAvailable(lacking)
@@ -137,7 +137,7 @@ class Generator(Device):
         if list(wave.amplitudes) != [wanted]:
             got = ", ".join(wave.amplitudes) or "none"
             raise Misuse(
-                f"generator on {wave.axis}: it needs {wanted} as the axis is controlled now; given: {got}"
+                f"generator on {wave.axis}: the present control mode of the axis needs {wanted}; given: {got}"
             )
         settings: dict[str, float | str] = {
             "axis": wave.axis,
@@ -187,7 +187,8 @@ class Generator(Device):
         mode = self._link.settings.choice("lateral.control" if axis == "lateral" else "vertical.control")
         if mode == "off":
             raise Misuse(
-                f"generator on {axis}: the axis is in control mode 'off'; it must be in force or displacement"
+                f"generator on {axis}: the axis has the control mode 'off'; set it to 'force' or "
+                "'displacement'"
             )
         if mode == "force":
             return "force_amplitude"

@@ -65,7 +65,7 @@ class HubBus(can.BusABC):
             raise can.CanInitializationError(str(error)) from None
         except OSError as error:
             reason = (
-                "no server listens there; is the rig running?"
+                "no server listens there; check that the rig runs"
                 if isinstance(error, ConnectionRefusedError)
                 else error.strerror or str(error)
             )

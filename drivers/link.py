@@ -122,8 +122,8 @@ class Link:
         if not count > REJECTED_SOME:
             return ""
         return (
-            f"the bench has rejected {count:.0f} frames of its commander, whose CRC or counter is wrong: check "
-            "what lies between on the CAN bus"
+            f"the bench has rejected {count:.0f} frames of its commander, because their CRC or counter "
+            "is wrong; check the devices between this computer and the bench on the CAN bus"
         )
 
     def strangers(self) -> str:
@@ -138,8 +138,8 @@ class Link:
         token = self.readings.value_or_nan("rig.lease")
         if self.wiring.is_own(int(port) if port > 0 else 0, token):
             return (
-                "the bench no longer accepts this commander's commands, because it regards it as lost: connect "
-                f"again ({count:.0f} frames or requests refused)"
+                "the bench regards this commander as lost, and no longer accepts its commands; "
+                f"connect again ({count:.0f} frames or requests refused)"
             )
         identifier = self.readings.value_or_nan("rig.stranger_identifier")
         what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
@@ -234,7 +234,9 @@ class Link:
         # During tear-down, set-points alone can still bring the bench to rest.
         if failure := self.wiring.failure:
             if isinstance(failure, NotCommander):
-                raise NotCommander(f"this commander has lost the bench: {failure}") from failure
+                raise NotCommander(
+                    f"this commander no longer has the lease of the bench: {failure}"
+                ) from failure
             if not self._tolerant:
                 raise failure
         if not self._armed or self._tolerant:
@@ -245,9 +247,9 @@ class Link:
             signals = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
             if signals.quality is Quality.UNAVAILABLE:
-                raise LinkLost("the rig reports no known state")
+                raise LinkLost("the rig reports an unknown state")
             raise LinkLost(
-                f"the rig is silent: its state came {signals.age:.2g} s ago, and is stale after {limit:g} s"
+                f"the rig is silent: its last state is {signals.age:.2g} s old, and is stale after {limit:g} s"
             )
         if state in DOWN_STATES:
             reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN

@@ -24,7 +24,7 @@ from drivers.modbus_words import HEADER, instead
 
 Client = ModbusTcpClient | ModbusSerialClient
 
-SEE_TO_IT: Final = "; see that it runs and can be reached"
+SEE_TO_IT: Final = "; check that the device runs and can be reached"
 #: Number of closed connections after answers from which on a device is assumed to close after each answer.
 _HABIT: Final = 2
 _PAUSE: Final = round(20 * ms * NS)
@@ -186,18 +186,18 @@ class SharedClient:
         """Return as text why there was no reply."""
         if isinstance(error, ConnectionException | ConnectionError):
             if not self._there:
-                return "no connection; is the rig running?"
+                return "no connection; check that the rig runs"
             if self._answers:
-                return 'the device closed the connection; after each answer? Then connection = "each"'
+                return 'the device closed the connection; if it does so after each answer, set connection = "each"'
             return (
-                "the device takes the connection and closes it before it answers; it may have room for one only, "
-                "which another client uses"
+                "the device closes the connection before it answers; it may accept only one client at "
+                "a time, and another client is connected"
             )
         if isinstance(error, OSError):
             return error.strerror or "the connection broke"
         came = instead(self._request, self._came, framed=self._framed)
         if isinstance(error, ModbusException) and "No response received" not in str(error):
-            return f"what the device sent is no answer to it{came}"
+            return f"the bytes from the device do not answer the request{came}"
         return f"the device does not answer in {self._timeout():g} s{came or SEE_TO_IT}"
 
     def hang_up(self) -> None:

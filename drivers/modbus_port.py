@@ -189,10 +189,10 @@ class ModbusPort:
             self._postponed.pop()()
         if isinstance(reply, ExceptionResponse):
             code = reply.exception_code
-            meaning = self.meaning.get(code, "for a reason the specification does not know")
+            meaning = self.meaning.get(code, "for a reason that is not in the specification")
             raise Refused(f"{what} was refused: {meaning} (Modbus exception {code})", code)
         if reply.isError():
-            raise LinkLost(f"{what} failed: what the device sent is no answer to it")
+            raise LinkLost(f"{what} failed: the bytes from the device do not answer the request")
         return reply
 
     def _note_port(self) -> None:
@@ -245,7 +245,7 @@ def open_modbus(
         framer = FramerType.RTU if rtu else FramerType.SOCKET
         client = ModbusTcpClient(host, port=port, framer=framer, timeout=min(timeout, within), retries=0)
         if not client.connect():
-            raise LinkLost(f"no Modbus device answers at {where}; is the rig running?")
+            raise LinkLost(f"no Modbus device answers at {where}; check that the rig runs")
         return _timed(SharedClient(client, where, each=each, echo=echo), timeout)
 
     return ModbusPort(_one_line((host, port, rtu), connect) if shared else connect(), unit)
@@ -266,8 +266,9 @@ def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> M
         )
         if not client.connect():
             raise LinkLost(
-                f"the serial line {serial.device} cannot be opened: is it there, may this user read and write it, has "
-                f"nobody else opened it, and can it do {serial.baudrate} Bd with parity {serial.parity}?"
+                f"the serial line {serial.device} cannot be opened; check that it exists, that this "
+                "user may read and write it, that no other program uses it, and that it supports "
+                f"{serial.baudrate} Bd with parity {serial.parity}"
             )
         return SharedClient(client, serial.device)
 

@@ -44,17 +44,20 @@ def instead(request: bytes, came: bytes, *, framed: bool) -> str:
     if not came:
         return ""
     if not framed:
-        return f"; {len(came)} bytes came that are no sound frame, or another unit's: baudrate, parity, unit?"
+        return (
+            f"; {len(came)} bytes came that are not a valid frame, or are from another unit; check "
+            "baudrate, parity and unit"
+        )
     if len(came) < HEADER.size or len(request) < HEADER.size:
-        return f"; {len(came)} bytes came, less than an answer"
+        return f"; {len(came)} bytes came, which is too short for an answer"
     (asked, _, _, unit), (told, protocol, _, answering) = (
         HEADER.unpack_from(request),
         HEADER.unpack_from(came),
     )
     if protocol:
-        return '; the answer is no Modbus/TCP: another protocol, or kind = "modbus_rtu"?'
+        return '; the answer is not Modbus/TCP; use another protocol, or kind = "modbus_rtu"'
     if answering != unit:
-        return f"; it answers as unit {answering} and not as {unit}: another unit, or echo = false"
+        return f"; the answer is from unit {answering} instead of {unit}; correct unit, or set echo = false"
     if told != asked:
-        return f"; it answers to request number {told} and not to {asked}: echo = false"
+        return f"; the answer has the request number {told} instead of {asked}; set echo = false"
     return f"; {len(came)} bytes of an answer came"

@@ -85,7 +85,8 @@ class Capture:
             refuse_absent(receiver.wiring, name)
             if self._limits[row] == 0:
                 raise Misuse(
-                    f"{name} does not come by itself, so it has no samples to capture; read it instead"
+                    f"the rig does not send {name} by itself, so there are no samples to capture; read "
+                    "the value instead"
                 )
         self._wanted = np.zeros(len(self._table.signals), np.bool_)
         self._wanted[[self._row(name) for name in self.names]] = True
@@ -165,7 +166,7 @@ class Capture:
             raise Misuse(f"{name} is not in this capture, which has {', '.join(self.names)}")
         if self._size > CAPTURE_SAMPLES_MAX:
             raise Misuse(
-                f"a capture holds {CAPTURE_SAMPLES_MAX:,} samples of all signals, and this one was to take "
+                f"a capture holds {CAPTURE_SAMPLES_MAX:,} samples of all signals, and this one needs "
                 f"{self._size:,}: measure for a shorter time; the record of the run has them all"
             )
         row = self._row(name)

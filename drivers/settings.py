@@ -40,7 +40,7 @@ class Settings:
         """Return ``value``, a number (SI) or the name of a choice, as a number. ValueError if it does not fit."""
         signal = self._table[name]
         if signal.kind is not Kind.SETTING:
-            raise Misuse(f"{name} is a {signal.kind}, not a setting that could be written")
+            raise Misuse(f"{name} is a {signal.kind}; only settings can be written")
         if isinstance(value, str):
             if value not in signal.choices:
                 raise ValueError(f"{name} = {value!r} is not one of {signal.range_text() or 'its choices'}")

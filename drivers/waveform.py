@@ -52,7 +52,8 @@ class Waveform(Device):
                 self._refuse_mode(name)
         if link.commander.moving(*names.values()):
             raise Misuse(
-                f"{', '.join(names.values())}: a waveform begins at rest, and one is still on its way"
+                f"{', '.join(names.values())}: a waveform begins at rest, but a set-point still moves; "
+                "wait for its end"
             )
         link.commander.play({names[name]: way for name, way in cycles.items()})
 
@@ -67,7 +68,7 @@ class Waveform(Device):
             if not signal.low <= way[far] <= signal.high:
                 raise Misuse(
                     f"{signal.name} would be {signal.show(way[far])} at {far * CYCLE / NS:g} s; "
-                    f"{signal.show(signal.low)} to {signal.show(signal.high)} would be right"
+                    f"use {signal.show(signal.low)} to {signal.show(signal.high)}"
                 )
 
     def _foreseen(self, times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -114,7 +115,7 @@ class Waveform(Device):
         link.wait_for(
             lambda: not link.commander.moving(*names),
             within=RETURN + MARGIN,
-            what="set-points of the waveform back where they were",
+            what="return of the waveform's set-points to their start",
         )
 
     def _refuse_mode(self, name: str) -> None:
@@ -132,8 +133,8 @@ class Waveform(Device):
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):
             raise NotAvailable(
-                f"it is not known how fast {link.wiring.rig} follows {name}: its wiring has no [player], "
-                "which would state it"
+                f"it is not known how fast {link.wiring.rig} follows {name}; state the limits in "
+                "[player] of its wiring"
             )
         speeds = np.diff(way) * NS / CYCLE
         worst = int(np.argmax(np.abs(speeds)))
@@ -160,8 +161,8 @@ def _cycles(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
             raise Misuse(f"waveform of {name}: {good} numbers for {times.size} times")
         if values[0] != 0.0 or values[-1] != 0.0:
             raise Misuse(
-                f"waveform of {name}: it begins at {values[0]:g} and ends at {values[-1]:g}; "
-                "it rides on the present set-point, so both must be 0"
+                f"waveform of {name}: it begins at {values[0]:g} and ends at {values[-1]:g}; use 0 for "
+                "both, because it is added to the present set-point"
             )
         found[name] = np.interp(cycles, times, values)
     return found

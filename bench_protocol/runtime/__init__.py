@@ -23,8 +23,8 @@ def require_linux(what: str) -> None:
     """Raise NeedsLinux, in one sentence, if ``what`` cannot be had here."""
     if not LINUX:
         raise NeedsLinux(
-            f"{what} needs Linux, and this is {sys.platform}: --virtual runs the same plans in virtual time, "
-            "and report, runs, compare and diagnose work on kept records"
+            f"{what} needs Linux, and this system is {sys.platform}. Use --virtual to run the same "
+            "plans in virtual time; report, runs, compare and diagnose work on kept records"
         )
 
 

@@ -18,8 +18,8 @@ from bench_protocol.runtime.sources import digest_of
 
 #: Printed once if neither the installation nor a cache folder of the user is writable.
 NOT_KEPT: Final = (
-    "compiled functions cannot be kept, as neither this installation nor your folder for caches can be written to: "
-    "every start compiles for a minute; NUMBA_CACHE_DIR may name a folder that can be"
+    "compiled functions cannot be kept, because neither the installation nor your cache folder is "
+    "writable. Every start takes about a minute longer. Set NUMBA_CACHE_DIR to a writable folder"
 )
 #: File in the cache folder of a package, locked while a function is saved or loaded.
 LOCK: Final = "astb.lock"

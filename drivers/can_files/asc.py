@@ -36,7 +36,7 @@ _OWN_ID: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 _START: Final = ("start", "of")
 _NAMED: Final = "frame(s) with a name instead of the identifier"
 _BASE_MEANT: Final = (
-    "a line `base hex  timestamps absolute`, as it is true of the file, before the first frame"
+    "a line like `base hex  timestamps absolute` before the first frame, as it applies to the file"
 )
 _LENGTHS: Final = "CAN FD frame(s) whose columns DLC and data length do not agree"
 _FDF, _REMOTE_FLAG = 0x1000, 0x10
@@ -73,19 +73,20 @@ def read_asc(path: Path, account: Account) -> Frames:
             log.blocks += bool(_BLOCK.match(line.text))
             if log.blocks > 1 and log.relative:
                 raise CanLogError(
-                    f"{path}: a second block begins in {line.shown}, at a time that relative stamps do not say"
+                    f"{path}: a second block begins in {line.shown}, and relative time stamps do not "
+                    "state its time; save each block in its own file"
                 )
         else:
             _unknown(log, line)
     if log.names and log.letters:
         raise CanLogError(
-            f"{path} has names instead of identifiers ({log.names}), and {log.letters} may be either; export a log "
-            "with numbers"
+            f"{path} has names instead of identifiers ({log.names}), and {log.letters} may be names or "
+            "numbers; export the log with numeric identifiers"
         )
     if log.names and not log.frames:
         raise CanLogError(
-            f"{path} has names instead of identifiers ({log.names}), without the number (ID = 256) behind them; a "
-            "log with numbers would be right"
+            f"{path} has names instead of identifiers ({log.names}), without numbers (ID = 256); export "
+            "the log with numeric identifiers"
         )
     if log.relative:
         account.take("the time stamps count from line to line, as the file says; they are added up")
@@ -95,7 +96,8 @@ def read_asc(path: Path, account: Account) -> Frames:
 def _unknown(log: _Log, line: Line) -> None:
     if log.relative and line.ended:
         raise CanLogError(
-            f"{log.path}: {line.shown} has no time stamp that is understood, and all later ones count from it"
+            f"{log.path}: {line.shown} has an invalid time stamp, and all later ones count from it; "
+            "correct the line"
         )
     leave_out_line(log.account, line)
 
@@ -109,9 +111,7 @@ def _timed(log: _Log, line: Line) -> None:
         _unknown(log, line)
         return
     if not log.base:
-        raise CanLogError(
-            f"{log.path} does not say whether its numbers are hexadecimal; {_BASE_MEANT} would be right"
-        )
+        raise CanLogError(f"{log.path} does not state whether its numbers are hexadecimal; add {_BASE_MEANT}")
     log.clock = log.clock + stamp if log.relative else stamp
     if len(words) > 2 and words[1].lower() == "canfd":
         _fd(log, line, words[2:])

@@ -60,7 +60,7 @@ class _Reader(blf.BLFReader):
                     break
                 signature, _, _, length, kind = _HEAD.unpack(head)
                 if signature != b"LOBJ":
-                    raise CanLogError(f"{self.path}: the data after its last object are no object")
+                    raise CanLogError(f"{self.path}: the data after its last object are damaged")
                 if length > _OBJECT_BYTES:
                     raise CanLogError(
                         f"{self.path} is damaged: an object of {size(length)}; at most {size(_OBJECT_BYTES)} are read"
@@ -87,7 +87,10 @@ class _Reader(blf.BLFReader):
         if method == blf.NO_COMPRESSION:
             return packed
         if method != blf.ZLIB_DEFLATE:
-            raise CanLogError(f"{self.path} is packed by a method {method} that is not known here")
+            raise CanLogError(
+                f"{self.path} is compressed by the method {method}, which is not supported; save it "
+                "again without compression"
+            )
         self.unpacked += length
         check_expansion(self.path, self.unpacked)
         try:
@@ -138,7 +141,7 @@ def read_blf(path: Path, account: Account) -> Frames:
             begins = b""
     if begins != _LOGG:
         raise CanLogError(
-            f"{path} is not a file of CAN frames as its ending says: it does not begin with {_LOGG.decode()}"
+            f"{path} is not a BLF file, although its name ends so: it does not begin with {_LOGG.decode()}"
         )
     try:
         with _Reader(path, account) as reader:

@@ -66,13 +66,14 @@ def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> F
             log.lost = log.lost or (line.shown if line.ended and "(" in text[:2] else "")
             leave_out_line(account, line)
     if log.bare:
-        raise CanLogError(f"{path}: {log.bare} has no time stamp; candump -L or candump -ta would be right")
+        raise CanLogError(f"{path}: {log.bare} has no time stamp; record with candump -L or candump -ta")
     if len(log.frames):
         stamps = np.frombuffer(log.stamps, np.int64)
         if (meant or _meaning(log, stamps)) == "delta":
             if log.lost:
                 raise CanLogError(
-                    f"{path}: {log.lost} is of an unknown form, and all later time stamps count from it"
+                    f"{path}: {log.lost} has an unknown form, and all later time stamps count from it; "
+                    "correct the line"
                 )
             account.take(
                 "the time stamps count from line to line, as candump -td writes them; they are added up"

@@ -24,7 +24,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     """Return the data frames of an MDF 4 file with raw bus logging. CanLogError for one without, or without asammdf."""
     with opened(path) as file:
         if file.read(len(_MDF)) != _MDF:  # python-can's reader would not close it
-            raise CanLogError(f"{path} is no MDF file: it does not begin with {_MDF.decode()}")
+            raise CanLogError(f"{path} is not an MDF file: it does not begin with {_MDF.decode()}")
     try:
         import asammdf  # noqa: F401  python-can's reader needs it, and its own error for it has another text
         from can.io.mf4 import MF4Reader
@@ -34,7 +34,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     with no_destructor_errors():
         made = _made(MF4Reader, path)
     if made is None:
-        raise CanLogError(f"{path} is a damaged MDF file, or of a kind that is not read")
+        raise CanLogError(f"{path} is a damaged MDF file, or has an unsupported format")
     try:
         with made as reader:
             check_mdf(path, reader._mdf.groups)
@@ -54,7 +54,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         raise CanLogError(f"{path} {error}") from None
     except Exception:  # asammdf raises its own exception and others
         raise CanLogError(
-            f"{path} is a damaged MDF file, or of a kind that is not read, behind frame {len(frames)}"
+            f"{path} is a damaged MDF file, or has an unsupported format, after frame {len(frames)}"
         ) from None
     return frames
 

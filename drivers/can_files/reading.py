@@ -43,7 +43,7 @@ FORMS: Final = (
 )
 #: Text for logs of other formats.
 _ENDINGS: Final = ", ".join(endings([one for one in FORMS if one.write is not None]))
-OTHER_FORMS: Final = f"known are {_ENDINGS}, which the programs that write others can often export"
+OTHER_FORMS: Final = f"use one of {_ENDINGS}; most programs can export one of them"
 _OTHERS: Final = {
     "***BUSMASTER": "a log of BUSMASTER",
     "timestamp,arbitration_id,": "a log of python-can as CSV",
@@ -74,7 +74,8 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
     form = form_of(path, FORMS)
     if form is None or form.read is None:
         raise CanLogError(
-            f"{path} ends in {ending_of(path) or 'nothing'}; files of CAN frames end in {_ENDINGS}, or these and .gz"
+            f"{path} ends in {ending_of(path) or 'nothing'}; use a file of CAN frames with one of the "
+            f"endings {_ENDINGS}, also with .gz"
         )
     frames: Frames = form.read(path, account, stamps)
     if not len(frames):
@@ -122,8 +123,8 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
         if steps[longest] > _LEAP:
             leap = timedelta(microseconds=int(steps[longest]) // 1000)
             raise CanLogError(
-                f"{path}: in {at(longest)} the clock leaps by {leap}, from {shown(longest)} to {shown(longest + 1)}; a "
-                "file for each part would be right"
+                f"{path}: in {at(longest)} the clock leaps by {leap}, from {shown(longest)} to "
+                f"{shown(longest + 1)}; split the file there, and read each part alone"
             )
         if steps[worst] < 0:
             _put_in_order(path, frames, times, account)

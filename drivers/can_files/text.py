@@ -18,9 +18,9 @@ from drivers.can_files.frames import CanLogError
 ERRORS: Final = "error frame(s)"
 REMOTE: Final = "remote frame(s)"
 OVERLOAD: Final = "overload frame(s)"
-REQUESTS: Final = "request(s) to send, which are no frames yet"
-EVENTS: Final = "event(s) that are no CAN frames"
-UNKNOWN: Final = "line(s) of an unknown form"
+REQUESTS: Final = "request(s) to send, which are not frames"
+EVENTS: Final = "event(s) other than CAN frames"
+UNKNOWN: Final = "line(s) of unknown form"
 CUT: Final = "line(s) cut off at the end of the file"
 EARLY: Final = "end(s) of a file that breaks off"
 
@@ -123,7 +123,7 @@ def _peeked(path: Path, file: BinaryIO) -> bytes:
     try:
         return file.read(4)
     except (EOFError, OSError, zlib.error):
-        raise CanLogError(f"{path} cannot be unpacked: what it begins with is no gzip") from None
+        raise CanLogError(f"{path} cannot be unpacked: it does not begin like a gzip file") from None
 
 
 def nanoseconds(text: str) -> int | None:

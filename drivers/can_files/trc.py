@@ -59,20 +59,20 @@ def _head(log: _Log, line: Line, key: str, value: str) -> None:
                 f"{log.path}: a second log begins in {line.shown}; save each log in its own file"
             )
         if value not in _VERSIONS:
-            raise CanLogError(f"{log.path} is of version {value}; read are {', '.join(_VERSIONS)}")
+            raise CanLogError(f"{log.path} is of version {value}; use one of {', '.join(_VERSIONS)}")
         log.version, log.columns = value, _COLUMNS.get(value, "")
     elif key == "STARTTIME":
         try:
             log.start = round((float(value) - _EPOCH) * _DAY)
         except (ValueError, OverflowError):
-            raise CanLogError(f"{log.path}: {line.shown} is no date as a number of days") from None
+            raise CanLogError(f"{log.path}: {line.shown} is not a date as a number of days") from None
         if not 0 <= log.start < 10**19 // 2:
             log.start = 0
-            log.account.take(f"STARTTIME = {value} is no date, and is not used")
+            log.account.take(f"STARTTIME = {value} is not a date, and is not used")
     elif key == "COLUMNS":
         letters = value.split(",")
         if unknown := [one for one in letters if one not in _LETTERS]:
-            raise CanLogError(f"{log.path}: column {unknown[0]!r} in {line.shown} is none that is known here")
+            raise CanLogError(f"{log.path}: column {unknown[0]!r} in {line.shown} is unknown")
         lacking = [one for one in "OTI" if one not in letters]
         if lacking or not {"L", "l"} & set(letters):
             raise CanLogError(f"{log.path}: no column {', '.join(lacking) or 'L or l'} in {line.shown}")

@@ -114,12 +114,12 @@ def conversion(
         for key, given in (("unit", unit), ("calibration", calibration), ("sign", sign != 1)):
             if given:
                 raise WiringError(
-                    f"{where}.{key}: {signal.name} is a choice ({signal.range_text()}); right would be choices"
+                    f"{where}.{key}: {signal.name} is a choice ({signal.range_text()}); use choices instead"
                 )
         return _choices(where, signal, choices)
     if choices:
         raise WiringError(
-            f"{where}.choices: {signal.name} is a number of {signal.unit}, no choice; right would be a unit"
+            f"{where}.choices: {signal.name} is a number in {signal.unit}; use unit instead of choices"
         )
     if calibration is not None and calibration.table:
         return _curve(where, signal, unit, sign, calibration)
@@ -135,7 +135,7 @@ def quantity(where: str, text: str, si: str, *, difference: bool = False) -> flo
         value = math.nan
     if not math.isfinite(value):
         raise WiringError(
-            f'{where} = {text!r} begins with no number; right would be such as "12.5 {_example(si)}"'
+            f'{where} = {text!r} does not begin with a number; write it like "12.5 {_example(si)}"'
         )
     found = unit_of(f"{where} = {text!r}", unit.strip() or "1", si)
     return found.factor * value + (0.0 if difference else found.zero)
@@ -146,11 +146,9 @@ def unit_of(where: str, unit: str, si: str) -> Unit:
     found = UNITS.get(unit)
     right = ", ".join(name for name, one in UNITS.items() if one.si == si)
     if found is None:
-        raise WiringError(f"{where}: {unit!r} is no unit that is known here; right would be one of {right}")
+        raise WiringError(f"{where}: {unit!r} is not a known unit; use one of {right}")
     if found.si != si:
-        raise WiringError(
-            f"{where}: {unit!r} is a unit of another quantity ({found.si}); right would be one of {right}"
-        )
+        raise WiringError(f"{where}: {unit!r} is a unit of another quantity ({found.si}); use one of {right}")
     return found
 
 
@@ -170,7 +168,8 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
         after = unit_of(f"{where}.calibration.gain = {calibration.gain!r}", into, signal.si)
         if of != unit:
             raise WiringError(
-                f"{where}.calibration.gain = {calibration.gain!r} is per {of}, but unit = {unit!r}; they should agree"
+                f"{where}.calibration.gain = {calibration.gain!r} is per {of}, but unit = {unit!r}; "
+                "use the same unit in both"
             )
     else:
         after = _unit(where, signal, unit)
@@ -189,7 +188,7 @@ def _unit(where: str, signal: Signal, unit: str) -> Unit:
     if found is not None and found.si == "kg" and signal.si == "N":
         raise WiringError(
             f"{where}.unit = {unit!r} is a mass and {signal.name} a force: add calibration = "
-            f'{{ gain = "9.80665 N/{unit}" }}, what the earth pulls with'
+            f'{{ gain = "9.80665 N/{unit}" }}, the acceleration of gravity'
         )
     return unit_of(f"{where}.unit", unit or "1", signal.si)
 
@@ -204,7 +203,8 @@ def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
         value = math.nan
     if not math.isfinite(value) or value == 0.0 or bool(units) != bool(into):
         raise WiringError(
-            f'{where}.calibration.gain = {gain!r} is not a gain; use a number such as 1.002 or "9.80665 N/kg"'
+            f"{where}.calibration.gain = {gain!r} is not a gain; use a number, such as 1.002 or "
+            '"9.80665 N/kg"'
         )
     return value, of, into
 
@@ -217,7 +217,8 @@ def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibr
         raise WiringError(f"{where}.calibration.table: inf and nan are not allowed; use finite numbers")
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         raise WiringError(
-            f"{where}.calibration.table: the rig's numbers, which come first, must rise over two or more rows"
+            f"{where}.calibration.table: the first column (numbers of the rig) must rise from row to "
+            "row, with two or more rows"
         )
     steps = [b - a for a, b in pairwise(meanings)]
     if not (all(step > 0 for step in steps) or all(step < 0 for step in steps)):
@@ -231,25 +232,27 @@ def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -
         if signal.choices == SWITCH:
             return _IDENTITY
         raise WiringError(
-            f"{where}.choices is missing: which number of the rig is {' | '.join(signal.choices)}?"
+            f"{where}.choices is missing; state the number of the rig for each of {' | '.join(signal.choices)}"
         )
     numbers: dict[int, tuple[float, ...]] = {}
     taken: dict[float, str] = {}
     for name, given in choices.items():
         if name not in signal.choices:
             raise WiringError(
-                f"{where}.choices: {name!r} is no choice of {signal.name}; {did_you_mean(name, signal.choices)}"
+                f"{where}.choices: {name!r} is not a choice of {signal.name}; "
+                f"{did_you_mean(name, signal.choices)}"
             )
         all_given = tuple(float(one) for one in (given if isinstance(given, list) else [given]))
         if not all_given:
             raise WiringError(
-                f"{where}.choices.{name} has no number; right is one or several, or no such line"
+                f"{where}.choices.{name} has no number; write one or several numbers, or remove the line"
             )
         for one in all_given:
             other = taken.setdefault(one, name)
             if other != name:
                 raise WiringError(
-                    f"{where}.choices: {one:g} is {other} and {name}; each number needs one meaning"
+                    f"{where}.choices: the number {one:g} means {other} and {name}; use it for one of "
+                    "them only"
                 )
         numbers[signal.choices.index(name)] = all_given
     return Choices(numbers)

@@ -225,8 +225,8 @@ class DescribedWiring(Outlet):
         for point, found in self._points.await_values(list(wanted), clock, deadline).items():
             if found != wanted[point]:
                 raise MapMismatch(
-                    f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, and "
-                    f"identity in {self._description.where.name} says {wanted[point]:g}"
+                    f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, but "
+                    f"identity in {self._description.where.name} states {wanted[point]:g}"
                 )
 
     # -- receiving -----------------------------------------------------------------------------------------------
@@ -425,8 +425,9 @@ class DescribedWiring(Outlet):
         state = self._description.sources.get("rig.state")
         if state is not None and "rig.state" not in self._sources.limits:
             raise WiringError(
-                f'{self._description.where}: signals."rig.state".from = {", ".join(state.points)} is read only when '
-                "asked; right is a point that comes by itself, as those of a polled group do"
+                f'{self._description.where}: signals."rig.state".from = {", ".join(state.points)} is '
+                "read only on request; use a point that is read by itself, such as one of a polled "
+                "group"
             )
 
     def _freshness(self) -> Ints:

@@ -62,7 +62,7 @@ def describe(
     called = _EARLIER if _EARLIER in content else "sequences"
     if called == _EARLIER:
         if "sequences" in content:
-            raise WiringError(f"{head}{_EARLIER} is the earlier name of sequences; right is one of them")
+            raise WiringError(f"{head}{_EARLIER} is the earlier name of sequences; keep only one of them")
         content = {"sequences" if key == _EARLIER else key: given for key, given in content.items()}
     keys = convert(head.rstrip(".: "), content, WiringFile)
     reader = _Reader(keys, where, head, table, called)
@@ -155,17 +155,18 @@ class _Reader:
         transports = self._keys.transports
         if not transports:
             raise WiringError(
-                f"{self._head}transports is empty; a rig is reached by [transports.NAME] with its kind"
+                f"{self._head}transports is empty; add a table [transports.NAME] with the kind of the "
+                "connection"
             )
         for name in transports:
             if not name.isidentifier():
                 raise WiringError(
-                    f"{self._head}transports.{name}: a name is one word of letters, digits and _"
+                    f"{self._head}transports.{name}: the name must be one word of letters, digits and _"
                 )
         names = [name for name, table in transports.items() if table.get("kind") == KIND]
         if len(names) > 1:
             raise WiringError(
-                f"{self._head}transports: {' and '.join(names)} are of kind {KIND}; a rig has one table, and one of it"
+                f"{self._head}transports: {' and '.join(names)} are of kind {KIND}; keep only one of them"
             )
         return "".join(names)
 
@@ -205,13 +206,13 @@ class _Reader:
         """Return where the line of a signal stands; WiringError for one that the file must not have."""
         where = f'{self._head}signals."{name}"'
         if name not in self._table.index:
-            raise WiringError(f"{where} is no signal; {did_you_mean(name, self._table.index)}")
+            raise WiringError(f"{where} is not a signal; {did_you_mean(name, self._table.index)}")
         if name in others:
-            raise WiringError(f"{where} is there twice; one line for a signal is right")
+            raise WiringError(f"{where} occurs twice; keep one line")
         if not self._keys.capabilities.generator and name.startswith(PLAYED):
             raise WiringError(
-                f"{where} is not the rig's: the bench answers for it, as the rig has no generator; "
-                "right is no such line, or capabilities.generator = true"
+                f"{where} is not needed, because this computer plays the waves of a rig without a "
+                "generator; remove the line, or set capabilities.generator = true if the rig has one"
             )
         return where
 
@@ -232,7 +233,9 @@ class _Reader:
             told = self._conversion(where, signal, entry)
             mute = [one for k, one in enumerate(signal.choices) if math.isnan(told.number(k))]
             if mute:
-                raise WiringError(f"{where}.choices lacks {', '.join(mute)}: nothing would be sent for it")
+                raise WiringError(
+                    f"{where}.choices lacks {', '.join(mute)}; add the number that is sent for it"
+                )
             self._setpoints[signal.name] = Target(point, told, entry.given)
         elif signal.kind is Kind.SETTING:
             self._settings[signal.name] = self._setting(where, signal, entry)
@@ -241,17 +244,17 @@ class _Reader:
             values = entry.value if isinstance(entry.value, list) else [entry.value or 1]
             numbers = tuple(plain_number(f"{where}.value", value) for value in values)
             if not numbers:
-                raise WiringError(f"{where}.value is empty; right is the number that is written to {point}")
+                raise WiringError(f"{where}.value is empty; write the number that is sent to {point}")
             self._actions[signal.name] = point, numbers
 
     def _source(self, where: str, signal: Signal, entry: SignalEntry) -> Source:
         points = [entry.source] if isinstance(entry.source, str) else entry.source
         if not points:
-            raise WiringError(f'{where}.from is missing: which point of the rig is it? Or absent = "why not"')
+            raise WiringError(f'{where}.from is missing; state the point of the rig, or absent = "reason"')
         for point in points:
             self._point(f"{where}.from", point, written=False)
         if entry.value and entry.function:
-            raise WiringError(f"{where} has a value and a function; right is one of them")
+            raise WiringError(f"{where} has a value and a function; keep one of them")
         combine: Combine | None = None
         if entry.value:
             if not isinstance(entry.value, str):
@@ -268,14 +271,15 @@ class _Reader:
             combine = self._function(f"{where}.function", entry.function, len(points))
         elif len(points) > 1:
             raise WiringError(
-                f"{where}.from has {len(points)} points: a value or a function must make one of them"
+                f"{where}.from has {len(points)} points; add value (an expression) or function to "
+                "compute one number from them"
             )
         return Source(tuple(points), combine, self._conversion(where, signal, entry))
 
     def _setting(self, where: str, signal: Signal, entry: SignalEntry) -> SettingTarget:
         if entry.fixed != "":
             if entry.target or entry.read or entry.initial != "":
-                raise WiringError(f"{where} is fixed, and nothing is written or read; right is fixed alone")
+                raise WiringError(f"{where} is fixed, so nothing is written or read; keep only the key fixed")
             fixed = si_value(f"{where}.fixed", signal, entry.fixed)
             return SettingTarget("", "", Linear(1.0, 0.0), 0.0, 0.0, fixed, fixed)
         point = self._target(where, signal, entry.target)
@@ -283,7 +287,7 @@ class _Reader:
             self._point(f"{where}.read", entry.read, written=False)
             if entry.initial != "":
                 raise WiringError(
-                    f"{where} has read and initial; where it is read it is known from the start"
+                    f"{where} has read and initial; remove initial, because the start value is read"
                 )
         initial = si_value(f"{where}.initial", signal, entry.initial) if entry.initial != "" else math.nan
         within = duration(f"{where}.within", entry.within)
@@ -306,7 +310,7 @@ class _Reader:
     def _target(self, where: str, signal: Signal, point: str, *, shared: bool = False) -> str:
         if not point:
             raise WiringError(
-                f'{where}.to is missing: which point of the rig is written? Or absent = "why not"'
+                f'{where}.to is missing; state the point of the rig that is written, or absent = "reason"'
             )
         self._point(f"{where}.to", point, written=True)
         other = self._written.setdefault(point, signal.name)
@@ -319,7 +323,7 @@ class _Reader:
         transports = self._keys.transports
         if not rest:
             raise WiringError(
-                f"{key} = {point!r} is no point; right is TRANSPORT.POINT, as in {next(iter(transports))}.…"
+                f"{key} = {point!r} is not a point; write TRANSPORT.POINT, such as {next(iter(transports))}.…"
             )
         if name not in transports:
             raise WiringError(
@@ -327,15 +331,14 @@ class _Reader:
             )
         if transports[name].get("kind") == KIND:
             raise WiringError(
-                f"{key} = {point!r}: {name} is of kind {KIND}, and carries signals instead of points; right is no line"
+                f"{key} = {point!r}: {name} is of kind {KIND}, which carries signals instead of "
+                "points; remove the line"
             )
         self.points.append((key, point, written))
 
     def _function(self, where: str, name: str, arguments: int) -> Combine:
         if self.functions is None:
-            raise WiringError(
-                f'{where} = {name!r}: the key functions is missing; right is functions = "FILE.py"'
-            )
+            raise WiringError(f'{where} = {name!r}: the key functions is missing; add functions = "FILE.py"')
         return user_function(where, self.functions, name, arguments)
 
     def _player(self) -> PlayerLimits:
@@ -346,7 +349,9 @@ class _Reader:
         }
         for key, limit in limits.items():
             if limit <= 0.0:
-                raise WiringError(f"{where}.{key} = {getattr(table, key)!r} must be above 0")
+                raise WiringError(
+                    f"{where}.{key} = {getattr(table, key)!r} is not above 0; use a positive value"
+                )
         return PlayerLimits(**limits)
 
 
@@ -372,7 +377,7 @@ def _refuse_wrong_keys(where: str, signal: Signal, entry: SignalEntry) -> None:
     for key in _given(entry):
         if key not in right:
             raise WiringError(
-                f"{where}.{key}: {signal.name} is {_article(signal.kind)}, which has {', '.join(right)}, or absent"
+                f"{where}.{key}: {signal.name} is {_article(signal.kind)}; use {', '.join(right)}, or absent"
             )
 
 

@@ -28,7 +28,7 @@ _UNARY: Final[dict[type[ast.unaryop], Callable[[float], float]]] = {
     ast.USub: operator.neg,
 }
 _CALLS: Final[dict[str, Callable[..., float]]] = {"min": min, "max": max, "abs": abs}
-_RIGHT: Final = "right are numbers, names, + - * /, parentheses, min, max and abs"
+_RIGHT: Final = "use numbers, names, + - * /, parentheses, min, max and abs"
 #: A wiring's expressions are short; one that is not would exhaust the stack.
 _LENGTH_MAX: Final = 500
 
@@ -40,12 +40,12 @@ def expression(where: str, text: str, names: Sequence[str]) -> Combine:
     """
     if len(text) > _LENGTH_MAX:
         raise WiringError(
-            f"{where} has {len(text)} characters; a longer one than {_LENGTH_MAX} is a function's work"
+            f"{where} has {len(text)} characters; at most {_LENGTH_MAX} are allowed, so use a function"
         )
     try:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError):
-        raise WiringError(f"{where} = {text!r} is no expression; {_RIGHT}") from None
+        raise WiringError(f"{where} = {text!r} is not an expression; {_RIGHT}") from None
     value = _Reader(f"{where} = {text!r}", tuple(names)).read(tree.body)
 
     def combine(values: Sequence[float]) -> float:
@@ -85,7 +85,8 @@ class _Reader:
             case ast.Call(func=ast.Name(id=name), args=[_, *_] as given, keywords=[]) if name in _CALLS:
                 if (name == "abs" and len(given) != 1) or (name != "abs" and len(given) < 2):
                     raise WiringError(
-                        f"{self._where}: abs takes one value, min and max two or more; {name} is given {len(given)}"
+                        f"{self._where}: abs needs one value, min and max need two or more; {name} has "
+                        f"{len(given)}"
                     )
                 call, parts = _CALLS[name], [self.read(one) for one in given]
                 return lambda values: call(*[part(values) for part in parts])

@@ -74,7 +74,9 @@ def duration(where: str, text: object) -> float:
     except ValueError:
         value = 0.0
     if not 0.0 < value < float("inf"):
-        raise WiringError(f'{where} = {text!r} is not a time above 0 with its unit, like "100 ms" or "2 s"')
+        raise WiringError(
+            f'{where} = {text!r} is not a time above 0 with its unit; write it like "100 ms" or "2 s"'
+        )
     return value
 
 

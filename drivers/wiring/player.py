@@ -130,7 +130,7 @@ class Player:
             if self.busy:
                 raise _refused("add", "a program runs or is held")
             if len(self._kept) == WAVES_AT_ONCE:
-                raise _refused("add", f"a program has {WAVES_AT_ONCE} waves at the most")
+                raise _refused("add", f"a program has at most {WAVES_AT_ONCE} waves")
             kept = [*self._kept, dict(self._settings)]
             self._possible(kept, modes, setpoints, "add")
             self._kept = kept
@@ -243,11 +243,11 @@ class Player:
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
         if math.isnan(number):
             raise _refused(
-                verb, f"it is not known how {axis} is controlled: {self._rig} does not report {control}"
+                verb, f"the control mode of {axis} is unknown: {self._rig} does not report {control}"
             )
         mode = CONTROL_MODES[round(number)]
         if mode == "off":
-            raise _refused(verb, f"{axis} cannot do this motion: {control} is {mode}")
+            raise _refused(verb, f"{axis} cannot make this motion: {control} is {mode}")
         kind = "roll_amplitude" if axis.endswith("roll") else "amplitude"
         height = settings[f"generator.{'force_amplitude' if mode == 'force' else kind}"]
         if axis == "roll" and mode == "displacement":
@@ -257,7 +257,7 @@ class Player:
             name = f"{target}_setpoint" if not control else f"{target}.{mode}_setpoint"
             if name in self._absent:
                 raise NotAvailable(
-                    f"{self._rig} has no {name}, which {axis} would move: {self._absent[name]}"
+                    f"{axis} cannot move, because {self._rig} has no {name}: {self._absent[name]}"
                 )
             heights[self._table.index[name]] = way * height
         return heights
@@ -270,7 +270,7 @@ class Player:
                 raise _refused(
                     verb,
                     f"{wave.frequency:g} Hz is too fast for {COMMAND_RATE:g} set-points a second; "
-                    f"{COMMAND_RATE / POINTS_MIN:g} Hz is the most",
+                    f"{COMMAND_RATE / POINTS_MIN:g} Hz is the highest frequency",
                 )
             for row, height in wave.heights.items():
                 peak = STEEPEST[wave.form] * abs(height) * wave.frequency
@@ -295,12 +295,12 @@ class Player:
         for row, way in ways.items():
             signal, base = self._table.signals[row], float(setpoints[row])
             if math.isnan(base):
-                raise _refused(verb, f"{signal.name} has no value to ride on; arm the bench first")
+                raise _refused(verb, f"{signal.name} has no value yet; arm the bench first")
             if not signal.low <= base - way <= base + way <= signal.high:
                 raise _refused(
                     verb,
-                    f"{signal.name} would go from {signal.show(base - way)} to {signal.show(base + way)}, "
-                    f"and can from {signal.range_text()}",
+                    f"{signal.name} would go from {signal.show(base - way)} to "
+                    f"{signal.show(base + way)}; its range is {signal.range_text()}",
                 )
 
 

@@ -73,7 +73,7 @@ class SequenceReader:
             for name in (name for order in orders for name in order.values):
                 if name in self._table.index and self._table[name].kind is not Kind.ACTION:
                     raise WiringError(
-                        f"{where}: {name} is a {self._table[name].kind}; right are points and actions"
+                        f"{where}: {name} is a {self._table[name].kind}; use points and actions"
                     )
             found.append(orders)
         return Greetings(*found)
@@ -86,7 +86,7 @@ class SequenceReader:
         if source is None:
             if self._keys.up or self._keys.reset or self._keys.rest:
                 raise WiringError(
-                    f'{self._where} change the state of the rig, and signals."rig.state" is missing or '
+                    f'{self._where} change the state of the rig, but signals."rig.state" is missing or '
                     'absent; state the point of "rig.state"'
                 )
             return ()
@@ -95,10 +95,10 @@ class SequenceReader:
 
     def _state(self, where: str, state: str, states: Sequence[str]) -> None:
         if state not in STATES:
-            raise WiringError(f"{where}: {state!r} is no state of a bench; {did_you_mean(state, STATES)}")
+            raise WiringError(f"{where}: {state!r} is not a state of a bench; {did_you_mean(state, STATES)}")
         if state not in states:
             raise WiringError(
-                f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
+                f'{where}: the rig never reports {state}; signals."rig.state".choices has {", ".join(states)}'
             )
 
     def _fate(self, where: str, state: str, given: str, states: Sequence[str]) -> AirFate:
@@ -107,7 +107,7 @@ class SequenceReader:
         for fate in _FATES:
             if fate == given:
                 return fate
-        raise WiringError(f"{where}.{state} = {given!r} is none of it; {did_you_mean(given, _FATES)}")
+        raise WiringError(f"{where}.{state} = {given!r} is unknown; {did_you_mean(given, _FATES)}")
 
     def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
         steps = []
@@ -121,7 +121,7 @@ class SequenceReader:
         table = convert(place, given, StepTable)
         for key, names in (("start", table.start), ("end", table.end)):
             if not names:
-                raise WiringError(f"{place}.{key} is empty; right is one state or several")
+                raise WiringError(f"{place}.{key} is empty; write one state or several")
             for state in names:
                 self._state(f"{place}.{key}", state, states)
         return Step(

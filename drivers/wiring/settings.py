@@ -71,7 +71,7 @@ class PointSettings:
         number = setting.conversion.number(value)
         if math.isnan(number):
             raise NotAvailable(
-                f"{self._rig} has no {name} = {signal.show(value)}: its wiring gives this choice no number"
+                f"{self._rig} has no {name} = {signal.show(value)}: its wiring has no number for this choice"
             )
         return number
 
@@ -97,7 +97,9 @@ class PointSettings:
                 return
             if clock.now() >= deadline:
                 says = (
-                    f"{number:g}, which is none of its choices" if math.isnan(found) else signal.show(found)
+                    f"{number:g}, which is not one of its choices"
+                    if math.isnan(found)
+                    else signal.show(found)
                 )
                 raise Refused(
                     f"{self._rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still reads "

@@ -45,7 +45,7 @@ def open_transport(
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
         guess = f" {did_you_mean(kind, KINDS)};" if isinstance(kind, str) else ""
         raise WiringError(
-            f"transports.{name}: kind = {kind!r} is no transport;{guess} use one of {', '.join(KINDS)}, or one of "
+            f"transports.{name}: kind = {kind!r} is not a transport;{guess} use one of {', '.join(KINDS)}, or "
             'your own as "package.module:factory" or "file.py:factory"'
         )
     opener: Any = port
@@ -132,17 +132,18 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
     factory = getattr(module, factory_name, None)
     if not callable(factory):
         raise WiringError(
-            f"{place}: {module_name} has no {factory_name!r} to call with (name, table, directory)"
+            f"{place}: {module_name} has no function {factory_name!r}; add it, with the "
+            "arguments (name, table, directory)"
         )
     try:
         transport = factory(name, table, where)
     except WiringError:
         raise
     except Exception as error:  # for example a missing key
-        raise WiringError(f"{place} could not be made: {error!r}") from error
+        raise WiringError(f"{place}: the transport could not be created: {error!r}") from error
     if not isinstance(transport, Transport):
         raise WiringError(
-            f"{place} returns a {type(transport).__name__}, which is no Transport: derive its class from "
-            "drivers.wiring.contract.Transport"
+            f"{place} returns a {type(transport).__name__}, which is not a Transport; derive its class "
+            "from drivers.wiring.contract.Transport"
         )
     return transport

@@ -32,7 +32,7 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
         inspect.signature(function).bind(*[0.0] * arguments)
     except TypeError as error:
         raise WiringError(
-            f"{where} = {name!r}: it is called with {arguments} numbers, one for each point: {error}"
+            f"{where} = {name!r}: it must accept {arguments} numbers, one for each point: {error}"
         ) from None
 
     def combine(values: Sequence[float]) -> float:
@@ -45,7 +45,7 @@ def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
     """Return the function ``name`` of the file ``path``. Raises WiringError, which begins with ``where``."""
     own = _own(_load(f"{where} = {name!r}", path))
     if name not in own:
-        raise WiringError(f"{where} = {name!r} is no function of {path.name}; {did_you_mean(name, own)}")
+        raise WiringError(f"{where} = {name!r} is not a function of {path.name}; {did_you_mean(name, own)}")
     return own[name]
 
 

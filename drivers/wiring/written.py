@@ -17,7 +17,7 @@ def si_value(where: str, signal: Signal, given: object) -> float:
     if isinstance(given, str) and signal.choices:
         if given not in signal.choices:
             raise WiringError(
-                f"{where} = {given!r} is no choice of {signal.name}; {did_you_mean(given, signal.choices)}"
+                f"{where} = {given!r} is not a choice of {signal.name}; {did_you_mean(given, signal.choices)}"
             )
         return float(signal.choices.index(given))
     if isinstance(given, str):
@@ -25,9 +25,7 @@ def si_value(where: str, signal: Signal, given: object) -> float:
     else:
         value = plain_number(where, given)
         if signal.unit != "1":
-            raise WiringError(
-                f'{where} = {given!r} has no unit; right would be such as "{given} {signal.unit}"'
-            )
+            raise WiringError(f'{where} = {given!r} has no unit; write it like "{given} {signal.unit}"')
     if not signal.low <= value <= signal.high or (signal.choices and value != round(value)):
         raise WiringError(f"{where} = {given!r} is out of the range of {signal.name}: {signal.range_text()}")
     return value
@@ -37,7 +35,7 @@ def plain_number(where: str, given: object) -> float:
     """Return a number of the rig. Raises WiringError for anything else."""
     if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
         return float(given)
-    raise WiringError(f"{where} = {given!r} is no number of the rig's")
+    raise WiringError(f"{where} = {given!r} is not a number")
 
 
 def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

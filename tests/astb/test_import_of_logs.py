@@ -226,7 +226,7 @@ def test_j1939_messages_of_several_packets_are_put_together(came, group: int, to
     status, text, out = came("a.log", candump(frames), dbc)
     assert status == PASS
     assert "6 J1939 messages of several packets (TP) were reassembled" in text
-    assert f"1 J1939 message of several packets (TP) that are not whole (group {group:#x})" in text
+    assert f"1 incomplete J1939 message of several packets (TP) (group {group:#x})" in text
     record = read(out)
     for signal, right in (("First", np.arange(5.0)), ("Last", 7.0 * np.arange(5))):
         np.testing.assert_allclose(record.series(f"Wide@27.{signal}")[1], right, atol=1e-9)
@@ -256,8 +256,8 @@ def test_packets_asked_for_again_aborted_or_never_announced(came) -> None:
     assert status == PASS
     np.testing.assert_allclose(read(out).series("Wide.Last")[1], [21.0])
     np.testing.assert_allclose(read(out).series("Wide.First")[1], [3.0], atol=1e-9)
-    assert "1 J1939 message of several packets (TP) that are not whole" in text
-    assert "3 J1939 packets (TP) that nobody announced" in text
+    assert "1 incomplete J1939 message of several packets (TP)" in text
+    assert "3 J1939 packets (TP) without an announcement" in text
 
 
 def mdf_of_signals(folder: Path) -> bytes:
@@ -288,7 +288,7 @@ def test_frames_in_mdf_come_in_as_those_of_a_log(came, tmp_path) -> None:
     status, text, _ = came("a.mf4", mdf_of_signals(tmp_path), HEAD + HEIGHTS)
     assert status == MISUSE and "holds no data frame (1 group without CAN frames" in text
     status, text, _ = came("a.mf4", b"rubbish", HEAD + HEIGHTS)
-    assert status == MISUSE and "is no MDF file: it does not begin with MDF" in text
+    assert status == MISUSE and "is not an MDF file: it does not begin with MDF" in text
 
 
 MAP = """
@@ -370,7 +370,7 @@ def test_frames_as_csv_are_named(tmp_path) -> None:
     (tmp_path / "a.csv").write_bytes(by_python_can(heights(9), ".csv"))
     done = CliRunner().invoke(import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run")])
     assert done.exit_code == MISUSE
-    assert "of python-can as CSV, not a table of samples; known are .blf" in " ".join(done.output.split())
+    assert "of python-can as CSV, not a table of samples; use one of .blf" in " ".join(done.output.split())
     (tmp_path / "map.toml").write_text(MAP.format(frames="", column="Heights.Left"))
     (tmp_path / "rig.dbc").write_text(HEAD + HEIGHTS + GAS)
     with refuses(DiagnosisError, "table"):

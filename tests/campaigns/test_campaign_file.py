@@ -124,8 +124,8 @@ def test_an_interrupted_campaign_prints_the_command_that_continues_it(tmp_path, 
     [
         ("seeds = 3", "the key plans is missing"),
         ('plans = ["leakdown"]', "there is no plan 'leakdown'; did you mean 'leak_down'"),
-        ('plans = ["leak_down"]\nspecimen = "x"', "specimen is no key here; did you mean 'specimens'"),
-        ('plans = ["leak_down"]\nseeds = 0', "seeds = 0; a whole number >= 1 would be right"),
+        ('plans = ["leak_down"]\nspecimen = "x"', "specimen is not a key here; did you mean 'specimens'"),
+        ('plans = ["leak_down"]\nseeds = 0', "seeds = 0; use a whole number >= 1"),
         ('plans = ["leak_down"]\n[values]\nload = "AW9"', "leak_down has no parameter load"),
         ('plans = ["axial_stiffness"]\n[values]\nload = "AW9"', "load = 'AW9' is none of AW0, AW3"),
         (

@@ -88,6 +88,6 @@ def test_a_rig_in_real_time_says_that_it_needs_linux(system: str) -> None:
     )
     assert done.returncode == 3
     assert done.stderr.startswith(
-        f"astb: a rig in real time needs Linux, and this is {system}: --virtual runs"
+        f"astb: a rig in real time needs Linux, and this system is {system}. Use --virtual to run"
     )
     assert done.stderr.count("\n") == 1

@@ -131,7 +131,7 @@ BAD_FILES = r"""
 
 [transports]
 [signals]
--> hall.toml: transports is empty; a rig is reached by
+-> hall.toml: transports is empty; add a table
 
 sinals = 1
 SIGNALS
@@ -143,7 +143,7 @@ SIGNALS
 
 identity = { "plc.device" = "x" }
 SIGNALS
--> identity.plc.device = 'x' is no number of the rig's
+-> identity.plc.device = 'x' is not a number
 
 latency = "soon"
 SIGNALS
@@ -152,7 +152,7 @@ SIGNALS
 [player]
 speed = "-1 m/s"
 SIGNALS
--> player.speed = '-1 m/s' must be above 0
+-> player.speed = '-1 m/s' is not above 0; use a positive value
 
 [player]
 lever = "1 bar"
@@ -161,7 +161,7 @@ SIGNALS
 """
 BAD_SIGNALS = r"""
 "left.hight" = { from = "plc.h", unit = "mm" }
--> signals."left.hight" is no signal; did you mean 'left.height'?
+-> signals."left.hight" is not a signal; did you mean 'left.height'?
 
 "left.height" = { form = "plc.h", unit = "mm" }
 -> signals."left.height": there is no key 'form' here; did you mean 'from'?
@@ -169,16 +169,16 @@ BAD_SIGNALS = r"""
 "left.height" = { from = "plc.h", unit = "mm" }
 [signals.left]
 height = { from = "plc.h", unit = "mm" }
--> signals."left.height" is there twice
+-> signals."left.height" occurs twice
 
 "left.height" = { from = "plc.h" }
 -> signals."left.height".unit is missing: state the unit in which the rig reports left.height, such as 'mm'
 
 "left.height" = { from = "plc.h", unit = "inch" }
--> "left.height".unit: 'inch' is no unit that is known here; right would be one of m, mm, um, cm
+-> "left.height".unit: 'inch' is not a known unit; use one of m, mm, um, cm
 
 "left.height" = { from = "plc.h", unit = "bar" }
--> 'bar' is a unit of another quantity (Pa); right would be one of m, mm
+-> 'bar' is a unit of another quantity (Pa); use one of m, mm
 
 "load_cell.1" = { from = "plc.h", unit = "kg" }
 -> load_cell.1 a force: add calibration = { gain = "9.80665 N/kg" }
@@ -190,7 +190,7 @@ height = { from = "plc.h", unit = "mm" }
 -> signals."left.height": sign = 2;
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 0 } }
--> calibration.gain = 0 is not a gain; use a number such as 1.002
+-> calibration.gain = 0 is not a gain; use a number, such as 1.002
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { offset = nan } }
 -> calibration.offset = nan is not a finite number
@@ -199,13 +199,13 @@ height = { from = "plc.h", unit = "mm" }
 -> calibration.table: inf and nan are not allowed
 
 "control.enable" = { to = "plc.h", choices = { on = 1 } }
--> "control.enable".choices lacks off: nothing would be sent for it
+-> "control.enable".choices lacks off; add the number that is sent for it
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { offset = "1 bar" } }
 -> calibration.offset = '1 bar': 'bar' is a unit of another quantity
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[0, 0]] } }
--> must rise over two or more rows
+-> must rise from row to row, with two or more rows
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[0, 0], [1, 2], [2, 1]] } }
 -> the second column must rise, or fall, from row to row
@@ -214,28 +214,28 @@ height = { from = "plc.h", unit = "mm" }
 -> a table replaces gain and offset
 
 "left.height" = { unit = "mm" }
--> from is missing: which point of the rig is it? Or absent = "why not"
+-> from is missing; state the point of the rig, or absent = "reason"
 
 "left.height" = { from = "height", unit = "mm" }
--> from = 'height' is no point; right is TRANSPORT.POINT, as in plc.…
+-> from = 'height' is not a point; write TRANSPORT.POINT, such as plc.…
 
 "left.height" = { from = "pcl.h", unit = "mm" }
 -> there is no transport 'pcl'; did you mean 'plc'?
 
 "left.height" = { to = "plc.h", unit = "mm" }
--> "left.height".to: left.height is a measurement, which has from, value, function, unit
+-> "left.height".to: left.height is a measurement; use from, value, function, unit
 
 "left.height" = { from = "plc.h", unit = "mm", absent = "none" }
 -> has absent and from, unit; keep one of them
 
 "lateral.force" = { from = ["plc.f1", "plc.f2"], unit = "kN" }
--> from has 2 points: a value or a function must make one of them
+-> from has 2 points; add value (an expression) or function
 
 "lateral.force" = { from = ["plc.f1", "plc.f2"], value = "f1 + f3", unit = "kN" }
--> "lateral.force".value = 'f1 + f3': unknown name 'f3'; there are f1, f2
+-> "lateral.force".value = 'f1 + f3': unknown name 'f3'; use one of f1, f2
 
 "lateral.force" = { from = "plc.f1", value = "f1.real", unit = "kN" }
--> 'f1.real' is not allowed here; right are numbers, names, + - * /
+-> 'f1.real' is not allowed here; use numbers, names, + - * /
 
 "lateral.force" = { from = "plc.f1", function = "total", unit = "kN" }
 -> the key functions is missing
@@ -245,31 +245,31 @@ height = { from = "plc.h", unit = "mm" }
 -> is already written by lateral.force_setpoint
 
 "rig.state" = { from = "plc.state" }
--> choices is missing: which number of the rig is OFF | BOOT
+-> choices is missing; state the number of the rig for each of OFF | BOOT
 
 "rig.state" = { from = "plc.state", choices = { HOLD = [] } }
 -> choices.HOLD has no number
 
 "rig.state" = { from = "plc.state", choices = { HOLT = 1 } }
--> 'HOLT' is no choice of rig.state; did you mean 'HOLD'?
+-> 'HOLT' is not a choice of rig.state; did you mean 'HOLD'?
 
 "rig.state" = { from = "plc.state", choices = { HOLD = 1, ACTIVE = [2, 1] } }
--> 1 is HOLD and ACTIVE; each number needs one meaning
+-> the number 1 means HOLD and ACTIVE; use it for one of them only
 
 "rig.state" = { from = "plc.state", unit = "mm" }
 -> rig.state is a choice (OFF | BOOT
 
 "left.height" = { from = "plc.h", unit = "mm", choices = { a = 1 } }
--> left.height is a number of mm, no choice
+-> left.height is a number in mm; use unit instead of choices
 
 "air.left_mode" = { fixed = "levl" }
--> fixed = 'levl' is no choice of air.left_mode; did you mean 'level'?
+-> fixed = 'levl' is not a choice of air.left_mode; did you mean 'level'?
 
 "air.left_mode" = { fixed = "level", to = "plc.m" }
--> is fixed, and nothing is written or read
+-> is fixed, so nothing is written or read
 
 "air.left_target" = { fixed = 3 }
--> fixed = 3 has no unit; right would be such as "3 bar"
+-> fixed = 3 has no unit; write it like "3 bar"
 
 "air.left_target" = { fixed = "30 bar" }
 -> is out of the range of air.left_target: 0 to 9 bar
@@ -281,7 +281,7 @@ height = { from = "plc.h", unit = "mm" }
 -> has read and initial
 
 "generator.axis" = { to = "plc.axis", choices = { vertical = 1 } }
--> the bench answers for it, as the rig has no generator
+-> this computer plays the waves of a rig without a generator
 
 [sequences]
 rest = [{ "plc.c" = 0 }]
@@ -291,12 +291,12 @@ BAD_SEQUENCES = r"""
 [[sequences.up]]
 start = ["DISABLED"]
 end = ["HOLD"]
--> sequences.up[1].end: the rig never reports HOLD: signals."rig.state".choices has DISABLED, ACTIVE
+-> sequences.up[1].end: the rig never reports HOLD; signals."rig.state".choices has DISABLED, ACTIVE
 
 [[sequences.up]]
 start = ["DISABLD"]
 end = ["ACTIVE"]
--> 'DISABLD' is no state of a bench; did you mean 'DISABLED'?
+-> 'DISABLD' is not a state of a bench; did you mean 'DISABLED'?
 
 [[sequences.up]]
 start = ["DISABLED"]
@@ -309,7 +309,7 @@ rest = [{ "plk.c" = 0 }]
 
 [sequences]
 rest = [{ "plc.c" = "off" }]
--> sequences.rest[1].plc.c = 'off' is no number of the rig's
+-> sequences.rest[1].plc.c = 'off' is not a number
 
 [sequences]
 rest = [{ "left.height" = 0 }]
@@ -326,7 +326,7 @@ open = [{ "lease.nonce" = 1 }]
 "air.dpv" = { to = "plc.dpv" }
 [sequences]
 apply = [{ "plc.apply" = 1, "air.dpv" = "on" }]
--> sequences.apply: air.dpv is a setting; right are points and actions
+-> sequences.apply: air.dpv is a setting; use points and actions
 
 [sequences]
 at_rest = ["OFF"]
@@ -431,8 +431,8 @@ def test_a_function_of_the_users_own(tmp_path):
 @pytest.mark.parametrize(
     ("code", "message"),
     [
-        ("def totel(a, b):\n    return a\n", "'total' is no function of own.py; did you mean 'totel'?"),
-        ("def total(a):\n    return a\n", "it is called with 2 numbers, one for each point"),
+        ("def totel(a, b):\n    return a\n", "'total' is not a function of own.py; did you mean 'totel'?"),
+        ("def total(a):\n    return a\n", "it must accept 2 numbers, one for each point"),
         ("1 / 0\n", "own.py cannot be run: ZeroDivisionError"),
     ],
 )

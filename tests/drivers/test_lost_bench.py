@@ -44,7 +44,7 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     with refuses(NotCommander, "silent"):
         bench.rig.nominal_preload = 145e3
     memory.clock.sleep_until(memory.clock.now() + NS)
-    assert "no longer accepts this commander's commands" in bench.strangers()
+    assert "regards this commander as lost" in bench.strangers()
     assert "somebody else" not in bench.describe()
     if taken:
         assert other.rig.state in ("FAULT_DISABLED", "DISABLED")

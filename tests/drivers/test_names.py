@@ -38,5 +38,5 @@ def test_a_device_can_be_copied_and_asked_for_what_it_lacks(bench):
 
 def test_all_names_are_listed_if_none_is_close():
     assert did_you_mean("height", ["hight", "force"]) == "did you mean 'hight'?"
-    assert did_you_mean("height", ["force", "axis"]) == "there are force, axis"
+    assert did_you_mean("height", ["force", "axis"]) == "use one of force, axis"
     assert did_you_mean("height", ["force", "axis"], "ask elsewhere") == "ask elsewhere"

@@ -213,20 +213,20 @@ def places_of(name: str, known: Table) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("known", "why"),
     [
-        (changed("lateral.force_setpoint", step=5.0), "lateral.force_setpoint does not agree"),
-        (table(PlatformSetpoints=fields("PlatformSetpoints")[::-1]), "platform.vertical_setpoint does not agree"),
+        (changed("lateral.force_setpoint", step=5.0), "lateral.force_setpoint differs"),
+        (table(PlatformSetpoints=fields("PlatformSetpoints")[::-1]), "platform.vertical_setpoint differs"),
         (table(Control=fields("Control")[:-2] + fields("Control")[-1:]), "control.(reset|token)"),
-        (changed("generator.cycles", address=300), "generator.cycles does not agree"),
-        (changed("action.air_high", address=40), "action.air_high does not agree"),
-        (changed("interlock.estop", address=40), "interlock.estop does not agree"),
-        (table(State=fields("State")[::-1]), "rig.state does not agree"),
-        (changed("rig.state", choices=STATES[:-1], high=10), "states that we do not know: .* ESTOP"),
-        (changed("vertical.control", choices=("force", "off", "displacement")), "vertical.control does not agree"),
+        (changed("generator.cycles", address=300), "generator.cycles differs"),
+        (changed("action.air_high", address=40), "action.air_high differs"),
+        (changed("interlock.estop", address=40), "interlock.estop differs"),
+        (table(State=fields("State")[::-1]), "rig.state differs"),
+        (changed("rig.state", choices=STATES[:-1], high=10), "states that these drivers do not know: .* ESTOP"),
+        (changed("vertical.control", choices=("force", "off", "displacement")), "vertical.control differs"),
     ],
 )  # fmt: skip
 def test_a_bench_goes_nowhere_with_a_rig_that_would_take_its_word_otherwise(known, why):
     stand = MixedVersions(known)
-    with pytest.raises(MapMismatch, match=f"differs in what must agree.*({why})") as mismatch:
+    with pytest.raises(MapMismatch, match=f"These differences must not exist.*({why})") as mismatch:
         stand.open()
     assert len(str(mismatch.value)) < 2000
     assert stand.rig.lease.token == 0, "the lease was not even asked for"
@@ -239,11 +239,11 @@ def test_a_bench_on_another_map_arms_moves_and_says_what_it_lacks():
         bench.platform.move_to(vertical=5 * mm)
         assert bench.platform.vertical == pytest.approx(5 * mm, abs=0.5 * mm)
         with pytest.raises(
-            NotAvailable, match=r"has no left\.height: the rig's map has it elsewhere: can 0x181"
+            NotAvailable, match=r"has no left\.height: the rig's map has it in another place: can 0x181"
         ):
             bench.left.height  # noqa: B018
         assert bench.left.bellows_pressure == pytest.approx(0, abs=0.1 * bar)
-        assert "height: absent (the rig's map has it elsewhere" in repr(bench.left)
+        assert "height: absent (the rig's map has it in another place" in repr(bench.left)
 
 
 def test_a_plan_says_with_what_it_goes_on(tmp_path):
@@ -266,7 +266,7 @@ def test_a_plan_says_with_what_it_goes_on(tmp_path):
 
 def test_a_rig_without_a_map_file_is_refused_as_ever(world):
     world.peer.map_hash ^= 1
-    with pytest.raises(MapMismatch, match=r"the differences are unknown: .*function is unknown"):
+    with pytest.raises(MapMismatch, match=r"the differences are unknown: .*does not know the function"):
         world.bench.connect()
 
 

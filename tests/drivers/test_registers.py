@@ -140,22 +140,22 @@ def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
     [
         ({"adress": 3}, "points: height: there is no key 'adress' here; did you mean 'address'"),
         ({"table": "inputs"}, "height: table = 'inputs'"),
-        ({"address": 65536}, "height: address = 65536; a whole number <= 65535 would be right"),
+        ({"address": 65536}, "height: address = 65536; use a whole number <= 65535"),
         ({"address": -1}, "height: address = -1"),
-        ({"address": 65535, "type": "int32"}, "address = 65535 with 2 registers ends behind 65535"),
+        ({"address": 65535, "type": "int32"}, "address = 65535 with 2 registers goes beyond 65535"),
         ({"type": "int24"}, "height: type = 'int24'"),
         ({"type": "bit"}, r"type = 'bit' in a register needs bit = 0 \(the lowest\) to 15"),
         ({"bit": 16}, "height: bit = 16"),
-        ({"bit": 12, "bits": 5}, "bits = 5 from bit = 12 on end behind bit 15"),
+        ({"bit": 12, "bits": 5}, "bits = 5 from bit = 12 on go beyond bit 15"),
         ({"type": "int16", "bits": 3}, "bits = 3 is for bits of a register"),
         ({"table": "coil", "bits": 3}, "bits = 3 is for bits of a register"),
         ({"bit": 3, "type": "int16"}, "bit = 3 has no meaning for type = 'int16'"),
         ({"table": "coil", "type": "int16"}, "type = 'int16' does not fit in a coil, which is one bit"),
         ({"table": "discrete", "bit": 2}, "bit = 2 has no meaning in a discrete"),
-        ({"type": "string"}, "a string needs its length"),
+        ({"type": "string"}, "a string needs length"),
         ({"type": "int16", "length": 2}, "length = 2 is for type = 'string'"),
-        ({"scale": 0.0}, "scale = 0, offset = 0 map everything to one number"),
-        ({"bit": 1, "scale": 2.0}, "scale, offset and null are for numbers, not for a bit"),
+        ({"scale": 0.0}, "scale = 0, offset = 0 map all values to one number"),
+        ({"bit": 1, "scale": 2.0}, "scale, offset and null are for numbers; remove them for a bit"),
         (
             {"type": "int16", "null": 40000},
             r"null = 40000 does not fit into int16 \(-32768 to 32767\)",
@@ -184,16 +184,14 @@ def test_points_that_cannot_both_be() -> None:
         ({"address": 5, "type": "float32"}, {"address": 6, "bit": 0}),
         ({"address": 6}, {"address": 0, "type": "string", "length": 20}),
     ):
-        with pytest.raises(
-            WiringError, match="share a register: one address is wrong, or one point is too many"
-        ):
+        with pytest.raises(WiringError, match="share a register; correct one address, or remove one point"):
             both(first, second)
     with pytest.raises(WiringError, match=r"a \(bit in coil 5\) and b \(bit in coil 5\) share a coil"):
         points(a={"table": "coil", "address": 5}, b={"table": "coil", "address": 5})
 
 
 def test_names_and_no_points_at_all() -> None:
-    with pytest.raises(WiringError, match="2nd is not a name"):
+    with pytest.raises(WiringError, match="2nd is not a valid name"):
         read_points("plc", {"2nd": {"table": "input", "address": 0}}, (), "high", "big")
     with pytest.raises(WiringError, match="there are no points"):
         read_points("plc", {}, (), "high", "big")

@@ -413,8 +413,8 @@ def test_pages_are_served_alternately(memory: InMemory, connected: Callable) -> 
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        ({"Set.Target": 1000.5}, r"Set\.Target = 1000\.5 does not fit: it carries -1000 to 1000"),
-        ({"Set.Mode": 256}, r"Set\.Mode = 256 does not fit: it carries 0 to 255"),
+        ({"Set.Target": 1000.5}, r"Set\.Target = 1000\.5 does not fit: the signal carries -1000 to 1000"),
+        ({"Set.Mode": 256}, r"Set\.Mode = 256 does not fit: the signal carries 0 to 255"),
         ({"Set.Mode": math.nan}, r"Set\.Mode = nan does not fit"),
         ({"Set.Alive": 1}, r"Set.Alive is written by the transport"),
         ({"Set.Mod": 1}, r"Set has no signal 'Mod'; did you mean 'Mode'"),
@@ -427,7 +427,7 @@ def test_what_cannot_be_written(memory: InMemory, connected: Callable, points: d
     with pytest.raises(ValueError, match=words):
         transport.write({"Set.Target": 0, **points})
     assert len(memory.far.received) == before
-    with pytest.raises(WiringError, match=r"messages\.Set needs how often"):
+    with pytest.raises(WiringError, match=r"messages\.Set needs its period"):
         transport.stream({"Set.Target": 1}, 0)
 
 
@@ -441,7 +441,7 @@ def test_only_our_own_messages_where_the_dbc_says_whose(memory: InMemory, connec
 def test_a_bus_that_is_silent_and_a_rig_that_only_listens(memory: InMemory, where: Path) -> None:
     memory.silent = True
     transport = CanTransport("bus", BUS, where, port=memory.port)
-    with pytest.raises(LinkLost, match=r"none of its 7 messages came in 0\.3 s; is the rig running"):
+    with pytest.raises(LinkLost, match=r"none of its 7 messages came in 0\.3 s; check that the rig runs"):
         transport.connect(memory.clock, pytest.fail, within=0.3)
     deaf = CanTransport("bus", {**BUS, "answers": False}, where, port=memory.port)
     deaf.connect(memory.clock, pytest.fail, within=0.3)

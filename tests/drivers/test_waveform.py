@@ -114,7 +114,7 @@ TIMES = np.array([0.0, 1.0, 2.0])
             "with 250 mm/s at .* s; 200 mm/s is the most",
         ),
         (TIMES, {"platform.roll": [0, 0.25, 0]}, Misuse, "with 250 mrad/s at .*; 200 mrad/s"),
-        (TIMES, {"lateral.displacement": [0, 0.01, 0.01]}, Misuse, "ends at 0.01; .* both must be 0"),
+        (TIMES, {"lateral.displacement": [0, 0.01, 0.01]}, Misuse, "ends at 0.01; use 0 for both"),
         (TIMES, {"lateral.displacement": [0, np.nan, 0]}, Misuse, "2 numbers for 3 times"),
         (TIMES, {"lateral.displacement": [0, 0]}, Misuse, "2 numbers for 3 times"),
         (TIMES[::-1], {"lateral.displacement": [0, 0, 0]}, Misuse, "must rise from 0 s"),

@@ -195,7 +195,7 @@ def test_any_model_survives(tmp_path_factory, changes, amplitudes, finding):
             'based_on = "astb"\n[surface.force]\ntime = "1 s"',
             "force_surface_time is no parameter; did you mean 'force_surface",
         ),
-        ('based_on = "astb', "line 1, .*: a text does not end"),
+        ('based_on = "astb', "line 1, .*: the closing quotation mark of a text is missing"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_files_name(tmp_path, text, reason):

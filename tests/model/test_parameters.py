@@ -75,7 +75,7 @@ def test_units_are_converted_once():
         (
             "effective_area = { value = 0.26",
             "effective_area = { value = nan",
-            "effective_area.* = nan; a finite number would be right",
+            "effective_area.* = nan; use a finite number",
         ),
         (
             "effective_area = { value = 0.26",
@@ -95,7 +95,7 @@ def test_units_are_converted_once():
         (
             "[load_case.AW0]",
             "[sensor.height]\nnose = 1\n[load_case.AW0]",
-            r"sensor\.height\.nose is no parameter; there are accuracy.* noise",
+            r"sensor\.height\.nose is not a parameter; use one of accuracy.* noise",
         ),
         (
             "dpv_reclosing = { value = 1.0",

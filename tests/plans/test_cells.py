@@ -137,8 +137,8 @@ def test_a_direction_of_any_length_and_unit_is_a_unit_vector(tmp_path):
             '[load_cell.1]\nplace = { value = 1.0, unit = "m" }',
             "is not three numbers",
         ),
-        ("[load_cell.1]\nstands = 1", "load_cell.1.stands is no key of a load cell"),
-        ("[load_cell.9]\nplace = 1", "load_cell.9 is no load cell"),
+        ("[load_cell.1]\nstands = 1", "load_cell.1.stands is not a key of a load cell"),
+        ("[load_cell.9]\nplace = 1", "load_cell.9 is not a load cell"),
         (
             '[load_cell.1]\ndirection = { value = [0, 0, 0], unit = "1", provenance = "assumed", source = "x" }',
             "load_cell.1.direction = [0, 0, 0] has no direction",
@@ -147,7 +147,7 @@ def test_a_direction_of_any_length_and_unit_is_a_unit_vector(tmp_path):
             '[load_cell.1]\nplace = { value = [0, 0, 0], unit = "kg", provenance = "assumed", source = "x" }',
             "load_cell.1.place = 0 kg is not in",
         ),
-        ('[across]\n"load_cell.1" = 1', 'across."load_cell.1" is no dimension of a rig'),
+        ('[across]\n"load_cell.1" = 1', 'across."load_cell.1" is not a dimension of a rig'),
     ],
 )
 def test_a_wrong_key_of_a_cell_is_reported(tmp_path, line, told):

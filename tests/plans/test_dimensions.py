@@ -74,7 +74,7 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
         ({r'unit = "kg"': 'unit = "m"'}, ["dimension.bolster_mass = 1200.0 m is not in kg"]),
         (
             {"bolster_mass": "boster_mass"},
-            ["dimension.boster_mass is no dimension of a rig; did you mean", "bolster_mass"],
+            ["dimension.boster_mass is not a dimension of a rig; did you mean", "bolster_mass"],
         ),
         (
             {r"^bolster_mass = \{ value = 1200.0": "bolster_mass = { value = -3"},
@@ -84,10 +84,10 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
             {r"uncertainty = 1.0,": "uncertainty = -1.0,"},
             ["dimension.bolster_mass.uncertainty = -1 kg is not plausible"],
         ),
-        ({r"\[across\]": "[acros]"}, ["acros is no key of a file of dimensions; did you mean 'across'?"]),
+        ({r"\[across\]": "[acros]"}, ["acros is not a key of a dimensions file; did you mean 'across'?"]),
         (
             {r"^vertical_left = \{ value = 1.0": "vertical_left = { value = -1.0"},
-            ["across.vertical_left = -1 m is not on the left: the left is positive"],
+            ["across.vertical_left = -1 m is not on the left side; write positive values for the left"],
         ),
         (
             {r'provenance = "data sheet"': 'provenance = "hearsay"', "value = 1200.0": 'value = "heavy"'},
@@ -131,7 +131,10 @@ def test_a_spacing_in_the_wrong_unit_is_refused_with_the_right_one(tmp_path):
     text = named_files("dimensions")["local"].read_text(encoding="utf-8")
     wrong = text.replace("spring_half_spacing = { value = 1.0, ", "spring_half_spacing = { value = 1230.0, ")
     (tmp_path / "mine.toml").write_text(wrong, encoding="utf-8")
-    with pytest.raises(DimensionsError, match=r"1230 m is not plausible: 0\.2 to 3 m is; 1230 mm would be"):
+    with pytest.raises(
+        DimensionsError,
+        match=r"1230 m is not plausible; use 0\.2 to 3 m; 1230 mm is plausible: check the unit",
+    ):
         read_dimensions("mine.toml", tmp_path)
 
 

@@ -75,7 +75,7 @@ def test_what_is_shown_reads_as_the_same_number(value):
         ({"cycles": "2.5"}, "probe: cycles = 2.5 is no whole number; 1 to 20 has some"),
         ({"load": "AW9"}, "probe: load = 'AW9' is none of AW0, AW3"),
         ({"amplitud": "20mm"}, "probe has no parameter amplitud; did you mean 'amplitude'?"),
-        ({"x": "1"}, "probe has no parameter x; there are amplitude, cycles, load"),
+        ({"x": "1"}, "probe has no parameter x; use one of amplitude, cycles, load"),
     ],
 )
 def test_a_bad_value_is_refused_with_name_value_unit_and_range(texts, told):

@@ -98,12 +98,12 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
         (
             "rest_height =",
             "rest_hight =",
-            "limits.rest_hight is no key of a specimen; did you mean 'rest_height'?",
+            "limits.rest_hight is not a key of a specimen; did you mean 'rest_height'?",
         ),
         (
             "bellows_volume =",
             "bellows_volumes =",
-            "properties.bellows_volumes is no key of a specimen; did you mean 'bellows_volume'",
+            "properties.bellows_volumes is not a key of a specimen; did you mean 'bellows_volume'",
         ),
         ('serial_number = "virtual"', "", "the key serial_number is missing"),
         ('serial_number = "virtual"', 'serial_number = ""', "serial_number = '' is not a text"),
@@ -288,7 +288,7 @@ def test_a_plan_that_takes_its_own_limit_for_another_quantity_is_refused(tmp_pat
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('unit = "mm"', 'unit = "ell"', "limits.creep.sag is in 'ell', which is no unit"),
+        ('unit = "mm"', 'unit = "ell"', "limits.creep.sag is in 'ell', which is not a known unit"),
         ("high = 0.5", "hihg = 0.5", "limits.creep.sag has hihg"),
         (
             "amplitude_mm = [2.0, 4.0]",

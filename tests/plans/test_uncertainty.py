@@ -295,7 +295,7 @@ offset = {{ value = 2.0, unit = "{unit}", provenance = "data sheet", source = "x
         (('unit = "mm"', 'unit = "bar"'), "instrument.laser.offset = 0.05 bar is not in m or "),
         (('"left.height"', '"left.hight"'), "did you mean 'left.height'?"),
         (('instrument = "laser"', 'instrument = "lazer"'), "did you mean 'laser'?"),
-        (("offset", "ofset"), "instrument.laser.ofset is no key"),
+        (("offset", "ofset"), "instrument.laser.ofset is not a key"),
         (("value = 0.05", "value = -0.05"), "is no half-width"),
         (('source = "x"', 'source = " "'), "source is empty"),
         (("due = 2027-02-03", 'due = "2027-02-03"'), "is no day"),

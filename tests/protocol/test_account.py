@@ -7,12 +7,12 @@ def test_what_was_left_out_is_counted_in_words() -> None:
     account = Account()
     account.leave_out("CAN FD frame(s)", 50)
     for line in (7, 9):
-        account.leave_out("line(s) of an unknown form", at=f"line {line}")
+        account.leave_out("line(s) of unknown form", at=f"line {line}")
     account.leave_out("error frame(s)", at="line 3")
     account.leave_out("remote frame(s)", 0)
     assert (
         account.left_out
-        == "50 CAN FD frames, 2 lines of an unknown form (the first: line 7), 1 error frame (line 3)"
+        == "50 CAN FD frames, 2 lines of unknown form (the first: line 7), 1 error frame (line 3)"
     )
 
 

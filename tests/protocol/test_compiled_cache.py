@@ -123,7 +123,7 @@ def test_where_an_installation_cannot_be_written_to_the_users_own_folder_keeps(
 
 def test_a_read_only_folder_is_reported_once_and_tolerated(strange, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "strange.py"))
-    with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* NUMBA_CACHE_DIR may name"):
+    with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* Set NUMBA_CACHE_DIR"):
         twice = cached(strange)
     assert (twice(3.0), folder_of(twice)) == (6.0, "")
 

@@ -172,7 +172,9 @@ def test_a_message_without_a_place_among_the_pdos_is_refused(identifier: int, fr
     import dataclasses
 
     stray = dataclasses.replace(PDOS[0], identifier=identifier, from_rig=from_rig)
-    with pytest.raises(ValueError, match=rf"SpringLeft: {identifier:#05x} is no PDO of the bench"):
+    with pytest.raises(
+        ValueError, match=rf"SpringLeft: {identifier:#05x} is not the identifier of a PDO of the bench"
+    ):
         pdo_number(stray)
 
 

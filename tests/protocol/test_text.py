@@ -74,14 +74,17 @@ def test_toml_is_only_in_utf_8(content, told):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("a = 1\na = 2\n", "line 2, a = 2: the key or the table is there twice"),
-        ("[a]\n[a]\nb = 1\n", r"line 2, \[a\]: the key or the table is there twice"),
-        ("a = wide", "line 1, a = wide: no value; a number, true, false, or a text between quotation marks"),
-        ('path = "C:\\xyz"', r"single quotation marks around the text"),
-        ('a = "x', 'line 1, a = "x: a text does not end'),
-        ("a = [1,\n2\n", "line 2, 2: a bracket does not close"),
-        ("hello", "line 1, hello: a key without a value"),
-        ("bore = 25 mm", "line 1, bore = 25 mm: something stands behind the value"),
+        ("a = 1\na = 2\n", "line 2, a = 2: the key or the table occurs twice"),
+        ("[a]\n[a]\nb = 1\n", r"line 2, \[a\]: the key or the table occurs twice"),
+        (
+            "a = wide",
+            "line 1, a = wide: the value is not valid; write a number, true, false, or a text between quotation marks",
+        ),
+        ('path = "C:\\xyz"', r"between single quotation marks"),
+        ('a = "x', 'line 1, a = "x: the closing quotation mark of a text is missing'),
+        ("a = [1,\n2\n", "line 2, 2: a bracket is not closed"),
+        ("hello", "line 1, hello: the key has no value"),
+        ("bore = 25 mm", "line 1, bore = 25 mm: there is text after the value"),
         ("a = " + "1" * 5000, "a number has too many digits"),
     ],
 )

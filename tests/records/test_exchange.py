@@ -140,7 +140,7 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
             "time_s,left.height [N]\n0,1\n",
             "is in N, which left.height cannot have; use mm",
         ),
-        ("a.csv", "time_s,left.height [furlong]\n0,1\n", '"furlong" is no known unit'),
+        ("a.csv", "time_s,left.height [furlong]\n0,1\n", '"furlong" is not a known unit'),
         ("a.csv", "time_s,left.bellows_pressure [bar(a)]\n0,1\n", "is a gauge pressure"),
         (
             "a.csv",

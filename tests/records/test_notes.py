@@ -105,8 +105,8 @@ def test_a_letterhead_stands_above_the_report(signed: Path, tmp_path: Path, monk
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("custmer = 'x'", "custmer is no key here; did you mean 'customer'"),
-        ("order = 4500", "order = 4500; a text would be right"),
+        ("custmer = 'x'", "custmer is not a key here; did you mean 'customer'"),
+        ("order = 4500", "order = 4500; use a text"),
         ("logo = 'head.toml'", "is not a picture; use a file with the suffix .png"),
         ("logo = 'none.png'", "none.png cannot be read"),
         ("logo = 'fake.png'", "is not a .png picture"),

@@ -78,7 +78,7 @@ def test_shims_that_cannot_be_changed_name_what_holds_the_bolster(bench):
 
     bench.arm()
     bench.vertical.move_to(60 * mm, 60 * mm, rate=40 * mm)
-    assert "the actuators hold it, for the bench is in ACTIVE; disarm the bench first" in refusal()
+    assert "the bench is in ACTIVE, so the actuators hold the bolster; disarm the bench first" in refusal()
     bench.air.fill(1.5 * bar, tolerance=0.1 * bar)
     bench.disarm()
     assert rig._controls["grip"] == Grip.SHUT
@@ -89,7 +89,7 @@ def test_shims_that_cannot_be_changed_name_what_holds_the_bolster(bench):
         wait(bench, 0.05)
     wait(bench, 0.2)
     assert rig._controls["grip"] == Grip.LOWERING
-    assert "the actuators still set it down; wait some seconds" in refusal()
+    assert "the actuators still set the bolster down; wait some seconds" in refusal()
     wait(bench, 10)
     bench.rig.nominal_preload = 145 * kN
 

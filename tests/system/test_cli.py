@@ -153,22 +153,22 @@ def test_a_can_interface_that_is_not_there_is_named(cli, rig_file):
 # -- what a user can type ----------------------------------------------------------------------------------------------
 
 BAD_FILES = {
-    "name = ": "is not TOML: line 1, name =: no value; a number",
+    "name = ": "is not TOML: line 1, name =: the value is not valid; write a number",
     'description = "no name"': "the key name is missing",
     'name = "x"\n[simulaton]': "simulaton is not a key of a rig file; did you mean 'simulation'?",
     'name = "x"\n[can]\nprot = 1\n[simulation]': "can.prot is not a key of a rig file; did you mean 'port'?",
-    "name = 3\n[simulation]": "name = 3; a text would be right",
-    'name = "x"\ncan = 3': "can = 3; a table of keys would be right",
-    'name = "x"\n[can]\nport = 70000\n[simulation]': "can.port = 70000; a whole number <= 65535 would be right",
-    'name = "x"\n[modbus]\nport = 0\n[simulation]': "modbus.port = 0; a whole number >= 1 would be right",
-    'name = "x"\n[modbus]\nunit = "1"\n[simulation]': "modbus.unit = '1'; a whole number would be right",
-    'name = "x"\ntime = "slow"\n[simulation]': 'time = \'slow\'; "real" or "virtual" would be right',
+    "name = 3\n[simulation]": "name = 3; use a text",
+    'name = "x"\ncan = 3': "can = 3; use a table of keys",
+    'name = "x"\n[can]\nport = 70000\n[simulation]': "can.port = 70000; use a whole number <= 65535",
+    'name = "x"\n[modbus]\nport = 0\n[simulation]': "modbus.port = 0; use a whole number >= 1",
+    'name = "x"\n[modbus]\nunit = "1"\n[simulation]': "modbus.unit = '1'; use a whole number",
+    'name = "x"\ntime = "slow"\n[simulation]': 'time = \'slow\'; use "real" or "virtual"',
     'name = "x"\ntime = "virtual"': "time = virtual needs a [simulation] table",
     'name = "x"': "there is no [simulation] table; virtual time needs one",
-    'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1; a whole number >= 0 would be right",
+    'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1; use a whole number >= 0",
     'name = "x"\n[simulation]\nseed = 99999999999999999999': "simulation.seed with an integer of more than 64 bits",
-    'name = "x"\n[simulation]\nlate_ticks = "drop"': 'drop\'; "catch_up" or "skip" or "fault" would',
-    'name = "x"\n[simulation]\nfaults = [{ name = "a", values = { b = [1] } }]': "values.b = [1]; a number or a text",
+    'name = "x"\n[simulation]\nlate_ticks = "drop"': 'drop\'; use "catch_up" or "skip" or "fault"',
+    'name = "x"\n[simulation]\nfaults = [{ name = "a", values = { b = [1] } }]': "values.b = [1]; use a number or a",
     'name = "x"\n[simulation]\nparameters = "atsb"': "no parameter set 'atsb'",
 }
 BAD_CHANGES = {

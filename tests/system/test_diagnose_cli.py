@@ -83,7 +83,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ),
         (
             "diagnose data.csv --out out --map data.csv",
-            "data.csv is not TOML: line 1, time,x: a key without a value",
+            "data.csv is not TOML: line 1, time,x: the key has no value",
         ),
         ("identify nowhere --out out/model.toml", "nowhere does not exist"),
         ("identify --out model.toml", "--out model.toml needs data"),

@@ -108,7 +108,7 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
         ("drop", "probability=5", "drop: probability = 5 is outside 0.01 to 100 %"),
         ("drop", "probability=5mm", "drop: probability = '5mm' is not in 1 or % or ppm"),
         ("drop", "seed=0.5", "drop: seed = 0.5 is not a whole number"),
-        ("drop", "direction=up", "direction = up is none; there are from_rig, to_rig, both"),
+        ("drop", "direction=up", "direction = up is unknown; use one of from_rig, to_rig, both"),
         ("bias", "sensor=left.height", "bias: value is missing: how far it is off"),
         ("bias", "sensor=left.height value=9m", "bias: value = 9m is outside -600 to 600 mm"),
         ("bias", "sensor=left.height value=nanm", "bias: value = nanm is outside -600 to 600 mm"),
@@ -297,9 +297,9 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
         ('name = "drop"\nvalues = { seed = "x" }', "drop: seed = 'x' is not a number"),
         (
             'name = "drop"\nwhen = "1 s"',
-            "simulation.faults[0].when is not a key of a rig file; there are name, at, for, values",
+            "simulation.faults[0].when is not a key of a rig file; use one of name, at, for, values",
         ),
-        ("name = 1", "simulation.faults[0].name = 1; a text would be right"),
+        ("name = 1", "simulation.faults[0].name = 1; use a text"),
         ('at = "1 s"', "the key simulation.faults[0].name is missing"),
     ],
 )

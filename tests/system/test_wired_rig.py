@@ -54,7 +54,7 @@ def test_a_rig_that_does_not_answer_blocks_the_plan(run):
 @pytest.mark.parametrize(
     ("was", "becomes", "message"),
     [
-        ('"rig.state"', '"rig.stat"', "wiring.toml: signals.\"rig.stat\" is no signal; did you mean 'rig.state'?"),
+        ('"rig.state"', '"rig.stat"', "wiring.toml: signals.\"rig.stat\" is not a signal; did you mean 'rig.state'?"),
         ('"plc.state"', '"plc.stat"', 'wiring.toml: signals."rig.state".from = \'plc.stat\': '),
         ("address = 1,", "address = 70000,", "wiring.toml: transports.plc"),
         ('kind = "modbus"', 'kind = "modbos"', "wiring.toml: transports.plc"),
@@ -72,7 +72,7 @@ def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
     [
         ('name = "a"\n[simulation]\n', "remove simulation, or the wiring"),
         ('name = "a"\n[can]\n[modbus]\n', "remove can and modbus, or the wiring"),
-        ('name = "a"\nwiring = 3\n', "wiring = 3; a text or a table of keys would be right"),
+        ('name = "a"\nwiring = 3\n', "wiring = 3; use a text or a table of keys"),
         ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "rig.toml: wiring.transports is empty"),
         (
             'name = "a"\n[wiring]\nsignal = {}\n',

@@ -222,7 +222,7 @@ def test_a_hub_that_stops_is_lost(eventually) -> None:
 
 def test_an_unopenable_bus_is_reported(dead_port: int) -> None:
     with pytest.raises(
-        LinkLost, match=r"'tcp' cannot be opened: .*no server listens there; is the rig running"
+        LinkLost, match=r"'tcp' cannot be opened: .*no server listens there; check that the rig runs"
     ):
         open_can("tcp", port=dead_port)
     with pytest.raises(LinkLost, match=r"no CAN interface of that name.*'tcp' is the rig's own hub"):

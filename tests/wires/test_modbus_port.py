@@ -152,7 +152,7 @@ def test_both_send_the_same_bytes(bank) -> None:
 
 def test_no_server_is_reported(dead_port: int) -> None:
     with pytest.raises(
-        LinkLost, match=rf"no Modbus device answers at 127\.0\.0\.1:{dead_port}; is the rig running"
+        LinkLost, match=rf"no Modbus device answers at 127\.0\.0\.1:{dead_port}; check that the rig runs"
     ):
         open_modbus("127.0.0.1", dead_port)
 

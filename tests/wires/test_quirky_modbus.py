@@ -158,12 +158,12 @@ def test_at_most_so_many_registers_a_request():
 @pytest.mark.parametrize("too_many", [2, 3, 0])
 def test_the_number_of_runs_needed_is_computed_and_printed(too_many):
     with (
-        pytest.raises(BenchError, match="it reads 3 at once: request_max = 3"),
+        pytest.raises(BenchError, match="the device answers requests of 3 registers; set request_max = 3"),
         DeviceRig(device(request_max=3, too_many=too_many)),
     ):
         pass
     with pytest.raises(
-        WiringError, match="force is a int32 in 2 registers, and request_max = 1: read in parts"
+        WiringError, match="force is a int32 in 2 registers, and request_max = 1; increase request_max"
     ):
         DeviceRig(device(), request_max=1)
 
@@ -178,7 +178,7 @@ def test_a_gap_is_detected_and_reported():
         assert stand.transport.read(list(TRUTH)) == pytest.approx(TRUTH)
     groups = {"fast": {**KEYS["groups"]["fast"], "gap": 5}}
     with (
-        pytest.raises(Refused, match="gap = 0, if there is a hole"),
+        pytest.raises(Refused, match="gap = 0, if there are unused addresses"),
         DeviceRig(far, points=points, groups=groups),
     ):
         pass
@@ -276,7 +276,7 @@ def test_it_closes_the_connection_after_each_answer(connected: Callable, connect
         assert lost == []
         assert len(heard) > 10
         assert [one.text for one in transport.remarks() if "closes" in one.text] == (
-            ['the device closes the connection after an answer: connection = "each"']
+            ['the device closes the connection after an answer; set connection = "each"']
             if connection == "kept"
             else []
         )
@@ -291,7 +291,9 @@ def test_one_connection_only(connected: Callable) -> None:
         second, _, _ = connected(port=server.port, connection="shared", groups=groups)
         assert first.read(list(TRUTH)) == second.read(list(TRUTH)) == pytest.approx(TRUTH)
         assert server.connections == 1
-        with pytest.raises(LinkLost, match="room for one only, which another client uses"):
+        with pytest.raises(
+            LinkLost, match="accept only one client at a time, and another client is connected"
+        ):
             connected(port=server.port)
         first.close()
         assert second.read(list(TRUTH)) == pytest.approx(TRUTH)
@@ -301,8 +303,11 @@ def test_one_connection_only(connected: Callable) -> None:
 @pytest.mark.parametrize(
     ("quirk", "words"),
     [
-        ({"answers_as": 255}, "it answers as unit 255 and not as 1: another unit, or echo = false"),
-        ({"number": lambda asked: asked + 7}, "it answers to request number 8 and not to 1: echo = false"),
+        ({"answers_as": 255}, "the answer is from unit 255 instead of 1; correct unit, or set echo = false"),
+        (
+            {"number": lambda asked: asked + 7},
+            "the answer has the request number 8 instead of 1; set echo = false",
+        ),
     ],
 )
 def test_answers_with_another_unit_or_number(connected: Callable, quirk: dict, words: str) -> None:

@@ -341,7 +341,7 @@ def changed(**keys: object) -> dict:
     [
         (changed(hosts="x"), "transports.plc: there is no key 'hosts' here; did you mean 'host'"),
         ({k: v for k, v in PLC.items() if k != "host"}, "transports.plc: the key host is missing"),
-        (changed(port=70000), "transports.plc: port = 70000; a whole number <= 65535 would be right"),
+        (changed(port=70000), "transports.plc: port = 70000; use a whole number <= 65535"),
         (changed(unit=-1), "unit = -1"),
         (changed(timeout="fast"), "transports.plc: timeout = 'fast' is not a time .* like \"100 ms\""),
         (changed(timeout="0 s"), "timeout = '0 s' is not a time above 0"),
@@ -364,14 +364,14 @@ def changed(**keys: object) -> dict:
         ),
         (
             changed(points={"height": {"table": "input", "address": 1, "type": "word"}}),
-            "height: type = 'word': there are int16",
+            "height: type = 'word': use one of int16",
         ),
         (
             changed(alive={"point": "height", "every": "1 s"}),
             "height is a int16 in the table 'input', which cannot be written",
         ),
-        (changed(kind="modbuss"), "kind = 'modbuss' is no transport; did you mean 'modbus'"),
-        (changed(kind=None), "kind = None is no transport"),
+        (changed(kind="modbuss"), "kind = 'modbuss' is not a transport; did you mean 'modbus'"),
+        (changed(kind=None), "kind = None is not a transport"),
         (changed(kind="nowhere.at_all:factory"), "cannot be imported: No module named 'nowhere'"),
         (changed(kind="json:factory"), "json has no 'factory' to call"),
         (changed(kind="types:SimpleNamespace.mro"), "types has no 'SimpleNamespace.mro' to call"),

@@ -59,8 +59,8 @@ def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
     if map_hash == agreed:
         return None
     return MapMismatch(
-        f"the rig's map hash is {map_hash:#010x}, that of these drivers is {agreed:#010x}: "
-        f"bring both to the same version of the table of signals{why}"
+        f"the rig's map hash is {map_hash:#010x}, that of these drivers is {agreed:#010x}; install the "
+        f"same version of the table of signals on both{why}"
     )
 
 
@@ -222,8 +222,9 @@ class AstbRegisters:
         number, word = from_words(*words[3:5]), (words[5] << 16) | words[6]
         if not math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) or word != PROBE_WORD:
             raise MapMismatch(
-                f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and {PROBE_WORD:#010x}: "
-                "words or bytes arrive in another order, or this is another device"
+                f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and "
+                f"{PROBE_WORD:#010x}; the device sends words or bytes in another order, or it is "
+                "another device"
             )
         return (words[1] << 16) | words[2]
 
@@ -239,7 +240,10 @@ class AstbRegisters:
             raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why))) from None
         found = compare(self._table, places)
         if found.refused:
-            why = f". It differs in what must agree ({'; '.join(found.refused[:3])}). {found}"
+            why = (
+                f". These differences must not exist: {'; '.join(found.refused[:3])}. All differences: "
+                f"{found}"
+            )
             raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why)))
         self._absent = found.absent
         self._readings = [register for register in self._readings if register.signal not in self._absent]
@@ -301,11 +305,13 @@ class AstbRegisters:
         token = self.holder()
         if not self._token:
             return (
-                f"the bench is held by {self.whose()}; it must release it before this one can act, or be silent until "
-                "the bench is safe"
+                f"the bench is held by {self.whose()}; this commander can act once that one has "
+                "released the bench, or has been silent until the bench is safe"
             )
         if token == self._token:
-            return "nothing was written on this connection for too long, and the bench waits for it no longer"
+            return (
+                "nothing was written on this connection for too long, so the bench no longer accepts it; connect again"
+            )
         return (
             "inspect the bench, then connect again to take it: this commander was silent for too long, its "
             f"connection broke, or the rig was restarted, and {self.whose()} holds the bench now"

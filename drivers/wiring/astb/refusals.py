@@ -34,8 +34,8 @@ _POSSIBLE_IN: Final[Mapping[str, tuple[str, ...]]] = {
 }
 _NEEDS_COMMANDS: Final = {"action.air_high": ("AIR_LOW",), "action.reset": ("DISABLED", "FAULT_HOLD")}
 _PROGRAM: Final = {
-    "action.program_hold": "no program runs that could be held",
-    "action.program_stop": "no program runs or is held, and none was added to",
+    "action.program_hold": "no program runs",
+    "action.program_stop": "no program runs, is held or is prepared",
 }
 
 
@@ -62,7 +62,7 @@ def why_action(name: str, rig: RigState) -> str:
     state = rig.state
     possible = _POSSIBLE_IN.get(name, STATES)
     if state not in possible:
-        return f"the bench is in {state}, and this is for {' or '.join(possible)}"
+        return f"the bench is in {state}; this action is possible in {' or '.join(possible)} only"
     if name == "action.power_on":
         return "the mains are off; switch them on first"
     if name == "action.reset" and state == "ESTOP" and rig.contacts.get("interlock.estop"):
@@ -72,19 +72,26 @@ def why_action(name: str, rig: RigState) -> str:
     if name in ("action.program_run", "action.program_add"):
         if rig.program == "RUN" or (rig.program == "HOLD" and name == "action.program_add"):
             return "a program runs already; stop it first"
-        many = f", or it would have more than {WAVES_AT_ONCE} waves" if name == "action.program_add" else ""
+        many = (
+            f", or the program would have more than {WAVES_AT_ONCE} waves"
+            if name == "action.program_add"
+            else ""
+        )
         return (
-            "an axis cannot move so in its present control mode, or all its waves together are too fast"
-            f"{many}; change the mode, or a smaller amplitude or frequency"
+            "an axis cannot make this motion in its present control mode, or the sum of its waves is "
+            f"too fast{many}; change the mode, or use a smaller amplitude or frequency"
         )
     if name == "action.program_car":
         if rig.program in ("RUN", "HOLD"):
             return "a program runs already, or is held; stop it first"
         if any(CONTROL_MODES[int(rig.readings[one])] != "displacement" for one in _CONTROLS):
-            return "a car moves actuators in displacement control; set vertical.control and lateral.control to it"
+            return (
+                "a car needs displacement control; set vertical.control and lateral.control to displacement"
+            )
         return (
-            "the settings are no car (it needs a mass, a radius of gyration, a bump stop whose travel rises from point "
-            "to point, a frequency of the track), its track is too fast, or waves were added for another program"
+            "the settings of the car are incomplete (it needs a mass, a radius of gyration, a bump "
+            "stop whose travel rises from point to point, and a frequency of the track), its track is "
+            "too fast, or waves were added for another program"
         )
     return _PROGRAM.get(name, "")
 
@@ -94,19 +101,22 @@ def why_settings(changed: Collection[str], rig: RigState) -> str:
     reasons = []
     if rig.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
         how = "runs" if rig.program == "RUN" else "is held"
-        reasons.append(f"no control mode changes while a program {how}; stop the program first")
+        reasons.append(f"a control mode cannot change while a program {how}; stop the program first")
     opened = any(name in _PLATES for name in changed)
     if opened or "rig.nominal_preload" in changed:
-        what = "plates and pipes are" if opened else "shims are"
+        what = "plates and pipes" if opened else "shims"
         if why := _why_held(rig, FLANGE if opened else EMPTY):
-            reasons.append(f"{what} changed when nothing holds the bolster and the springs are empty: {why}")
+            reasons.append(
+                f"{what} can be changed only while the springs are empty and no actuator holds the "
+                f"bolster: {why}"
+            )
     return "; ".join(reasons)
 
 
 def _why_held(rig: RigState, pressure_max: float) -> str:
     """Return why it is forbidden to reach under the bolster."""
     if rig.state in _ENGAGED:
-        return f"the actuators hold it, for the bench is in {rig.state}; disarm the bench first"
+        return f"the bench is in {rig.state}, so the actuators hold the bolster; disarm the bench first"
     measured = {name: rig.readings.get(name, math.nan) for name in _CHAMBERS}
     full = [
         f"{name} is {TABLE[name].show(value)}"
@@ -123,5 +133,5 @@ def _why_held(rig: RigState, pressure_max: float) -> str:
     if full:
         return f"{', '.join(full)}; vent both springs first, or disarm the bench, which vents them"
     if rig.state in LIVE_STATES:
-        return f"the actuators hold it, for the bench is in {rig.state}; disarm the bench first"
-    return "the actuators still set it down; wait some seconds"
+        return f"the bench is in {rig.state}, so the actuators hold the bolster; disarm the bench first"
+    return "the actuators still set the bolster down; wait some seconds"

@@ -82,7 +82,7 @@ class WatchdogFeeder:
 
 
 def _bus_lost(reason: str) -> str:
-    return f"the CAN bus is lost: {reason or 'closed'}; see that the rig runs and its CAN interface is up"
+    return f"the CAN bus is lost: {reason or 'closed'}; check that the rig runs and its CAN interface is up"
 
 
 class AstbTransport:

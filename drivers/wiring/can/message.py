@@ -86,7 +86,7 @@ class Message:
     def unreadable(self, signal: str) -> str:
         """Return as text why no frame has a value of ``signal``; empty if frames have one."""
         if signal in self.decoding.outside:
-            return f"it does not fit into the {self.coding.length} bytes of {self.name}"
+            return f"the signal does not fit into the {self.coding.length} bytes of {self.name}"
         twice = [one.name for one in self.coding.signals].count(signal) > 1
         return f"{self.name} has two signals of this name" if twice else ""
 

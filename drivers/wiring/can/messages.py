@@ -28,7 +28,7 @@ from drivers.wiring.can.protection import E2E_COUNTER_PERIOD, ChecksumKeys, chec
 from drivers.wiring.keys import convert, duration
 
 _ALL: Final = "*"
-_OTHERWISE: Final = "another DBC, or id and points here, would be right"
+_OTHERWISE: Final = "use another DBC, or state id and points here"
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 100 * ms
 
@@ -45,7 +45,7 @@ def read_messages(
         message, dot, signal = name.partition(".")
         if not (message and dot and signal):
             raise WiringError(
-                f'{where}.points: {name} is no name; points of CAN are "Message.Signal", in quotes'
+                f'{where}.points: {name} is not the name of a point; write "Message.Signal", in quotes'
             )
         points.setdefault(message, {})[signal] = convert(f"{where}.points: {name}", one, SignalKeys)
     fd, j1939 = bool(table.get("fd")), table.get("j1939")
@@ -66,8 +66,8 @@ def read_messages(
             )
         elif name not in codings:
             raise WiringError(
-                f"{where}.messages.{name}: no message of this name{_in_dbc(table)}; {did_you_mean(name, codings)}. "
-                "Without a DBC it needs its id"
+                f"{where}.messages.{name}: no message of this name{_in_dbc(table)}; "
+                f"{did_you_mean(name, codings)}. A message without a DBC needs id"
             )
     _check_points(where, table, points, codings)
     refused = _same_identifiers(where, codings, described)
@@ -139,27 +139,34 @@ def _own_coding(
     highest = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
     if keys.id > highest:
         kind = "29-bit" if extended else "11-bit"
-        raise WiringError(f"{where}: id = {keys.id:#x} is no {kind} identifier (0 to {highest:#x})")
+        raise WiringError(f"{where}: id = {keys.id:#x} is not a {kind} identifier (0 to {highest:#x})")
     length = LENGTH_MAX if keys.length is None else keys.length
     if length > most:
         raise WiringError(
             f"{where}: length = {length} bytes is more than a CAN frame carries, {most}"
-            + ("" if most > LENGTH_MAX else "; with CAN FD, fd = true, it is 64")
+            + ("" if most > LENGTH_MAX else "; set fd = true for CAN FD, which carries 64")
         )
     if not signals:
-        raise WiringError(f'{where}: it has no points; "{name}.Signal" = {{ start = 0, length = 16 }} is one')
+        raise WiringError(
+            f'{where}: the message has no points; add one like "{name}.Signal" = {{ start = 0, length = 16 }}'
+        )
     selector = next((signal for signal, one in signals.items() if one.selector), None)
     made = []
     for signal, one in signals.items():
         place = f"{where}: {name}.{signal}"
         if one.start is None or one.length is None:
-            raise WiringError(f"{place} needs start and length, in bits, since no DBC describes it")
+            raise WiringError(f"{place} needs start and length in bits, because no DBC describes it")
         if one.page is not None and selector is None:
-            raise WiringError(f"{place}: page = {one.page}, but no point of {name} is its selector")
+            raise WiringError(
+                f"{place}: page = {one.page}, but no point of {name} selects the page; set selector "
+                "for one of them"
+            )
         if not one.scale:
-            raise WiringError(f"{place}: scale = 0 maps everything to one number")
+            raise WiringError(f"{place}: scale = 0 maps all values to one number; use another scale")
         if one.is_float and one.length not in (16, 32, 64):
-            raise WiringError(f"{place}: length = {one.length} is no float; there are 16, 32 and 64 bits")
+            raise WiringError(
+                f"{place}: length = {one.length} is not the length of a float; use 16, 32 or 64 bits"
+            )
         made.append(
             Signal(
                 signal,
@@ -189,8 +196,9 @@ def _check_points(
     for message, signals in points.items():
         if message not in codings:
             raise WiringError(
-                f"{where}.points: {message}.{next(iter(signals))}: no message {message!r}{_in_dbc(table)}; "
-                f"{did_you_mean(message, codings)}. Without a DBC, messages.{message} needs its id"
+                f"{where}.points: {message}.{next(iter(signals))}: no message "
+                f"{message!r}{_in_dbc(table)}; {did_you_mean(message, codings)}. Without a DBC, "
+                f"messages.{message} needs id"
             )
         names = [signal.name for signal in codings[message].signals]
         for signal, one in signals.items():
@@ -251,7 +259,8 @@ def _message(
         ]
     if keys.source is not None and not one.j1939:
         raise WiringError(
-            f"{where}: source = {keys.source:#x} is for J1939; where the DBC does not say so, j1939 = true does"
+            f"{where}: source = {keys.source:#x} is for J1939 only; if the DBC does not state J1939, "
+            "set j1939 = true"
         )
     limits = {signal.name: _limits(signal) for signal in coding.signals}
     every = 0.0 if keys.every is None else duration(f"{where}: every", keys.every)
@@ -289,8 +298,8 @@ def _raw_null(where: str, signal: Signal, null: float) -> float:
     last = first + (1 << signal.length) - 1
     if null != round(null) or not first <= null <= last:
         raise WiringError(
-            f"{where}: null = {null:.12g} does not fit into {signal.length} bits ({first} to {last}), in whole "
-            "numbers, before scale and offset"
+            f"{where}: null = {null:.12g} does not fit into {signal.length} bits ({first} to {last}); "
+            "use a whole number, before scale and offset"
         )
     return int(null)
 
@@ -314,10 +323,12 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
     _known(f"{where}.checksum", guard.signal, names)
     signal = coding.get_signal_by_name(guard.signal)
     if signal.multiplexer_ids:
-        raise WiringError(f"{where}.checksum: {guard.signal} is on some pages only")
+        raise WiringError(
+            f"{where}.checksum: {guard.signal} exists on some pages only; use a signal that is in every frame"
+        )
     if signal.length != 8 and not guard.scheme.startswith("function:"):
         raise WiringError(
-            f"{where}.checksum: {guard.signal} has {signal.length} bits, {guard.scheme} makes 8"
+            f"{where}.checksum: {guard.signal} has {signal.length} bits, but {guard.scheme} needs 8"
         )
     alone = Coding(
         coding.frame_id, message.name, coding.length, [signal], is_extended_frame=coding.is_extended_frame

@@ -36,12 +36,14 @@ def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | N
     """Return what computes the checksum; WiringError for a scheme that no one knows."""
     scheme, _, name = keys.scheme.partition(":")
     if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
-        raise WiringError(f"{where}: scheme = {keys.scheme!r} is none; {did_you_mean(keys.scheme, SCHEMES)}")
+        raise WiringError(
+            f"{where}: scheme = {keys.scheme!r} is unknown; {did_you_mean(keys.scheme, SCHEMES)}"
+        )
     if (scheme == "e2e_p1") != (keys.data_id is not None):
         raise WiringError(
-            f"{where}: e2e_p1 needs its data_id, 0 to 0xFFFF"
+            f"{where}: e2e_p1 needs data_id; add a number from 0 to 0xFFFF"
             if scheme == "e2e_p1"
-            else f"{where}: data_id = {keys.data_id} is for e2e_p1; {scheme} has none"
+            else f"{where}: data_id = {keys.data_id} is for e2e_p1 only; remove it for {scheme}"
         )
     if scheme == "function":
         return _own(f"{where}: scheme", name, functions)
@@ -71,6 +73,8 @@ def _profile_1(where: str, data_id: int) -> Checksum:
 
 def _own(where: str, name: str, functions: Path | None) -> Checksum:
     if functions is None:
-        raise WiringError(f'{where} = "function:{name}" needs functions = "file.py" in the description')
+        raise WiringError(
+            f'{where} = "function:{name}" needs the key functions in the description; add functions = "file.py"'
+        )
     function: Callable[..., Any] = find_function(where, functions, name)
     return lambda identifier, data: int(function(identifier, data))

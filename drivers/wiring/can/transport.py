@@ -107,7 +107,8 @@ class CanTransport(Transport):
         self._messages = read_messages(place, table, where, functions, stale)
         if not self._messages:
             raise WiringError(
-                f"{place}: there are no messages; dbc names a file of them, or each needs its id"
+                f"{place}: there are no messages; set dbc to a file with messages, or state the id of "
+                "each message"
             )
         for point in streamed:
             message, signal = self._find(point)
@@ -131,14 +132,17 @@ class CanTransport(Transport):
 
     def _check_burst(self, place: str, first: str) -> None:
         if not self._burst:
-            raise WiringError(f'{place}: burst_begins needs how long a burst lasts at most: burst = "5 ms"')
+            raise WiringError(
+                f'{place}: burst_begins needs burst, the longest duration of a burst; add burst = "5 ms"'
+            )
         if first not in self._messages:
             raise WiringError(
-                f"{place}: burst_begins = {first!r} is no message; {did_you_mean(first, self._messages)}"
+                f"{place}: burst_begins = {first!r} is not a message; {did_you_mean(first, self._messages)}"
             )
         if first in self._ours:
             raise WiringError(
-                f"{place}: burst_begins = {first!r} is sent by us; a burst is what the rig sends"
+                f"{place}: burst_begins = {first!r} is sent by this computer; use a message that the "
+                "rig sends"
             )
 
     def _check_node(self, place: str, node: str) -> None:
@@ -151,7 +155,8 @@ class CanTransport(Transport):
             if node not in self._messages[name].coding.senders:
                 senders = ", ".join(self._messages[name].coding.senders)
                 raise WiringError(
-                    f"{place}.messages.{name}: every is for what {node} sends; {senders} sends it"
+                    f"{place}.messages.{name}: every is for messages from {node} only, but {senders} "
+                    "sends this one; remove every"
                 )
         self._ours = {one.name for one in self._messages.values() if node in one.coding.senders}
 
@@ -187,31 +192,33 @@ class CanTransport(Transport):
         place = f"transports.{self.name}: {name}"
         if message.refused:
             raise WiringError(
-                f"{place} cannot be used: {message.refused}; another DBC, or id and points, would be right"
+                f"{place} cannot be used: {message.refused}; use another DBC, or state id and points"
             )
         if message.coding.length > (FD_LENGTH_MAX if self._keys.fd else LENGTH_MAX):
             raise WiringError(
-                f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8, and with CAN FD, "
-                "fd = true, 64"
+                f"{place}: {message.name} has {message.coding.length} bytes, but a CAN frame carries "
+                "8; set fd = true for CAN FD, which carries 64"
             )
         if why := message.unreadable(signal):
-            raise WiringError(f"{place} cannot be read: {why}; another DBC, or id and points, would be right")
+            raise WiringError(f"{place} cannot be read: {why}; use another DBC, or state id and points")
         if not writable:
             return
         if why := message.decoding.message.unsound:
-            raise WiringError(f"{place} cannot be sent: {why}; another DBC, or id and points, would be right")
+            raise WiringError(f"{place} cannot be sent: {why}; use another DBC, or state id and points")
         if signal in message.guards:
             raise WiringError(f"{place} is written by the transport; remove it from the orders")
         if not message.sendable:
-            raise WiringError(f"{place}: {message.name} has pages within pages, which can be read only")
+            raise WiringError(
+                f"{place}: {message.name} has pages within pages, so it can be read but not written"
+            )
         if self._keys.node is not None and message.name not in self._ours:
             raise WiringError(
                 f"{place} is sent by {', '.join(message.coding.senders)}, not by {self._keys.node}"
             )
         if message.j1939 and j1939.source_of(message.identifier) == j1939.NOBODY:
             raise WiringError(
-                f"{place}: in the DBC {message.name} has the null address 0xFE as its source; state ours: "
-                f"source = 0x27 in messages.{message.name}"
+                f"{place}: in the DBC {message.name} has the null address 0xFE as its source; state "
+                f"the address of this computer, such as source = 0x27, in messages.{message.name}"
             )
 
     def _find(self, name: str) -> tuple[Message, str]:
@@ -268,7 +275,7 @@ class CanTransport(Transport):
             self.close()
             silent = f"{self._where}: none of its {len(self._messages)} messages came in {within:g} s"
             came = self._reception.instead()
-            raise LinkLost(told[0] if told else f"{silent}; " + (came or "is the rig running?"))
+            raise LinkLost(told[0] if told else f"{silent}; " + (came or "check that the rig runs"))
         self._listener.when_lost(lost)
 
     def _join(self) -> CanPort:
@@ -384,8 +391,9 @@ class CanTransport(Transport):
                     page = int(message.values.get(message.selector, message.pages()[0]))
                 if missing := message.missing(page):
                     raise ValueError(
-                        f"{message.name} cannot be sent: {', '.join(missing)} has no value yet; give it one too, or "
-                        f"for good with values = {{ {missing[0]} = … }} in messages.{message.name}"
+                        f"{message.name} cannot be sent: {', '.join(missing)} has no value yet; send a "
+                        f"value too, or set a fixed one with values = {{ {missing[0]} = … }} in "
+                        f"messages.{message.name}"
                     )
                 self._send([message.encode(page)], [message])
 
@@ -399,7 +407,7 @@ class CanTransport(Transport):
                 if not message.every:
                     raise WiringError(
                         f"transports.{self.name}: {message.name}.{signal} is streamed, so messages.{message.name} "
-                        'needs how often: every = "10 ms"'
+                        'needs its period; add every = "10 ms"'
                     )
                 message.values[signal] = value
 
@@ -410,7 +418,7 @@ class CanTransport(Transport):
             message, signal = self._find(name)
             low, high = message.limits[signal]
             if not low <= value <= high:
-                raise ValueError(f"{name} = {value:g} does not fit: it carries {low:g} to {high:g}")
+                raise ValueError(f"{name} = {value:g} does not fit: the signal carries {low:g} to {high:g}")
             taken.append((message, signal, float(value)))
         return taken
 

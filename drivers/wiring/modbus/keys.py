@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 Writes = Literal["any", "single", "multiple", "parts", "combined"]
 #: Hint in an error where one request cannot write a number of several registers.
 IN_PARTS: Final = (
-    "meanwhile it would be another number. A point of one register would be right; if the device takes a number over "
-    'with its last register, writes = "parts"'
+    "the register would hold a wrong number between two requests. Use a point of one register. If the device accepts "
+    'a number only with its last register, set writes = "parts"'
 )
 RTU: Final = "modbus_rtu"
 
@@ -82,17 +82,18 @@ def read_keys(where: str, table: Mapping[str, Any]) -> ModbusKeys | RtuKeys:
     keys = convert(where, table, RtuKeys)
     if (keys.line is None) == (keys.host is None):
         raise WiringError(
-            f'{where}: right is one of line = "/dev/ttyUSB0" (a serial line) and host = "192.0.2.10" (frames of a '
+            f'{where}: use one of line = "/dev/ttyUSB0" (a serial line) and host = "192.0.2.10" (frames of a '
             "serial line over TCP)"
         )
     if keys.line is None:
         for key in ("baudrate", "parity", "stopbits", "local_echo"):
             if key in table:
-                raise WiringError(f"{where}: {key} is for a serial line; over TCP the gateway has it")
+                raise WiringError(
+                    f"{where}: {key} is for a serial line only; remove it, because over TCP the "
+                    "gateway sets it"
+                )
     elif "port" in table or "connection" in table:
-        raise WiringError(
-            f"{where}: port and connection are for TCP; on a serial line all transports take turns"
-        )
+        raise WiringError(f"{where}: port and connection are for TCP only; remove them for a serial line")
     elif find_spec("serial") is None:
         raise WiringError(f"{where}: line = {keys.line!r} needs the library pyserial: pip install pyserial")
     return keys

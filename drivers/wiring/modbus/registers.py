@@ -178,8 +178,8 @@ def read_points(
     """Return the points of a description by name; WiringError for what cannot be, or not both."""
     if not isinstance(points, Mapping) or not points:
         raise WiringError(
-            f"{where}: there are no points; each is a line like"
-            ' height = { table = "input", address = 100, type = "int16", scale = 0.01 }'
+            f'{where}: there are no points; add a line for each, like height = {{ table = "input", '
+            f'address = 100, type = "int16", scale = 0.01 }}'
         )
     known = list(groups)
     found: dict[str, RegisterPoint] = {}
@@ -195,7 +195,9 @@ def _named(
     place: str, name: str, table: object, groups: list[str], word_order: WordOrder, byte_order: ByteOrder
 ) -> RegisterPoint:
     if not _NAME.fullmatch(name):
-        raise WiringError(f"{place} is not a name of letters, digits, _ and . that begins with a letter")
+        raise WiringError(
+            f"{place} is not a valid name; begin with a letter, and use letters, digits, _ and . only"
+        )
     point = _point(place, name, convert(place, table, PointKeys), word_order, byte_order)
     if point.group and point.group not in groups:
         raise WiringError(
@@ -223,28 +225,30 @@ def _point(
         )
     if (kind == "string") != (keys.length is not None):
         raise WiringError(
-            f"{place}: a string needs its length, in registers"
+            f"{place}: a string needs length; add it, in registers"
             if kind == "string"
             else f"{place}: length = {keys.length} is for type = 'string'; {kind} has a fixed size"
         )
     if not (keys.scale and math.isfinite(keys.scale) and math.isfinite(keys.offset)):
         raise WiringError(
-            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map everything to one number"
+            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map all values to one number; "
+            "use another scale"
         )
     if kind in ("bit", "string") and (keys.scale, keys.offset, keys.null) != (1.0, 0.0, None):
-        raise WiringError(f"{place}: scale, offset and null are for numbers, not for a {kind}")
+        raise WiringError(f"{place}: scale, offset and null are for numbers; remove them for a {kind}")
     if keys.bits > 1 and (bits or kind != "bit"):
         raise WiringError(
-            f"{place}: bits = {keys.bits} is for bits of a register, with bit = the lowest of them"
+            f"{place}: bits = {keys.bits} is for bits of a register; add bit = the lowest of them"
         )
     if (keys.bit or 0) + keys.bits > BITS_PER_REGISTER:
         raise WiringError(
-            f"{place}: bits = {keys.bits} from bit = {keys.bit} on end behind bit 15, the highest of a register"
+            f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a "
+            "register"
         )
     size = keys.length or _FORMATS[kind][1]
     if keys.address + size > 0x1_0000:
         raise WiringError(
-            f"{place}: address = {keys.address} with {size} registers ends behind 65535, the last one"
+            f"{place}: address = {keys.address} with {size} registers goes beyond 65535, the last address"
         )
     null = () if keys.null is None else tuple(keys.null) if isinstance(keys.null, list) else (keys.null,)
     point = RegisterPoint(
@@ -275,8 +279,8 @@ def _held(place: str, point: RegisterPoint, code: float) -> float:
         return float(struct.unpack(letter, struct.pack(letter, code))[0])
     if not (low <= code <= high and code == round(code)):
         raise WiringError(
-            f"{place}: null = {code:.12g} does not fit into {point.type} ({low:.12g} to {high:.12g}), in whole "
-            "numbers, before scale and offset"
+            f"{place}: null = {code:.12g} does not fit into {point.type} ({low:.12g} to {high:.12g}); "
+            "use a whole number, before scale and offset"
         )
     return code
 
@@ -292,8 +296,9 @@ def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
                 continue
             what = "coil" if point.table == "coil" else "input" if point.table == "discrete" else "register"
             raise WiringError(
-                f"{where}: {point.name} ({_place(point)}) and {other.name} ({_place(other)}) share a {what}: "
-                "one address is wrong, or one point is too many (several signals may use the same point)"
+                f"{where}: {point.name} ({_place(point)}) and {other.name} ({_place(other)}) share a "
+                f"{what}; correct one address, or remove one point (several signals may use the same "
+                "point)"
             )
 
 
@@ -369,16 +374,18 @@ def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError
         return error
     bad = [f"{one.points[0].name} ({one.table} {one.address})" for one in alone if not _reads(one, read)]
     if bad:
-        hint = f"it refuses {', '.join(bad)}" + (", and reads the others" if len(bad) < len(points) else "")
+        hint = f"the device refuses {', '.join(bad)}" + (
+            ", and reads the others" if len(bad) < len(points) else ""
+        )
     else:
         narrow = _most(span, read)
         hint = (
-            f"it reads {narrow} at once: request_max = {narrow}"
+            f"the device answers requests of {narrow} registers; set request_max = {narrow}"
             if narrow
-            else "it reads each point by itself"
+            else "the device answers a request for each point alone"
         )
         if gap:
-            hint += ", or gap = 0, if there is a hole between the points"
+            hint += ", or set gap = 0, if there are unused addresses between the points"
     said = f"{error}; {hint}"
     return Refused(said, error.code) if isinstance(error, Refused) else LinkLost(said)
 

@@ -121,9 +121,7 @@ class ModbusTransport(Transport):
             alive = convert(f"{where}.alive", keys.alive, AliveKeys)
             self.require(alive.point, writable=True)
             if self._points[alive.point].type == "string":
-                raise WiringError(
-                    f"{where}.alive: point = {alive.point!r} is a text; right would be a number or a bit"
-                )
+                raise WiringError(f"{where}.alive: point = {alive.point!r} is a text; use a number or a bit")
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
         #: Counts of requests: all, polls, without an answer, refused, and met by a busy device. Also of
         #: answers that were discarded, because they arrived too late.
@@ -140,8 +138,9 @@ class ModbusTransport(Transport):
         for point in self._points.values():
             if point.size > most and point.type not in ("bit", "string"):
                 raise WiringError(
-                    f"{where}: {point.name} is a {point.type} in {point.size} registers, and request_max = {most}: "
-                    "read in parts, it could be half of one number and half of the next"
+                    f"{where}: {point.name} is a {point.type} in {point.size} registers, and "
+                    f"request_max = {most}; increase request_max, because a number read in two parts "
+                    "can be wrong"
                 )
 
     def _add_group(self, place: str, group: str, keys: GroupKeys) -> None:
@@ -153,13 +152,20 @@ class ModbusTransport(Transport):
         )
         members = [point for point in self._points.values() if point.group == group]
         if not members:
-            raise WiringError(f"{place}: no point has group = {group!r}, so no register would be read")
+            raise WiringError(
+                f"{place}: no point has group = {group!r}, so the group reads nothing; remove the "
+                "group, or assign points to it"
+            )
         if stale <= every:
-            raise WiringError(f"{place}: stale = {keys.stale!r} is not longer than every = {keys.every!r}")
+            raise WiringError(
+                f"{place}: stale = {keys.stale!r} is not longer than every = {keys.every!r}; use a "
+                "longer time"
+            )
         for point in members:
             if point.type == "string":
                 raise WiringError(
-                    f"{place}: {point.name} is a text; texts are read when asked, without a group"
+                    f"{place}: {point.name} is a text; remove its group, because texts are read on "
+                    "request only"
                 )
             self._stale[point.name] = stale
         self._groups.append((group, every, spans(members, keys.gap, self._keys.request_max)))
@@ -181,8 +187,8 @@ class ModbusTransport(Transport):
             )
         if writable and (not point.writable or point.type == "string"):
             raise WiringError(
-                f"transports.{self.name}: {name} is a {point.type} in the table {point.table!r}, which cannot be "
-                "written; numbers and bits in 'holding' and 'coil' can"
+                f"transports.{self.name}: {name} is a {point.type} in the table {point.table!r}, which "
+                "cannot be written; use a number or a bit in 'holding' or 'coil'"
             )
         if writable and self._keys.writes == "single" and point.size > 1:
             raise WiringError(
@@ -398,11 +404,15 @@ class ModbusTransport(Transport):
         ]
         if self._port is not None and counts["discarded"]:
             late = self._port.line.latest
-            hint = f"; one came {late:.2g} s after its request, timeout = {self._timeout:g} s" if late else ""
+            hint = (
+                f"; one came {late:.2g} s after its request, but timeout = {self._timeout:g} s"
+                if late
+                else ""
+            )
             found.append(Remark(f"{counts['discarded']} late answers were discarded{hint}", True))
         if self._port is not None and self._port.line.closings and self._keys.connection != "each":
             found.append(
-                Remark('the device closes the connection after an answer: connection = "each"', False)
+                Remark('the device closes the connection after an answer; set connection = "each"', False)
             )
         for group, every, _ in self._groups:
             took = self._rounds.get(group, 0.0)

@@ -79,8 +79,8 @@ class Reports:
         slowest = max(subscription.period, subscription.sampling)
         if slowest > self._stale:
             raise MapMismatch(
-                f"{self._where} confirms its values every {slowest:g} s at best, and they count as stale after "
-                f'{self._stale:g} s; stale = "{_MISSING_MAX * slowest:g} s" would be right'
+                f"{self._where} confirms its values every {slowest:g} s at best, but they are stale after "
+                f'{self._stale:g} s; set stale = "{_MISSING_MAX * slowest:g} s"'
             )
 
     @property

@@ -95,7 +95,9 @@ class OpcUaTransport(Transport):
         self.name, self._keys = name, convert(place, table, OpcUaKeys)
         keys = self._keys
         if not keys.url.startswith("opc.tcp://"):
-            raise WiringError(f'{place}: url = {keys.url!r} is no address like "opc.tcp://127.0.0.1:4840"')
+            raise WiringError(
+                f'{place}: url = {keys.url!r} is not an address; write it like "opc.tcp://127.0.0.1:4840"'
+            )
         self._every = duration(f"{place}: every", keys.every)
         self._timeout = duration(f"{place}: timeout", keys.timeout)
         self._patience = duration(f"{place}: patience", keys.patience)
@@ -106,7 +108,8 @@ class OpcUaTransport(Transport):
         )
         if not keys.points:
             raise WiringError(
-                f'{place}.points: there are none; each is a line like height = {{ node = "ns=2;s=Height" }}'
+                f"{place}.points: there are none; add a line for each, like height = {{ node = "
+                f'"ns=2;s=Height" }}'
             )
         self._points = {
             one: convert(f"{place}.points: {one}", said, NodeKeys) for one, said in keys.points.items()
@@ -190,7 +193,7 @@ class OpcUaTransport(Transport):
         from asyncua import ua
 
         named = {one: node for one, node in self._ids.items() if isinstance(node, ua.ExpandedNodeId)}
-        ask = "asking for the namespaces"
+        ask = "reading the namespaces"
         known = self._run(client.get_namespace_array(), ask, self._timeout) if named else []
         for one, node in named.items():
             if node.NamespaceUri not in known:
@@ -294,7 +297,7 @@ class OpcUaTransport(Transport):
             if index is not None:
                 if index >= len(arrays[node]):
                     raise Refused(
-                        f"{self._where} has no {self._points[name].shown} now, to write {name} to", 0
+                        f"{self._where} has no {self._points[name].shown} now, so {name} cannot be written", 0
                     )
                 arrays[node][index] = raw
             whole[node] = ([*names, name], raw if index is None else arrays[node])
@@ -368,11 +371,11 @@ class OpcUaTransport(Transport):
             self._run(reports.renew(self._connected()), "subscribing again", self._timeout)
         except BenchError as error:
             if reports.silence > reports.allowed + self._patience:
-                self._listener.lose(f"{self._where} reports no values any more: {error}")
+                self._listener.lose(f"{self._where} no longer reports values: {error}")
 
     def _ask_state(self) -> None:
         state = self._connected().nodes.server_state
-        self._run(state.read_value(), "asking for the server's state", self._timeout)
+        self._run(state.read_value(), "reading the server's state", self._timeout)
 
     def _count(self) -> None:
         assert self._alive is not None and self._clock is not None
@@ -418,7 +421,7 @@ class OpcUaTransport(Transport):
             result = loop.run(work, within)
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
             said = error_text(error, within)
-            reason = f"{what}: {self._where} failed: {said}; is the server running?"
+            reason = f"{what}: {self._where} failed: {said}; check that the server runs"
             if self._listener.busy and self._listener.silence() >= self._patience:
                 self._listener.lose(reason)
             raise LinkLost(reason) from None
@@ -431,11 +434,13 @@ def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:
 
     if not (keys.scale and math.isfinite(keys.scale) and math.isfinite(keys.offset)):
         raise WiringError(
-            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map everything to one number"
+            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map all values to one number; "
+            "use another scale"
         )
     try:
         return ua.NodeId.from_string(keys.node)
     except (ua.UaError, ValueError, TypeError):
         raise WiringError(
-            f'{place}: node = {keys.node!r} is no node id like "ns=2;s=Height", "ns=2;i=7" or "nsu=urn:cell;s=Height"'
+            f'{place}: node = {keys.node!r} is not a node id; write it like "ns=2;s=Height", '
+            '"ns=2;i=7" or "nsu=urn:cell;s=Height"'
         ) from None

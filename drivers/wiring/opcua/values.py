@@ -15,7 +15,7 @@ from msgspec import Meta
 NEVER: Final = {
     "BadNodeIdUnknown": "the server has no such node",
     "BadNodeIdInvalid": "the server has no such node",
-    "BadAttributeIdInvalid": "it is no variable",
+    "BadAttributeIdInvalid": "the node is not a variable",
 }
 #: Python's format of each number type of the server's variables.
 LETTERS: Final = {
@@ -57,13 +57,15 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         raw = (value - self.offset) / self.scale
         if kind == "Boolean":
             if value not in (0.0, 1.0):
-                raise ValueError(f"{name} = {value:g} is no Boolean (0 or 1)")
+                raise ValueError(f"{name} = {value:g} is not a Boolean (0 or 1)")
             return bool(value)
         if not math.isfinite(raw):
             raise ValueError(f"{name} = {value:g} is not a number to write")
         letter = LETTERS.get(kind)
         if letter is None:
-            raise ValueError(f"{name} = {value:g} cannot be written: it is a {kind} of the server, no number")
+            raise ValueError(
+                f"{name} = {value:g} cannot be written: the server has a {kind} there instead of a number"
+            )
         try:
             struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
         except (struct.error, OverflowError):
@@ -76,17 +78,20 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             return ""
         if isinstance(raw, list):
             if self.index is None:
-                return f"it is an array of {len(raw)}; index = 0 to {max(len(raw) - 1, 0)} is one element"
+                return (
+                    f"the node is an array of {len(raw)}; choose one element with index = 0 to "
+                    f"{max(len(raw) - 1, 0)}"
+                )
             if self.index >= len(raw):
-                return f"its {len(raw)} elements have indices from 0 to {len(raw) - 1}"
+                return f"the node has {len(raw)} elements; use an index from 0 to {len(raw) - 1}"
             raw = raw[self.index]
         elif self.index is not None:
-            return "it is no array, and has no elements"
+            return "the node is not an array; remove index"
         if isinstance(raw, int | float) or (isinstance(raw, str) and not self.subscribe):
             return ""
         kind = "a text" if isinstance(raw, str) else f"a {type(raw).__name__}"
-        return f"it is {kind}, no number" + (
-            "; subscribe = false reads a text" if isinstance(raw, str) else ""
+        return f"the node is {kind} instead of a number" + (
+            "; set subscribe = false to read a text" if isinstance(raw, str) else ""
         )
 
 
@@ -97,5 +102,5 @@ def error_text(error: BaseException, within: float) -> str:
     if isinstance(error, OSError):
         return error.strerror or "no connection"
     if isinstance(getattr(error, "code", None), int):  # each status is an exception of its name
-        return f"the server says {type(error).__name__}"
+        return f"the server reports {type(error).__name__}"
     return "the answer is not that of an OPC UA server"

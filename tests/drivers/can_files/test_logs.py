@@ -96,22 +96,27 @@ def test_names_without_it(tmp_path) -> None:
     lines += [
         asc_lines(recording(1), name=name)[0].replace("0.000000", "9.000000") for name in ("Heights", "ADD")
     ]
-    refused(tmp_path, "a.asc", "\n".join(lines), r"Heights in line .*, and ADD in line 4[0-9] may be either")
+    refused(
+        tmp_path,
+        "a.asc",
+        "\n".join(lines),
+        r"Heights in line .*, and ADD in line 4[0-9] may be names or numbers",
+    )
 
 
 BESIDE_ASC = {
     "error frame(s)": ["1  ErrorFrame", "CANFD   1 Rx ErrorFrame  0 0", "2  ErrorFrame\tECC: 10100010"],
     "overload frame(s)": ["1  OverloadFrame"],
     "remote frame(s)": ["1  100             Rx   r", "1  100             Tx   r 8"],
-    "request(s) to send, which are no frames yet": ["1  100             TxRq d 1 00"],
-    "event(s) that are no CAN frames": [
+    "request(s) to send, which are not frames": ["1  100             TxRq d 1 00"],
+    "event(s) other than CAN frames": [
         "1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%",
         "CAN 1 Status:chip status error active",
         "J1939TP FEE3p 6 0 0 - Rx d 4 A0 0F A6 60",
         "LIN 1 2D Tx 2 00 01 checksum = 98",
         "log trigger event",
     ],
-    "line(s) of an unknown form": [
+    "line(s) of unknown form": [
         "1  100 Rx   d 8 00 01",
         "1  800 Rx   d 1 00",
         "1  100 Rx   d 1 0G",
@@ -163,7 +168,7 @@ def test_a_log_may_break_off_anywhere(tmp_path, name: str) -> None:
 def test_asc_of_which_something_would_be_guessed(tmp_path) -> None:
     frames = recording()
     refused(
-        tmp_path, "a.asc", "\n".join(asc_lines(frames)), "does not say whether its numbers are hexadecimal"
+        tmp_path, "a.asc", "\n".join(asc_lines(frames)), "does not state whether its numbers are hexadecimal"
     )
     refused(tmp_path, "a.asc", asc(frames) + asc(frames), "a second log begins in line 4[0-9]")
     relative = asc(frames, delta=True)
@@ -235,21 +240,21 @@ def test_other_lines_of_a_candump_are_counted(tmp_path, stamps: str, shown: bool
     lines.insert(25, "DROPCOUNT: dropped 5 CAN frames on 'can0' socket (total drops 5)")
     found, account = read(tmp_path, "a.log", "\n".join(lines) + "\n")
     same(found, recording())
-    assert account.counts == {"error frame(s)": 1, "remote frame(s)": 1, "line(s) of an unknown form": 2}
+    assert account.counts == {"error frame(s)": 1, "remote frame(s)": 1, "line(s) of unknown form": 2}
 
 
 @form("candump no stamps")
 @form("log of others")
 def test_logs_that_are_none_of_these(tmp_path) -> None:
     lines = [line.split(")")[1] for line in candump_lines(recording(), shown=True)]
-    refused(tmp_path, "a.log", "\n".join(lines), "line 1: .* has no time stamp; candump -L")
+    refused(tmp_path, "a.log", "\n".join(lines), "line 1: .* has no time stamp; record with candump -L")
     busmaster = "***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n10:00:00:0000 Rx 1 0x100 s 8 F4 01 0C FE 00 00 00 00\n"
-    refused(tmp_path, "a.log", busmaster, r"is a log of BUSMASTER, not of \.log; known are \.blf, \.asc")
+    refused(tmp_path, "a.log", busmaster, r"is a log of BUSMASTER, not of \.log; use one of \.blf, \.asc")
     refused(tmp_path, "a.log", asc(recording()), r"is in the form of ASC, not of \.log")
     refused(tmp_path, "a.asc", candump(recording()), "is not a file of CAN frames as its ending says: line 1")
     refused(tmp_path, "a.log", "", "holds no data frame")
     refused(tmp_path, "a.log", "(1.0) can0 20000004#0004000000000000\n", r"no data frame \(1 error frame\)")
-    refused(tmp_path, "a.xyz", "", r"ends in \.xyz; files of CAN frames end in \.blf")
+    refused(tmp_path, "a.xyz", "", r"ends in \.xyz; use a file of CAN frames with one of the endings \.blf")
 
 
 @form("trc versions")
@@ -301,15 +306,15 @@ def test_other_lines_of_a_trc_are_counted(tmp_path, version: str, extra, counts)
     same(found, recording())
     assert counts == tuple(
         account.counts.get(what, 0)
-        for what in ("error frame(s)", "remote frame(s)", "event(s) that are no CAN frames")
+        for what in ("error frame(s)", "remote frame(s)", "event(s) other than CAN frames")
     )
 
 
 @form("trc unknown")
 def test_unknown_traces(tmp_path) -> None:
     text = trc(recording(), "2.1")
-    refused(tmp_path, "a.trc", text.replace("=2.1", "=3.0"), "is of version 3.0; read are 1.0, 1.1")
-    refused(tmp_path, "a.trc", text.replace(",R,", ",q,"), "column 'q' in line 3: .* is none that is known")
+    refused(tmp_path, "a.trc", text.replace("=2.1", "=3.0"), "is of version 3.0; use one of 1.0, 1.1")
+    refused(tmp_path, "a.trc", text.replace(",R,", ",q,"), "column 'q' in line 3: .* is unknown")
     refused(tmp_path, "a.trc", text.replace("$COLUMNS", "COLUMNS"), "version 2.1 needs a line")
     refused(tmp_path, "a.trc", text + text, "a second log begins in line 4[0-9]")
 
@@ -390,4 +395,4 @@ def test_what_is_no_blf(tmp_path) -> None:
     refused(tmp_path, "a.blf", content[:20], "is damaged after frame 0|holds no data frame")
     place = content.index(b"LOBJ") + 16
     changed = content[:place] + b"\x07" + content[place + 1 :]
-    refused(tmp_path, "a.blf", changed, "is packed by a method 7")
+    refused(tmp_path, "a.blf", changed, "is compressed by the method 7")

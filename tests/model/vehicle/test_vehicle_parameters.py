@@ -47,7 +47,7 @@ def test_changes_are_checked_and_leave_the_original():
         ("damper_knee", "damper_kneee", "did you mean 'damper_knee'?"),
         ("[damper]", "[damper]\nfloor_depth = 1", "given twice"),
         ("[body]", "floor = 1\n[body]", "outside a section"),
-        ("[body]", "[body", "line 5, .*: a bracket does not close"),
+        ("[body]", "[body", "line 5, .*: a bracket is not closed"),
     ],
 )
 def test_a_broken_file_is_refused_by_name(tmp_path, old, new, message):

@@ -34,13 +34,13 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "the device does not answer",
         _fault_on("hung_plc"),
-        "see that it runs and can be reached",
+        "check that the device runs and can be reached",
         "PLC silent",
     ),
     (
-        "whose CRC or counter is wrong",
+        "because their CRC or counter is wrong",
         _fault_on("wrong_crc"),
-        "check what lies between on the CAN bus",
+        "check the devices between this computer and the bench",
         "frames spoilt",
     ),
     (
@@ -52,7 +52,7 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "the bench is held by the commander with token",
         lambda rig: rig.lease.token != 0,
-        "it must release it",
+        "that one has released the bench",
         "still held by the first",
     ),
 )
