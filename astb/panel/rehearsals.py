@@ -18,6 +18,7 @@ from astb.panel.commands import command, settings_of, text_of
 from astb.panel.kept import Kept
 from astb.panel.runs import CannotDo, refuse_settings
 from astb.panel.specimens import Specimens
+from astb.rehearsal.again import AFTER_THAT
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.layout import RecordError
 from bench_records.result import read_result
@@ -31,8 +32,6 @@ _NAME: Final = "-rehearsal"
 _TAIL: Final = 4000  # characters
 #: What a run can go on with from an instant: options of `astb rehearse`.
 CHANGES: Final = ("fault", "effect", "change")
-#: End of the line before the list of deviations.
-_BESIDE: Final = "; after that:"
 #: Of the processor a rig in real time goes first.
 _NICE: Final = ("nice", "-n", "15")
 
@@ -130,7 +129,7 @@ class Rehearsals:
             "words": verdict.removeprefix(f"{self._plan}: "),
             "page": Path(page).parent.name if page else "",
             "otherwise": [
-                one.strip() for one in self._said.partition(_BESIDE)[2].splitlines()[1:] if one.strip()
+                one.strip() for one in self._said.partition(AFTER_THAT)[2].splitlines()[1:] if one.strip()
             ],
             "code": process.returncode,
         }

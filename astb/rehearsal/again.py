@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from test_plans.plan import Plan
 
+#: End of the line before the list of deviations; the panel finds the list by it.
+AFTER_THAT: Final = "; after that:"
 #: Number of signals in the report, the earliest deviations first.
 _TOLD: Final = 6
 #: A reading deviates if the difference from its old value is larger than this number of its resolution steps.
@@ -119,7 +121,7 @@ class Past(NamedTuple):
         found = deviating_signals(self.record, read(directory), self.at)
         lines = [f"{one.signal} deviates from {one.since:.2f} s on, at most {one.words}" for one in found]
         lines += changed_checks(read_result(kept).checks, read_result(directory).checks)
-        begin = f"  up to {self.at:g} s the run is identical with {kept}; after that:"
+        begin = f"  up to {self.at:g} s the run is identical with {kept}{AFTER_THAT}"
         return [begin, *(f"    {line}" for line in lines or ["no deviation from the original run"])]
 
 
