@@ -75,7 +75,7 @@ class Parameter:
         """Return ``text``, such as ``20 mm`` or ``AW3``, as the plan takes it (SI). ParameterRefused if it does not."""
         if self.file is not None:
             if text not in self.file and not Path(text).is_file():
-                raise ParameterRefused(f"{self.name} = {text} is no file; {self.file} would be right")
+                raise ParameterRefused(f"{self.name} = {text} is not a file; use {self.file}")
             return str(text)
         if self.range is None:
             if text not in self.choices:
@@ -84,7 +84,7 @@ class Parameter:
         try:
             value = read_written(self.name, text, WRITTEN_UNITS[self.range.unit].si)
         except NotAValue as error:
-            raise ParameterRefused(f"{error}; {self.range} would be right") from None
+            raise ParameterRefused(f"{error}; use {self.range}") from None
         if value not in self.range:
             raise ParameterRefused(f"{self.name} = {self.show(value)} is outside {self.range}")
         if self.whole and value != round(value):
@@ -130,8 +130,8 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
         one = Parameter(name, default, rest[0], whole=kind is int)
     else:
         raise TypeError(
-            f"parameter {name} is declared {hint}; Annotated[float, Range(1 * mm, 50 * mm, 'mm')] or "
-            "Literal['AW0', 'AW3'] would be right"
+            f"parameter {name} is declared {hint}; use Annotated[float, Range(1 * mm, 50 * mm, 'mm')] or "
+            "Literal['AW0', 'AW3']"
         )
     if default not in (one.range or one.file or one.choices):
         raise TypeError(

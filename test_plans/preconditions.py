@@ -187,7 +187,7 @@ def rested(at_least: float) -> Precondition:
         rest = _rest(run)
         told = "since it was made" if rest == inf else f"{rest:.0f} s"
         good = rest >= at_least
-        return ConditionResult(good, told if good else f"{told}; {at_least - rest:.0f} s more would be right")
+        return ConditionResult(good, told if good else f"{told}; wait {at_least - rest:.0f} s more")
 
     return Precondition(f"specimen at rest for {at_least:g} s", look)
 

@@ -122,7 +122,7 @@ def _clock(sheet: Sheet) -> str:
     if len(found) == 1:
         return found[0]
     said = "both" if found else "neither"
-    raise NoTrack(f"{sheet.path} has {said} of the columns distance and time; one of them would be right")
+    raise NoTrack(f"{sheet.path} has {said} of the columns distance and time; give exactly one of them")
 
 
 def _column(sheet: Sheet, name: str, si: str) -> Samples:
@@ -132,10 +132,8 @@ def _column(sheet: Sheet, name: str, si: str) -> Samples:
     right = ", ".join(one for one in ("mm", "m", "km", "s", "ms", "mrad", "rad") if _factor(one, si))
     factor = _factor(column.unit, si)
     if factor is None:
-        told = f"has the unit {column.unit!r}" if column.unit else "tells no unit"
-        raise NoTrack(
-            f'{where} {told}; a head such as "{name} [{right.partition(",")[0]}]" would be right ({right})'
-        )
+        told = f"has the unit {column.unit!r}" if column.unit else "has no unit"
+        raise NoTrack(f'{where} {told}; use a head such as "{name} [{right.partition(",")[0]}]" ({right})')
     if column.kind == "text":
         source = Source(column=index + 1)
         values = numbers(sheet, index, source, of_the_file(sheet, FileKeys(), [(index, source)]), None, where)

@@ -76,7 +76,7 @@ def read_effect_text(name: str, text: Any) -> dict[str, float]:
         key, equals, value = shape.partition("=")
         key = key.strip()
         if not equals or key in given:
-            raise ParameterError(f"{name} = {text!r} is not understood: {_EXAMPLE} would be right")
+            raise ParameterError(f"{name} = {text!r} is not understood; write it as {_EXAMPLE}")
         given[key] = value.strip()
     return read_effect(name, given)
 
@@ -88,7 +88,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     """
     name, equals, values = text.partition("=")
     if not equals:
-        raise ParameterError(f"effect {text!r} has no amplitude: {_EXAMPLE} would be right")
+        raise ParameterError(f"effect {text!r} has no amplitude; write it as {_EXAMPLE}")
     return name.strip(), read_effect_text(name.strip(), values)
 
 

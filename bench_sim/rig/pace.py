@@ -41,7 +41,7 @@ def read_bit_rate(text: str) -> float:
     """Return the bit rate (bit/s) that ``text`` says, such as 500k, 1M or 83333; ValueError for anything else."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)", text.strip())
     if not found:
-        raise ValueError(f"bit_rate = {text} is no bit rate: 500k, 1M or a number of bit/s would be right")
+        raise ValueError(f"bit_rate = {text} is not a bit rate; use 500k, 1M or a number of bit/s")
     return float(found[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[found[2]]
 
 

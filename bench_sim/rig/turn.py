@@ -59,8 +59,8 @@ def differing(before: Any, after: Any) -> list[str]:
     for name in names:
         if name in _REFUSED:
             raise ParameterError(
-                f"{name} cannot become another one while the bench runs: {_REFUSED[name]}; from the start, in "
-                "[simulation.change] of a rig file, would be right"
+                f"{name} cannot change while the rig runs: {_REFUSED[name]}; give it from the start, in "
+                "[simulation.change] of a rig file"
             )
     return names
 

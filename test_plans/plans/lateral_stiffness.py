@@ -37,8 +37,8 @@ def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
     if travel > gap:
         raise ParameterRefused(
             f"amplitude = {amplitude / mm:g} mm about offset = {offset / mm:g} mm takes the bolster "
-            f"{travel / mm:.3g} mm to the side; its stop begins at {gap / mm:g} mm, and less of either "
-            "would be right"
+            f"{travel / mm:.3g} mm to the side; its stop begins at {gap / mm:g} mm, so reduce "
+            "amplitude or offset"
         )
     steps.carry_load(run, load)
 

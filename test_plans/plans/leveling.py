@@ -78,7 +78,7 @@ def lift(run: Run, within: float) -> None:
     allowed = max(limits.band(f"leveling_{verb}_time").high or 0.0 for verb in ("fill", "exhaust"))
     if within <= allowed:
         raise ParameterRefused(
-            f"within = {within:g} s is no longer than the {allowed:g} s that a valve may take; more would be right"
+            f"within = {within:g} s is no longer than the {allowed:g} s that a valve may take; give a longer time"
         )
     steps.shim(run, load)
     steps.power_up(run)
@@ -95,9 +95,7 @@ def _refuse_limits_that_pass_anything(limits: Limits) -> None:
         high = limits.band(limit, unit).high
         if high is None or high > most:
             right = "an upper limit" if most == inf else f"an upper limit of {most / mm:g} mm at most"
-            raise SpecimenError(
-                f"{limits.where}.{limit} would pass a valve that does not open; {right} would be right"
-            )
+            raise SpecimenError(f"{limits.where}.{limit} would pass a valve that does not open; give {right}")
 
 
 @plan(

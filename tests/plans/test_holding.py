@@ -142,7 +142,7 @@ def test_a_specimen_that_has_just_been_moved_has_not_rested(ran):
         bench.last_run = bench.clock.now()
 
     run = ran(requires=[pre.rested(10 * minutes)], prepare=moved_now)
-    assert "specimen at rest for 600 s (0 s; 600 s more would be right)" in run.result.reason
+    assert "specimen at rest for 600 s (0 s; wait 600 s more)" in run.result.reason
 
 
 def test_an_expired_calibration_is_reported_for_each_use():

@@ -38,9 +38,9 @@ def test_a_valve_opens_in_the_middle_of_two_stairs_give_or_take_half_of_what_is_
 @pytest.mark.parametrize(
     ("limit", "band", "right"),
     [
-        ("leveling_opening", Band(3 * mm, 10 * mm), "an upper limit of 8 mm at most"),
-        ("leveling.dead_band", Band(7 * mm, None), "an upper limit of 16 mm at most"),
-        ("leveling_fill_time", Band(14 * s, None), "an upper limit would be right"),
+        ("leveling_opening", Band(3 * mm, 10 * mm), "give an upper limit of 8 mm at most"),
+        ("leveling.dead_band", Band(7 * mm, None), "give an upper limit of 16 mm at most"),
+        ("leveling_fill_time", Band(14 * s, None), "give an upper limit"),
     ],
 )
 def test_limits_by_which_a_valve_that_never_opens_would_pass_are_refused(limit, band, right):

@@ -88,7 +88,7 @@ def test_columns_of_parquet_and_a_record_by_time(tmp_path):
     [
         (
             ("vertical [mm]", "vertical"),
-            'vertical tells no unit; a head such as "vertical [mm]" would be right',
+            'vertical has no unit; use a head such as "vertical [mm]"',
         ),
         (("vertical [mm]", "vertical [kN]"), "vertical has the unit 'kN'"),
         (("distance [m]", "chainage [m]"), "neither of the columns distance and time"),
@@ -171,7 +171,9 @@ def test_the_track_that_stands_for_a_file_has_the_waves_of_its_spectrum():
 
 
 def test_a_file_that_is_none_is_refused_before_anything_begins(tmp_path):
-    with pytest.raises(ParameterRefused, match=f"track = .*none.csv is no file; {DRAWN}, or a file: a table"):
+    with pytest.raises(
+        ParameterRefused, match=f"track = .*none.csv is not a file; use {DRAWN}, or a file: a table"
+    ):
         plans()["track_record"].given({"track": str(tmp_path / "none.csv")})
 
 

@@ -142,7 +142,5 @@ def test_another_volume_keeps_the_gas_and_changes_its_pressure(share, chamber):
     ],
 )
 def test_what_a_running_bench_cannot_change_is_refused_with_what_would_be_right(name, why):
-    with pytest.raises(
-        ParameterError, match=rf"{name} cannot .*{why}.*\[simulation.change\].* would be right"
-    ):
+    with pytest.raises(ParameterError, match=rf"{name} cannot .*{why}.*\[simulation.change\]"):
         differing(SOUND.record, SOUND.with_values(**{name: 1.01 * SOUND.record[name] + 1e-3}).record)
