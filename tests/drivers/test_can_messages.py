@@ -165,7 +165,7 @@ BITS = {"start": 0, "length": 8}
         (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum"),
         ({"messages": {"*": {"counter": "Alife"}}}, "messages.\"*\" 'Alife' 'Alive'"),
         ({"messages": {"*": {"every": "1 s"}}}, "messages.\"*\" 'every'"),
-        ({"points": {"Heights": {"null": 1}}}, "CAN"),
+        ({"points": {"Heights": {"null": 1}}}, "transports.bus.points Message.Signal"),
         ({"points": {"Heights.Lefft": {"null": 1}}}, "'Lefft' 'Left'"),
         ({"points": {"Heights.Left": {"scale": 2.0}}}, "Heights.Left DBC"),
         ({"points": {"Weights.Left": {"null": 1}}}, "'Weights' rig.dbc 'Heights'"),
@@ -227,7 +227,7 @@ def test_of_a_dbc_only_what_is_used_is_judged(tmp_path: Path, charset: str) -> N
     for point in ("Heights.Left", "Twice_0x202.C", "Twice_0x203.C", "Faults.Pump", "Wide.In", "Double.D"):
         transport.require(point)
     for point, words in (
-        ("Wide.Out", "Wide.Out cannot be read: it does not fit into the 1 bytes of Wide"),
+        ("Wide.Out", "Wide.Out cannot be read: the signal does not fit into the 1 bytes of Wide"),
         ("Double.E", "Double.E cannot be read: Double has two signals of this name"),
         ("One.A", "One.A cannot be used: One and Other have the same identifier, 0x201"),
         ("Other.B", "One and Other have the same identifier, 0x201"),

@@ -166,7 +166,7 @@ def test_a_settled_pressure_differs_from_a_falling_one(world, armed, starts, wit
     with refuses(BenchTimeout, "vented 0") as late:
         armed.air.vent(within=within * s)
     since = within - (starts - 0.5)  # it falls by 1 bar/s
-    words = f"left.bellows_pressure has not fallen for {since:.0f} s: check the zero of its transducer"
+    words = f"left.bellows_pressure has not fallen for {since:.0f} s; check the zero of its transducer"
     assert (words in str(late.value)) == told
     assert str(late.value).count("has not fallen") == told
 

@@ -17,7 +17,7 @@ HEAD = b"name,table,address,scale\n"
         (HEAD + b"a,input,1,inf\n", "such 0.01"),
         (HEAD + b"a,input,1,1e999\n", "such 0.01"),
         (HEAD + b"a,input,1,0\n", "such 0.01"),
-        (HEAD + b"a,input,-1,1\n", "such 10"),
+        (HEAD + b"a,input,-1,1\n", "'-1' 10"),
         (HEAD + b"a,input," + b"9" * 400 + b",1\n", "wire 0 65535"),
         (HEAD + b"a,input," + b"9" * 5000 + b",1\n", "wire 0 65535"),
         (HEAD + b'a,input,1,"' + b"x" * 200_000 + b'"\n', "number"),

@@ -95,7 +95,7 @@ def test_units_are_converted_once():
         (
             "[load_case.AW0]",
             "[sensor.height]\nnose = 1\n[load_case.AW0]",
-            r"sensor\.height\.nose is not a parameter; use one of accuracy.* noise",
+            r"sensor\.height\.nose is no parameter; use one of accuracy.* noise",
         ),
         (
             "dpv_reclosing = { value = 1.0",

@@ -70,7 +70,10 @@ def test_what_is_shown_reads_as_the_same_number(value):
         ({"amplitude": "nan mm"}, "probe: amplitude = nan mm is outside 1 to 50 mm"),
         ({"amplitude": "20"}, "probe: amplitude = '20' is not in m or mm; use 1 to 50 mm"),
         ({"amplitude": "20 bar"}, "probe: amplitude = '20 bar' is not in m or mm; use 1 to 50 mm"),
-        ({"amplitude": "wide"}, "probe: amplitude = 'wide' is not a number with its unit (m or mm); use 1 to 50"),
+        (
+            {"amplitude": "wide"},
+            "probe: amplitude = 'wide' is not a number with its unit (m or mm); use 1 to 50",
+        ),
         ({"amplitude": True}, "probe: amplitude = True is not a number with its unit"),
         ({"cycles": "2.5"}, "probe: cycles = 2.5 is no whole number; 1 to 20 has some"),
         ({"load": "AW9"}, "probe: load = 'AW9' is none of AW0, AW3"),

@@ -150,7 +150,7 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
         ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has a value, but no time"),
         ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has a value, but no time"),
-        ("a.blf", "rubbish", "is not a file of CAN frames"),
+        ("a.blf", "rubbish", "is not a BLF file"),
         ("a.log", "", "holds no data frame"),
         ("a.xls", "", "ssconvert a.xls a.csv"),
     ],

@@ -253,7 +253,7 @@ def test_a_rig_file_that_is_no_text_is_refused(cli, tmp_path):
     path.write_bytes(b"\xff\xfe\x00")
     code, _, err = cli("rig", "--rig", path)
     assert code == MISUSE
-    assert "binary.toml is not in UTF-16-LE" in err
+    assert "binary.toml is not valid UTF-16-LE" in err
     assert is_one_sentence(err)
 
 

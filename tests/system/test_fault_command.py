@@ -115,7 +115,7 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
         (
             "bias",
             "sensor=left.hight value=1mm",
-            "bias: sensor = left.hight is none; did you mean 'left.height'?",
+            "bias: sensor = left.hight is unknown; did you mean 'left.height'?",
         ),
         ("drift", "sensor=left.height value=1mm", "drift: value = '1mm' is not in m/s or mm/s"),
         ("leak", "side=left for=soon", "for = 'soon' is not a number with its unit"),

@@ -65,7 +65,7 @@ def test_the_page_says_what_the_rig_does():
     page = " ".join(PAGE.read_text().split())
     for said in (
         f"holding register {LEASE_ADDRESS}",
-        f"Holding register {WATCHDOG_ADDRESS}",
+        f"holding register {WATCHDOG_ADDRESS}",
         f"1 to {WATCHDOG_MS_MAX}",
         f"polynomial {POLYNOMIAL:#x}".replace("0x1d", "0x1D"),
         f"0 to {COUNTER_PERIOD - 1}",

@@ -219,7 +219,7 @@ def test_what_is_absent_says_so_when_asked(bench):
 
 
 def test_misspelt_names_are_answered(bench, tmp_path, monkeypatch):
-    with pytest.raises(AttributeError, match="bench has no 'lefft'; did you mean 'left'"):
+    with pytest.raises(AttributeError, match="bench has no attribute 'lefft'; did you mean 'left'"):
         bench.lefft  # noqa: B018
     with pytest.raises(PlanError, match="no plan 'leakdown'; did you mean 'leak_down'"):
         find_plan("leakdown")
@@ -250,5 +250,5 @@ def test_a_bench_that_is_closed_twice_or_never_connected_is_no_trouble(tmp_path)
         pass
     bench.close()
     (tmp_path / "gone.toml").write_text(addresses(1, 1))
-    with pytest.raises(astb.errors.LinkLost, match="is the rig running"):
+    with pytest.raises(astb.errors.LinkLost, match=r"127\.0\.0\.1:1"):
         astb.open_bench(tmp_path / "gone.toml")

@@ -126,7 +126,7 @@ class FaultChoice:
         del sensor
         if str(text) in self.choices:
             return str(text)
-        raise FaultError(f"{self.name} = {text} is none; {did_you_mean(text, self.choices)}")
+        raise FaultError(f"{self.name} = {text} is unknown; {did_you_mean(text, self.choices)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -309,7 +309,9 @@ class AstbRegisters:
                 "released the bench, or has been silent until the bench is safe"
             )
         if token == self._token:
-            return "nothing was written on this connection for too long, so the bench refuses it; connect again"
+            return (
+                "nothing was written on this connection for too long, so the bench refuses it; connect again"
+            )
         return (
             "inspect the bench, then connect again to take it: this commander was silent for too long, its "
             f"connection broke, or the rig was restarted, and {self.whose()} holds the bench now"

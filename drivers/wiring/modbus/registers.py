@@ -242,8 +242,7 @@ def _point(
         )
     if (keys.bit or 0) + keys.bits > BITS_PER_REGISTER:
         raise WiringError(
-            f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a "
-            "register"
+            f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a register"
         )
     size = keys.length or _FORMATS[kind][1]
     if keys.address + size > 0x1_0000:
