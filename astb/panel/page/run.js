@@ -51,7 +51,7 @@ function ended({ by, at, how, empty }) {
   return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
 }
 
-/** What the model says that runs beside the rig: where they part, or how far it could be judged. */
+/** The result of the model that runs in parallel: deviations, or the share of the run that was compared. */
 function besides(twin) {
   if (!twin) return [];
   if (twin.partings.length) return [make("ul", { class: "failed" }, ...twin.partings.map((one) => make("li", {}, one)))];
