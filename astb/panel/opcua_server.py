@@ -39,6 +39,7 @@ class OpcUaServer:
 
     def __init__(self, watch: Watch, host: str, port: int) -> None:
         self._watch = watch
+        self._fault = ""  #: the last unexpected error of reading
         self._loop = EventLoop("OPC UA server")
         try:
             self._server, self._nodes = self._loop.run(self._start(host, port), START)
@@ -80,7 +81,8 @@ class OpcUaServer:
         try:
             samples = self._watch.samples()
         except Exception as error:  # whatever it was: the last values would keep their status
-            if not isinstance(error, BenchError):
+            if not isinstance(error, BenchError) and repr(error) != self._fault:
+                self._fault = repr(error)  # reported once, not ten times a second
                 _LOG.exception("the readings of %s could not be read", self._watch.rig.name)
             samples = {}
         for one in self._watch.shown:
