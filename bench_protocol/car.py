@@ -42,9 +42,7 @@ class MovingCar:
     wind: float = 0.0  #: force, N
     track: list[float] = field(default_factory=_still)  #: position of the bogie
     track_rate: list[float] = field(default_factory=_still)
-    springs: list[float] = field(
-        default_factory=_still
-    )  #: load of the springs on the car (`geometry.Springs`)
+    springs: list[float] = field(default_factory=_still)  #: their load on the car (`geometry.Springs`)
     place: list[float] = field(default_factory=_still)  #: position of its centre of gravity
     speed: list[float] = field(default_factory=_still)
     acceleration: list[float] = field(default_factory=_still)
