@@ -236,7 +236,7 @@ class Twin:
         end = stretch.end - (_WAITS if stretch.open else 0.0)
         start = stretch.start
         if stretch.why or end - start < LEAST:
-            return Judged(start, stretch.end, None, stretch.why or "this part of the run is too short")
+            return Judged(start, stretch.end, None, stretch.why or "the part of the run is too short")
         if stretch.open and self._open is not None and self._searched_now:
             return Judged(start, stretch.end, False)  # until it is known why, it is taken to part
         try:
