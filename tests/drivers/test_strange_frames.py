@@ -235,7 +235,9 @@ def test_messages_of_can_fd_on_a_bus_of_python_cans(tmp_path):
     (tmp_path / "rig.dbc").write_text(FD)
     base = cantools.database.load_string(FD)
     table = {"kind": "can", "interface": "virtual", "channel": "fd here", "dbc": "rig.dbc"}
-    with pytest.raises(WiringError, match="Wide has 64 bytes; but a CAN frame carries 8; set fd = true"):
+    with pytest.raises(
+        WiringError, match=r"Wide\.Last: Wide has 64 bytes, but a CAN frame carries 8; set fd = true"
+    ):
         CanTransport("bus", table, tmp_path).require("Wide.Last")
     transport = CanTransport("bus", {**table, "fd": True, "bitrate_switch": True}, tmp_path)
     over = threading.Event()

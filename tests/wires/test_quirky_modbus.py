@@ -170,7 +170,10 @@ def test_the_number_of_runs_needed_is_computed_and_printed(too_many):
 
 def test_a_gap_is_detected_and_reported():
     far = device(holes=frozenset([11, 12]))
-    with pytest.raises(Refused, match=r"it refuses force \(input 11\), and reads the others"), DeviceRig(far):
+    with (
+        pytest.raises(Refused, match=r"the device refuses force \(input 11\), and reads the others"),
+        DeviceRig(far),
+    ):
         pass
     points = {**POINTS, "far": {"table": "input", "address": 18, "group": "fast"}}
     far = device(holes=frozenset([16]))

@@ -373,8 +373,8 @@ def changed(**keys: object) -> dict:
         (changed(kind="modbuss"), "kind = 'modbuss' is not a transport; did you mean 'modbus'"),
         (changed(kind=None), "kind = None is not a transport"),
         (changed(kind="nowhere.at_all:factory"), "cannot be imported: No module named 'nowhere'"),
-        (changed(kind="json:factory"), "json has no 'factory' to call"),
-        (changed(kind="types:SimpleNamespace.mro"), "types has no 'SimpleNamespace.mro' to call"),
+        (changed(kind="json:factory"), "json has no function 'factory'; add it"),
+        (changed(kind="types:SimpleNamespace.mro"), "types has no function 'SimpleNamespace.mro'; add it"),
         (
             changed(kind="own.py:make"),
             "own.py:make' returns a dict, .*Transport",

@@ -357,7 +357,7 @@ def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
         ({"node": "ns=2;s=Serial"}, "subscribe false"),
         ({"node": "ns=2;s=Loads"}, "3 index 0 2"),
         ({"node": "ns=2;s=Loads", "index": 3}, "element 3 3 0 2"),
-        ({"node": "ns=2;s=Force", "index": 0}, "elements"),
+        ({"node": "ns=2;s=Force", "index": 0}, "element 0 not an array remove index"),
         ({"node": "i=85"}, "(i=85) variable"),
         ({"node": "nsu=urn:sell;s=Force"}, "'urn:sell'"),
     ],
