@@ -185,7 +185,7 @@ def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path)
         cwd=ROOT,
     )
     (known,) = read(kept)
-    assert "budget = 1 min: screening alone takes" in known.failure
+    assert "budget = 1 min, but screening alone takes" in known.failure
     assert known.hidden and not known.right
     assert "no verdict: 1 of 1" in done.stdout
     assert "screening alone takes" in page.read_text(encoding="utf-8")
